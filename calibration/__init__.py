@@ -1,0 +1,1 @@
+"""Pure computation: from a machine description and readings to parameters and tables."""

@@ -1,0 +1,222 @@
+"""The rig clock: one time for the machine, its devices and everybody who waits.
+
+In one process time is virtual: it stands still while anybody works and jumps to the earliest due event
+when everybody waits. Between processes it is host time, multiplied by the rig file's `time_scale`.
+See docs/decisions/0001-rig-clock.md.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+_log = logging.getLogger(__name__)
+
+
+class RigClock(Protocol):
+    """What a device, a driver or a plan may ask of time."""
+
+    def now_s(self) -> float:
+        """Rig time in seconds since the clock was made."""
+        ...
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Block the calling thread for a duration of rig time."""
+        ...
+
+    def call_at(self, t_s: float, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call back once at rig time `t_s`, from a thread of the clock; returns a function that cancels."""
+        ...
+
+    def activity(self) -> _Activity:
+        """Take part as one activity: time stands still until this activity waits as well."""
+        ...
+
+    def hold(self) -> None:
+        """Keep time from advancing: something is on its way (a frame on the bus)."""
+        ...
+
+    def release(self) -> None:
+        """Undo one `hold`."""
+        ...
+
+    def close(self) -> None:
+        """Stop the clock's own threads; sleepers are woken."""
+        ...
+
+
+class _Activity(Protocol):
+    def __enter__(self) -> None: ...
+    def __exit__(self, *exc: object) -> None: ...
+
+
+class VirtualClock:
+    """Event-ordered time for one process.
+
+    `_running` counts what may still act at this instant: registered activities that do not sleep, frames
+    in flight, callbacks being run. A thread that works on somebody's behalf (a server answering a request,
+    a worker carrying out a move) is not counted: its client's activity is, and blocks. When such
+    a thread sleeps it lends that activity's turn, so time can pass during a request and not around it.
+    Time advances only towards a sleeper: callbacks alone (heartbeats) do not make it run away.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._now_s = 0.0
+        self._running = 0
+        self._sleepers = 0
+        self._order = itertools.count()
+        self._events: list[tuple[float, int, _Event]] = []
+        self._closed = False
+        self._due: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
+        self._dispatcher = threading.Thread(target=self._dispatch, name="rig-clock", daemon=True)
+        self._dispatcher.start()
+
+    def now_s(self) -> float:
+        """Rig time in seconds."""
+        return self._now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Block until the clock has advanced by `duration_s`."""
+        if duration_s <= 0.0:
+            return
+        event = _Event(wake=threading.Event())
+        with self._lock:
+            if self._closed:
+                return
+            self._push(self._now_s + duration_s, event)
+            self._sleepers += 1
+            self._running -= 1
+            self._advance()
+        assert event.wake is not None
+        event.wake.wait()
+
+    def call_at(self, t_s: float, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call back once at `t_s`; returns a function that cancels."""
+        event = _Event(callback=callback)
+        with self._lock:
+            self._push(max(t_s, self._now_s), event)
+        return event.cancel
+
+    @contextmanager
+    def activity(self) -> Iterator[None]:
+        """Take part: time stands still while the activity runs."""
+        self.hold()
+        try:
+            yield
+        finally:
+            self.release()
+
+    def hold(self) -> None:
+        """Count one more thing that may act at this instant."""
+        with self._lock:
+            self._running += 1
+
+    def release(self) -> None:
+        """Count one thing less and advance when nothing is left."""
+        with self._lock:
+            self._running -= 1
+            self._advance()
+
+    def close(self) -> None:
+        """Wake all sleepers and end the dispatcher."""
+        with self._lock:
+            self._closed = True
+            for _, _, event in self._events:
+                if event.wake is not None:
+                    event.wake.set()
+            self._events.clear()
+        self._due.put(None)
+        self._dispatcher.join(timeout=5.0)
+
+    def _push(self, t_s: float, event: _Event) -> None:
+        heapq.heappush(self._events, (t_s, next(self._order), event))
+
+    def _advance(self) -> None:
+        """Wake the earliest events while nobody runs. Called with the lock held."""
+        while self._running <= 0 and self._sleepers > 0 and self._events:
+            t_s, _, event = heapq.heappop(self._events)
+            if event.cancelled:
+                continue
+            self._now_s = max(self._now_s, t_s)
+            self._running += 1
+            if event.wake is not None:
+                self._sleepers -= 1
+                event.wake.set()
+            else:
+                self._due.put(event)
+
+    def _dispatch(self) -> None:
+        while (event := self._due.get()) is not None:
+            assert event.callback is not None
+            try:
+                event.callback()
+            except Exception:
+                _log.exception("a clock callback failed")
+            finally:
+                self.release()
+
+
+class ScaledClock:
+    """Host time multiplied by a factor; 1 is real time."""
+
+    def __init__(self, time_scale: float = 1.0) -> None:
+        if not time_scale > 0.0:
+            raise ValueError(f"time_scale must be positive, not {time_scale}")
+        self.time_scale = time_scale
+        self._start_s = time.monotonic()
+        self._closed = threading.Event()
+
+    def now_s(self) -> float:
+        """Rig time in seconds."""
+        return (time.monotonic() - self._start_s) * self.time_scale
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Block for `duration_s` of rig time."""
+        if duration_s > 0.0:
+            self._closed.wait(duration_s / self.time_scale)
+
+    def call_at(self, t_s: float, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call back once at `t_s`; returns a function that cancels."""
+        timer = threading.Timer(max(0.0, (t_s - self.now_s()) / self.time_scale), callback)
+        timer.daemon = True
+        timer.start()
+        return timer.cancel
+
+    @contextmanager
+    def activity(self) -> Iterator[None]:
+        """Nothing to do: host time waits for nobody."""
+        yield
+
+    def hold(self) -> None:
+        """Nothing to do."""
+
+    def release(self) -> None:
+        """Nothing to do."""
+
+    def close(self) -> None:
+        """Wake all sleepers."""
+        self._closed.set()
+
+
+class _Event:
+    """A sleeper to wake or a callback to run."""
+
+    __slots__ = ("callback", "cancelled", "wake")
+
+    def __init__(
+        self, *, wake: threading.Event | None = None, callback: Callable[[], None] | None = None
+    ) -> None:
+        self.wake = wake
+        self.callback = callback
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        self.cancelled = True

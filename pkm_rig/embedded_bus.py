@@ -1,0 +1,50 @@
+"""A CAN bus inside one process whose frames hold the rig clock until they are dealt with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import can
+from can.interfaces.virtual import VirtualBus
+
+from pkm_rig.clock import RigClock
+
+
+class EmbeddedBus(VirtualBus):
+    """python-can's virtual bus; a frame in flight keeps virtual time from advancing.
+
+    A receiver counts as done with a frame when it asks for the next one, which is what `can.Notifier` does
+    after the listeners have returned. Without this a heartbeat that is sent now could be
+    seen minutes of rig time later.
+    """
+
+    def __init__(self, channel: str, clock: RigClock, **kwargs: Any) -> None:
+        self._clock = clock
+        self._in_hand = False
+        super().__init__(channel=channel, **kwargs)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame to every other bus of the channel; each copy holds the clock."""
+        for bus_queue in list(self.channel):
+            if bus_queue is not self.queue:
+                self._clock.hold()
+        super().send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self._put_down()
+        message, filtered = super()._recv_internal(timeout)
+        self._in_hand = message is not None
+        return message, filtered
+
+    def _put_down(self) -> None:
+        if self._in_hand:
+            self._in_hand = False
+            self._clock.release()
+
+    def shutdown(self) -> None:
+        """Leave the channel and let go of the frames that nobody will read."""
+        super().shutdown()
+        self._put_down()
+        while not self.queue.empty():
+            self.queue.get_nowait()
+            self._clock.release()

@@ -1,0 +1,63 @@
+"""Reading checked TOML: data only, unknown keys refused, every complaint one line."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+
+class InputError(ValueError):
+    """Bad input or configuration; the text is one line: what is wrong, where, what to do."""
+
+
+class Section(BaseModel):
+    """A table of a TOML file: frozen, finite numbers only, no unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+AnySection = TypeVar("AnySection", bound=Section)
+
+MAX_FILE_BYTES = 1_000_000
+
+
+def read_text(path: Path) -> str:
+    """The text of a small UTF-8 file; raises InputError with one line."""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path}: larger than {MAX_FILE_BYTES} bytes; this is not a file of ours")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; check the path") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text; save it as UTF-8") from error
+
+
+def parse_toml(text: str, model: type[AnySection], name: str) -> AnySection:
+    """Check a TOML text against a model; `name` is said in the complaint."""
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: not TOML: {error}") from error
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{name}: {_first_complaint(error)}") from error
+
+
+def read_toml(path: Path, model: type[AnySection]) -> AnySection:
+    """Read and check a TOML file."""
+    return parse_toml(read_text(path), model, str(path))
+
+
+def _first_complaint(error: ValidationError) -> str:
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"]) or "file"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    if first["type"] == "extra_forbidden":
+        return f"unknown key '{where}'; remove it or correct its spelling{more}"
+    message = str(first["msg"]).replace("\n", " ")
+    return f"'{where}': {message}{more}"

@@ -272,7 +272,7 @@ def _limited(step: Array, largest: float = 0.2) -> Array:
     """Shorten steps that would leave the assembly branch."""
     with np.errstate(invalid="ignore"):
         size = np.max(np.abs(step), axis=1, keepdims=True)
-        return step * np.where(size > largest, largest / size, 1.0)
+        return step * (largest / np.maximum(size, largest))
 
 
 def skew(v: Array) -> Array:

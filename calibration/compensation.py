@@ -1,0 +1,158 @@
+"""Compensation: drive corrections that put the tool point where it is commanded, as a table a drive.
+
+The correction is predicted by an identified model, in the report frame, for one payload and one set of
+temperatures; the table is bilinear over the commanded positions of both drives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from calibration import equilibrium
+from calibration.equilibrium import rotation_vector
+from calibration.identification import Fit
+from calibration.machine import Array, Machine
+from calibration.observation_model import Visits, model_conditions
+from calibration.report_frame import ReportFrame
+from calibration.toml_file import InputError
+
+POINTS_PER_AXIS = 17
+GRID_MARGIN_M = 0.02
+BEYOND_WORKSPACE_M = 0.07
+
+
+@dataclass(frozen=True)
+class Load:
+    """The payload and the temperatures (sensor to degC) that a prediction or a table is for."""
+
+    payload_kg: float
+    payload_com_m: tuple[float, float, float]
+    temperatures_c: dict[str, float]
+
+    def visits(self, drives_m: Array, target_m: Array) -> Visits:
+        """The same load for n poses."""
+        n = len(drives_m)
+        return Visits(
+            drives_m,
+            target_m,
+            np.full(n, self.payload_kg),
+            np.tile(self.payload_com_m, (n, 1)),
+            {name: np.full(n, t) for name, t in self.temperatures_c.items()},
+        )
+
+
+@dataclass(frozen=True)
+class CompensationTable:
+    """Corrections of all drives over one grid.
+
+    start_m, step_m (d,): grid of commanded positions, drive by drive; correction_m (d, N, N, ...): axis 1 + a is the
+    commanded position of drive a. Add the correction to the command.
+    """
+
+    start_m: Array
+    step_m: Array
+    correction_m: Array
+    load: Load
+
+    @property
+    def temperature_c(self) -> float:
+        """Mean of the temperatures for which the table was computed."""
+        return float(np.mean(list(self.load.temperatures_c.values())))
+
+
+def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
+    """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium."""
+    machine = fit.layout.parameters.machine
+    at = model_conditions(machine, visits, fit.options, fit.payload_error)
+    geometry = fit.layout.parameters.geometry(fit.theta)
+    rest = equilibrium.solve(machine, geometry, visits.drives_m, at, visits.target_m)
+    mounting = np.array([fit.mounting_m(i) for i in report.smrs])
+    turned = np.einsum("nij,kj->nki", rest.rotation, mounting) * at.factors["platform"][:, None, None]
+    points = (rest.position_m[:, None] + turned) @ fit.frame.rotation.T + fit.frame.translation_m
+    start = np.concatenate([rest.position_m, rotation_vector(rest.rotation)], axis=1)
+    return report.poses(points, start)
+
+
+def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load) -> Array:
+    """Drive coordinates (n, d) that put the tool point on the targets (n, 6); NaN where none is found.
+
+    Newton's method with differences of the prediction; the coordinates that the drives command are
+    the first d free ones.
+    """
+    machine = report.machine
+    commanded = machine.dof[: len(machine.drive_names)]
+    drives = _nominal_drives(machine, target_m)
+    for _ in range(5):
+        error = _commanded_error(fit, report, drives, target_m, load)[:, commanded]
+        jac = np.empty((len(drives), len(commanded), drives.shape[1]))
+        for a in range(drives.shape[1]):
+            ahead = drives.copy()
+            ahead[:, a] += 1e-5
+            jac[:, :, a] = (_commanded_error(fit, report, ahead, target_m, load)[:, commanded] - error) / 1e-5
+        good = np.all(np.isfinite(error), axis=1) & np.all(np.isfinite(jac), axis=(1, 2))
+        drives[~good] = np.nan
+        step = np.linalg.solve(jac[good], error[good, :, None])[:, :, 0]
+        drives[good] -= step
+        if np.max(np.abs(step), initial=0.0) < 1e-10:
+            break
+    return drives
+
+
+def _commanded_error(fit: Fit, report: ReportFrame, drives: Array, target: Array, load: Load) -> Array:
+    position, rotation = report.tool_error(predict_poses(fit, report, load.visits(drives, target)), target)
+    return np.concatenate([position, rotation], axis=1)
+
+
+def _nominal_drives(machine: Machine, target_m: Array) -> Array:
+    turn = equilibrium.rotation_matrix(target_m[:, 3:])
+    return equilibrium.drives_for(machine, machine.nominal, target_m[:, :3], turn)
+
+
+def drive_box(machine: Machine) -> Array:
+    """Smallest box (d, 2) of drive positions that covers the workspace, with a margin."""
+    corners = [np.linspace(lo, hi, 9) for lo, hi in machine.workspace_m]
+    target = np.zeros((9 * 9, 6))
+    target[:, :2] = list(product(*corners))
+    drives = _nominal_drives(machine, target)
+    return np.stack([drives.min(axis=0) - GRID_MARGIN_M, drives.max(axis=0) + GRID_MARGIN_M], axis=1)
+
+
+def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
+    """Table for one load over the box of the workspace.
+
+    Nodes whose pose lies beyond the workspace take the correction of the nearest pose of a slightly larger
+    one, so that every cell that touches the workspace is exact and no node is extrapolated far.
+    """
+    machine = report.machine
+    box = drive_box(machine)
+    axes = [np.linspace(lo, hi, POINTS_PER_AXIS) for lo, hi in box]
+    nodes = np.array(list(product(*axes)))
+    pose, reached = _clamped_poses(machine, nodes)
+    correction = corrected_drives(fit, report, pose, load) - _nominal_drives(machine, pose)
+    usable = reached & np.all(np.isfinite(correction), axis=1)
+    if np.count_nonzero(usable) < len(nodes) // 2:
+        raise InputError("compensation: the model reaches less than half of the table; check the identification")
+    for lost in np.flatnonzero(~usable):
+        nearest = np.argmin(np.where(usable, np.sum((nodes - nodes[lost]) ** 2, axis=1), np.inf))
+        correction[lost] = correction[nearest]
+    shape = (POINTS_PER_AXIS,) * len(axes)
+    return CompensationTable(
+        start_m=box[:, 0],
+        step_m=(box[:, 1] - box[:, 0]) / (POINTS_PER_AXIS - 1),
+        correction_m=np.moveaxis(correction.reshape(*shape, -1), -1, 0),
+        load=load,
+    )
+
+
+def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, Array]:
+    """Nominal pose of each node (n, 6), pulled into the enlarged workspace, and whether one was found."""
+    rigid = replace(machine, moving_mass_kg=0.0)
+    at = equilibrium.conditions(rigid, len(nodes))
+    rest = equilibrium.solve(rigid, machine.nominal, nodes, at)
+    pose = np.zeros((len(nodes), 6))
+    lo, hi = machine.workspace_m[:, 0] - BEYOND_WORKSPACE_M, machine.workspace_m[:, 1] + BEYOND_WORKSPACE_M
+    pose[:, :2] = np.clip(np.nan_to_num(rest.position_m[:, :2]), lo, hi)
+    return pose, rest.converged

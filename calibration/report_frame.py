@@ -1,0 +1,114 @@
+"""The frame in which before and after are stated, and platform poses in it.
+
+docs/definitions: the rigid motion and the reflectors' mounting are fitted once, to readings at zero payload
+against commanded poses, and then fixed, so that no figure contains a frame offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from calibration.equilibrium import rotation_matrix, rotation_vector, skew
+from calibration.machine import Array, Machine
+from calibration.observation_model import Frame, Observations
+from calibration.toml_file import InputError
+
+
+@dataclass(frozen=True)
+class ReportFrame:
+    """Frame of the machine as commanded, and where the platform's reflectors sit.
+
+    smrs: indices in the machine file; mounting_m (k, 3): their positions in the platform frame.
+    """
+
+    machine: Machine
+    frame: Frame
+    smrs: tuple[int, ...]
+    mounting_m: Array
+
+    def points(self, coordinates: Array) -> Array:
+        """Reflector positions (n, k, 3) in the station's frame for poses (n, 6)."""
+        turned = np.einsum("nij,kj->nki", rotation_matrix(coordinates[:, 3:]), self.mounting_m)
+        points: Array = (coordinates[:, None, :3] + turned) @ self.frame.rotation.T + self.frame.translation_m
+        return points
+
+    def poses(self, points_m: Array, start: Array) -> Array:
+        """Poses (n, 6) over the free coordinates that fit reflector positions (n, k, 3) best, equal weights.
+
+        For predictions and noise-free positions; noisy readings go through the pose filter. start (n, 6).
+        """
+        dof = self.machine.dof
+        pose = start.copy()
+        for _ in range(6):
+            error = (points_m - self.points(pose)).reshape(len(pose), -1, 1)
+            jac = self.jacobian(pose).reshape(len(pose), -1, 6)[:, :, dof]
+            step = np.linalg.solve(jac.transpose(0, 2, 1) @ jac, jac.transpose(0, 2, 1) @ error)[:, :, 0]
+            pose = compose(pose, step, dof)
+            if np.max(np.abs(step), initial=0.0) < 1e-13:
+                break
+        return pose
+
+    def jacobian(self, coordinates: Array) -> Array:
+        """Derivative (n, k, 3, 6) of `points` with a left increment of the pose."""
+        lever = np.einsum("nij,kj->nki", rotation_matrix(coordinates[:, 3:]), self.mounting_m)
+        out = np.empty((*lever.shape, 6))
+        out[..., :3] = self.frame.rotation
+        out[..., 3:] = -self.frame.rotation @ skew(lever)
+        return out
+
+    def tool_error(self, coordinates: Array, target: Array) -> tuple[Array, Array]:
+        """Position error (n, 3) of the tool point and rotation error (n, 3) of poses (n, 6) against targets."""
+        tool = self.machine.tool_point_m
+        turn, wanted = rotation_matrix(coordinates[:, 3:]), rotation_matrix(target[:, 3:])
+        position = coordinates[:, :3] + turn @ tool - target[:, :3] - wanted @ tool
+        return position, rotation_vector(turn @ wanted.transpose(0, 2, 1))
+
+
+def compose(coordinates: Array, step: Array, dof: Array) -> Array:
+    """Poses (n, 6) after left increments (n, f) of the free coordinates."""
+    full = np.zeros_like(coordinates)
+    full[:, dof] = step
+    turned = rotation_matrix(full[:, 3:]) @ rotation_matrix(coordinates[:, 3:])
+    return np.concatenate([coordinates[:, :3] + full[:, :3], rotation_vector(turned)], axis=1)
+
+
+def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> ReportFrame:
+    """Fit frame and mounting to readings against their visits' commanded poses.
+
+    `seen` should hold zero payload only; readings of reflectors that are not on the platform are left out.
+    The mounting's prior (its tolerance) fixes the gauge between a shift of all reflectors and one
+    of the frame. Raises InputError with fewer than 4 poses or fewer than 3 platform reflectors.
+    """
+    smrs = tuple(i for i in sorted(set(seen.smr.tolist())) if machine.smrs[i].on == "platform")
+    if len(smrs) < 3 or len(set(seen.visit.tolist())) < 4:
+        raise InputError("frame: needs 3 platform SMRs measured at 4 or more poses at zero payload; measure more")
+    nominal = np.array([machine.smrs[i].position_m for i in smrs])
+    _refuse_collinear(nominal)
+    rows = np.isin(seen.smr, smrs)
+    column = np.searchsorted(smrs, seen.smr[rows])
+    target = seen.visits.target_m[seen.visit[rows]]
+    turn = rotation_matrix(target[:, 3:])
+    whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance_m2[rows]))
+    sigma = machine.file.tolerances.smr_position_m / np.sqrt(3.0)
+
+    def unpack(x: Array) -> tuple[Frame, Array]:
+        return start.moved(x[:6]), nominal + sigma * x[6:].reshape(-1, 3)
+
+    def residual(x: Array) -> Array:
+        frame, mounting = unpack(x)
+        point = target[:, :3] + np.einsum("rij,rj->ri", turn, mounting[column])
+        error = np.einsum("rij,rj->ri", whiten, frame.to_station(point) - seen.position_m[rows])
+        return np.concatenate([error.ravel(), x[6:]])
+
+    answer = least_squares(residual, np.zeros(6 + nominal.size), method="trf", x_scale="jac", xtol=1e-12)
+    frame, mounting = unpack(answer.x)
+    return ReportFrame(machine, frame, smrs, mounting)
+
+
+def _refuse_collinear(points: Array) -> None:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[1] < 0.01:
+        raise InputError("frame: the platform SMRs lie on a line; move one at least 10 mm off it")

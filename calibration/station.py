@@ -1,0 +1,90 @@
+"""From a station's raw readings to points with covariance, and the certified length that ties its scale.
+
+The station's frame is that of its angles: E = d sin V sin Hz, N = d sin V cos Hz, H = d cos V.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.machine import Array
+
+
+@dataclass(frozen=True)
+class StationAccuracy:
+    """Stated standard deviations of one reading, and the standard uncertainty of its certificate."""
+
+    angle_sd_rad: float
+    range_sd_m: float
+    range_constant_u_m: float
+    range_scale_u: float
+
+
+def points(hz_rad: Array, v_rad: Array, distance_m: Array) -> Array:
+    """Points (n, 3) in the station's frame from angles and slope distances (n,)."""
+    return np.asarray(distance_m)[:, None] * lines_of_sight(hz_rad, v_rad)
+
+
+def lines_of_sight(hz_rad: Array, v_rad: Array) -> Array:
+    """Unit vectors (n, 3) from the station to its targets."""
+    sin_v = np.sin(v_rad)
+    return np.stack([sin_v * np.sin(hz_rad), sin_v * np.cos(hz_rad), np.cos(v_rad)], axis=1)
+
+
+def angles(point_m: Array) -> tuple[Array, Array, Array]:
+    """Horizontal angle [0, 2 pi), zenith angle and slope distance of points (n, 3)."""
+    distance = np.linalg.norm(point_m, axis=1)
+    hz = np.mod(np.arctan2(point_m[:, 0], point_m[:, 1]), 2.0 * np.pi)
+    return hz, np.arccos(point_m[:, 2] / distance), distance
+
+
+def covariances(hz_rad: Array, v_rad: Array, distance_m: Array, stated: StationAccuracy) -> Array:
+    """Covariances (n, 3, 3) in m^2 of single readings from the stated random accuracy.
+
+    The range constant and scale are common to all readings: they are unknowns of the fit, not part of this.
+    """
+    sin_v, cos_v = np.sin(v_rad), np.cos(v_rad)
+    sin_h, cos_h = np.sin(hz_rad), np.cos(hz_rad)
+    along = lines_of_sight(hz_rad, v_rad)
+    turn = np.stack([cos_h, -sin_h, np.zeros_like(hz_rad)], axis=1)
+    tip = np.stack([cos_v * sin_h, cos_v * cos_h, -sin_v], axis=1)
+    sd_turn = stated.angle_sd_rad * distance_m * sin_v
+    sd_tip = stated.angle_sd_rad * distance_m
+    sd_along = np.full_like(distance_m, stated.range_sd_m)
+    out = np.zeros((len(along), 3, 3))
+    for direction, sd in ((turn, sd_turn), (tip, sd_tip), (along, sd_along)):
+        out += (sd**2)[:, None, None] * direction[:, :, None] * direction[:, None, :]
+    return out
+
+
+@dataclass(frozen=True)
+class CertifiedLength:
+    """A calibrated distance between two nests."""
+
+    nests: tuple[str, str]
+    value_m: float
+    u_m: float
+
+
+def range_constant(
+    first_m: Array, second_m: Array, first_cov: Array, second_cov: Array, length: CertifiedLength, prior_u_m: float
+) -> tuple[float, float]:
+    """The range constant (to be subtracted from ranges) and its standard uncertainty, in m.
+
+    first_m, second_m (n, 3): the two nests at n checks, station's frame. All ranges being too long by c, the
+    measured distance is too long by c times its derivative; the certificate of the station is the
+    prior. At nearly equal ranges a range scale acts like a constant and is contained in it.
+    """
+    between = second_m - first_m
+    distance = np.linalg.norm(between, axis=1)
+    along = between / distance[:, None]
+    sight_1 = first_m / np.linalg.norm(first_m, axis=1)[:, None]
+    sight_2 = second_m / np.linalg.norm(second_m, axis=1)[:, None]
+    per_constant = np.mean(np.sum(along * (sight_2 - sight_1), axis=1))
+    variance = np.einsum("ni,nij,nj->n", along, first_cov + second_cov, along)
+    u_mean = np.sqrt(np.mean(variance) / len(distance) + length.u_m**2)
+    weight = per_constant**2 / u_mean**2 + 1.0 / prior_u_m**2
+    estimate = per_constant * (np.mean(distance) - length.value_m) / u_mean**2 / weight
+    return float(estimate), float(1.0 / np.sqrt(weight))

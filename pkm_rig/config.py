@@ -1,0 +1,150 @@
+"""The rig file: how to reach the devices, what is mounted where, what a campaign does. Data, never code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from calibration.machine import Machine, load_machine, shipped_machine
+from calibration.recording import LengthEntry, NuisanceEntry, PayloadEntry, StationEntry
+from calibration.toml_file import InputError, Section, read_toml
+
+
+class StationConnection(StationEntry):
+    """The station's line: a serial port (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`."""
+
+    port: str = ""
+    baudrate: int = Field(gt=0, default=115200)
+    reply_timeout_s: float = Field(gt=0.0, default=5.0)
+
+
+class CanConnection(Section):
+    """The bus; `embedded` is the in-process bus of the embedded mock rig."""
+
+    interface: Literal["embedded", "virtual", "socketcand", "socketcan", "slcan"]
+    channel: str = "can0"
+    host: str = "127.0.0.1"
+    port: int = 29536
+    bitrate: int = 1_000_000
+
+
+class DriveEntry(Section):
+    """One servo drive; its name is that of a drive in the machine file."""
+
+    name: str
+    node_id: int = Field(ge=1, le=127)
+    vendor_id: int
+    product_code: int
+    metres_per_increment: float = Field(gt=0.0)
+
+
+class PlcConnection(Section):
+    """The PLC. `registers` moves values of the default map (docs/plc.md)."""
+
+    host: str = "127.0.0.1"
+    port: int = 502
+    unit: int = 1
+    registers: dict[str, int] = {}
+
+
+class CampaignSettings(Section):
+    """What a campaign measures; durations in rig time."""
+
+    seed: int = 1
+    calibration_poses: int = Field(ge=6, default=40)
+    loaded_payload: int = Field(ge=0, default=2)
+    repeated_poses: int = Field(ge=2, default=20)
+    readings_per_smr: int = Field(ge=1, le=20, default=1)
+    two_face: bool = False
+    speeds_m_per_s: tuple[float, float] = (0.5, 0.25)
+    acceleration_m_per_s2: float = Field(gt=0.0, default=2.0)
+    approach_m: float = Field(gt=0.0, default=0.010)
+    dwells_s: tuple[float, float] = (2.0, 5.0)
+    warm_up_max_s: float = Field(ge=0.0, default=1800.0)
+    warm_up_step_s: float = Field(gt=0.0, default=60.0)
+    warm_up_rate_k_per_h: float = Field(gt=0.0, default=1.2)
+    repeatability_visits: int = Field(ge=3, default=5)
+    repeatability_limit_m: float = Field(gt=0.0, default=40e-6)
+    nest_every_visits: int = Field(ge=1, default=6)
+    nest_limit_m: float = Field(gt=0.0, default=80e-6)
+    verification_poses: int = Field(ge=30, default=30)
+    verification_payloads: tuple[int, ...] = (0, 1)
+    payload_timeout_s: float = Field(gt=0.0, default=3600.0)
+
+
+class Limits(Section):
+    """When to refuse."""
+
+    in_plane_u_m: float = Field(gt=0.0, default=15e-6)
+    heartbeat_s: float = Field(gt=0.0, default=2.0)
+    plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
+    interlocks: tuple[str, ...] = ("guard_closed", "emergency_stop_released", "drive_power", "air_pressure")
+
+
+class MockSection(Section):
+    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise."""
+
+    seed: int = 1
+    error_scale: float = Field(ge=0.0, default=1.0)
+
+
+class RigFile(Section):
+    """The whole rig file."""
+
+    rig: str
+    machine: str
+    time_scale: float | None = Field(gt=0.0, default=None)
+    station: StationConnection
+    nest_length: LengthEntry | None = None
+    can: CanConnection
+    drives: tuple[DriveEntry, ...] = Field(min_length=1)
+    plc: PlcConnection
+    payloads: tuple[PayloadEntry, ...] = Field(min_length=1)
+    nuisance: NuisanceEntry = NuisanceEntry()
+    campaign: CampaignSettings = CampaignSettings()
+    limits: Limits = Limits()
+    mock: MockSection | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RigFile:
+        wanted = {*self.campaign.verification_payloads, self.campaign.loaded_payload}
+        if max(wanted) >= len(self.payloads):
+            raise ValueError(f"campaign: payload {max(wanted)} is not in [[payloads]] (0 is no payload)")
+        if self.payloads[0].mass_kg != 0.0:
+            raise ValueError("payloads: the first one must be no payload (mass_kg = 0)")
+        if len({d.node_id for d in self.drives}) != len(self.drives):
+            raise ValueError("drives: two drives have the same node_id")
+        return self
+
+
+def load_rig(path: Path) -> tuple[RigFile, Machine]:
+    """Read a rig file and its machine; InputError in one line if they are not fit.
+
+    `machine` names a shipped machine or a file beside the rig file.
+    """
+    rig = read_toml(path, RigFile)
+    machine = load_machine(machine_path(rig, path))
+    names = [d.name for d in rig.drives]
+    if names != list(machine.drive_names):
+        raise InputError(
+            f"{path}: drives {', '.join(names)} do not match the machine's {', '.join(machine.drive_names)}"
+        )
+    if rig.nest_length is not None:
+        for nest in rig.nest_length.nests:
+            if machine.smr(nest).on != "floor":
+                raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
+    return rig, machine
+
+
+def machine_path(rig: RigFile, rig_path: Path) -> Path:
+    """Where the machine file of a rig is."""
+    if rig.machine.endswith(".toml"):
+        return (rig_path.parent / rig.machine).resolve()
+    return shipped_machine(rig.machine)
+
+
+def embedded_rig_path() -> Path:
+    """The rig file of the embedded mock rig."""
+    return Path(__file__).parent / "rigs" / "embedded.toml"

@@ -1,0 +1,203 @@
+"""The record: SQLite in WAL mode, one durable commit a reading, append-only.
+
+Campaigns, readings and results are only ever inserted; triggers refuse to change or delete them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import event
+from sqlalchemy.exc import SQLAlchemyError
+
+from calibration.machine import parse_machine
+from calibration.recording import Recording, RecordingFile, make_recording
+from calibration.toml_file import InputError
+
+_metadata = sa.MetaData()
+
+_campaigns = sa.Table(
+    "campaigns",
+    _metadata,
+    sa.Column("id", sa.String, primary_key=True),
+    sa.Column("created", sa.String, nullable=False),
+    sa.Column("description", sa.Text, nullable=False),
+    sa.Column("machine", sa.Text, nullable=False),
+)
+_readings = sa.Table(
+    "readings",
+    _metadata,
+    sa.Column("uid", sa.String, primary_key=True),
+    sa.Column("campaign", sa.ForeignKey("campaigns.id"), nullable=False, index=True),
+    sa.Column("sequence", sa.Integer, nullable=False),
+    sa.Column("data", sa.Text, nullable=False),
+)
+_events = sa.Table(
+    "events",
+    _metadata,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("campaign", sa.ForeignKey("campaigns.id"), nullable=False, index=True),
+    sa.Column("created", sa.String, nullable=False),
+    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("data", sa.Text, nullable=False),
+)
+_APPEND_ONLY = ("campaigns", "readings", "events")
+
+
+class StoreError(RuntimeError):
+    """The record could not be written or read; one line."""
+
+
+@dataclass(frozen=True)
+class StoredEvent:
+    """Something that happened to a campaign: started, stopped, identified, activated, verified ..."""
+
+    created: str
+    kind: str
+    data: dict[str, Any]
+
+
+class Store:
+    """The record in one file. Safe to use from several threads."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._engine = sa.create_engine(f"sqlite:///{path}")
+            event.listen(self._engine, "connect", _durable)
+            with self._writing() as connection:
+                _metadata.create_all(connection)
+                for table in _APPEND_ONLY:
+                    for verb in ("UPDATE", "DELETE"):
+                        connection.exec_driver_sql(
+                            f"CREATE TRIGGER IF NOT EXISTS keep_{table}_{verb.lower()} BEFORE {verb} ON {table} "
+                            "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
+                        )
+        except OSError as error:
+            raise StoreError(f"store {path}: {error.strerror}; choose a place that can be written") from error
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._engine.dispose()
+
+    def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
+        """Insert a campaign; its id must be new."""
+        with self._writing() as connection:
+            if connection.execute(sa.select(_campaigns.c.id).where(_campaigns.c.id == file.campaign)).first():
+                raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
+            connection.execute(
+                _campaigns.insert().values(
+                    id=file.campaign, created=file.created, description=file.model_dump_json(), machine=machine_text
+                )
+            )
+
+    def add_reading(self, campaign: str, uid: str, sequence: int, data: Mapping[str, float | str]) -> None:
+        """Insert one reading, durable when this returns. NaN and infinities are refused."""
+        text = json.dumps(dict(data), allow_nan=False)
+        with self._writing() as connection:
+            connection.execute(
+                _readings.insert().values(uid=uid, campaign=campaign, sequence=sequence, data=text)
+            )
+
+    def add_event(self, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
+        """Insert something that happened."""
+        with self._writing() as connection:
+            connection.execute(
+                _events.insert().values(
+                    campaign=campaign, created=now_text(), kind=kind, data=json.dumps(dict(data), allow_nan=False)
+                )
+            )
+
+    def campaigns(self) -> list[tuple[str, str, str, int, str]]:
+        """(id, created, rig, number of readings, last event) of all campaigns, oldest first."""
+        out = []
+        with self._reading() as connection:
+            for row in connection.execute(sa.select(_campaigns).order_by(_campaigns.c.created)):
+                count = connection.execute(
+                    sa.select(sa.func.count()).select_from(_readings).where(_readings.c.campaign == row.id)
+                ).scalar_one()
+                last = connection.execute(
+                    sa.select(_events.c.kind).where(_events.c.campaign == row.id).order_by(_events.c.id.desc())
+                ).first()
+                rig = json.loads(row.description)["rig"]
+                out.append((row.id, row.created, rig, int(count), last.kind if last else ""))
+        return out
+
+    def events(self, campaign: str, kind: str | None = None) -> list[StoredEvent]:
+        """What happened to a campaign, oldest first."""
+        query = sa.select(_events).where(_events.c.campaign == campaign).order_by(_events.c.id)
+        if kind is not None:
+            query = query.where(_events.c.kind == kind)
+        with self._reading() as connection:
+            return [StoredEvent(r.created, r.kind, json.loads(r.data)) for r in connection.execute(query)]
+
+    def recording(self, campaign: str) -> Recording:
+        """All readings of a campaign; InputError if it is unknown or has none."""
+        with self._reading() as connection:
+            head = connection.execute(sa.select(_campaigns).where(_campaigns.c.id == campaign)).first()
+            if head is None:
+                raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
+            rows = connection.execute(
+                sa.select(_readings.c.data).where(_readings.c.campaign == campaign).order_by(_readings.c.sequence)
+            ).all()
+        file = RecordingFile.model_validate_json(head.description)
+        machine = parse_machine(head.machine, f"machine of campaign {campaign}")
+        return make_recording(file, machine, [json.loads(row.data) for row in rows])
+
+    def add_recording(self, recording: Recording) -> None:
+        """Import a recording as a campaign, all or nothing."""
+        self.add_campaign(recording.file, recording.machine.text)
+        rows = []
+        for i in range(len(recording)):
+            data = {name: _plain(column[i]) for name, column in recording.columns.items()}
+            text = json.dumps(data, allow_nan=False)
+            uid = str(data["uid"])
+            rows.append(
+                {"uid": uid, "campaign": recording.file.campaign, "sequence": int(data["sequence"]), "data": text}
+            )
+        with self._writing() as connection:
+            connection.execute(_readings.insert(), rows)
+        self.add_event(recording.file.campaign, "imported", {"readings": len(rows)})
+
+    @contextmanager
+    def _writing(self) -> Iterator[sa.Connection]:
+        try:
+            with self._engine.begin() as connection:
+                yield connection
+        except SQLAlchemyError as error:
+            cause = getattr(error, "orig", None) or error
+            raise StoreError(f"store {self.path}: {cause}; free space or choose another place") from error
+
+    @contextmanager
+    def _reading(self) -> Iterator[sa.Connection]:
+        try:
+            with self._engine.connect() as connection:
+                yield connection
+        except SQLAlchemyError as error:
+            cause = getattr(error, "orig", None) or error
+            raise StoreError(f"store {self.path}: {cause}") from error
+
+
+def now_text() -> str:
+    """Now in UTC, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _plain(value: Any) -> float | str:
+    return str(value) if isinstance(value, str) else float(value)
+
+
+def _durable(connection: Any, _record: object) -> None:
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=FULL")
+    cursor.execute("PRAGMA foreign_keys=ON")
+    cursor.close()

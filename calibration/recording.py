@@ -60,7 +60,6 @@ COLUMNS: tuple[str, ...] = (
     "target_rx_rad",
     "target_ry_rad",
     "target_rz_rad",
-    "direction",
     "speed_m_per_s",
     "dwell_s",
     "air_temperature_c",
@@ -71,7 +70,14 @@ COLUMNS: tuple[str, ...] = (
     "compensation",
     "flags",
 )
-DRIVE_COLUMNS = ("commanded_m", "actual_m", "following_error_m", "velocity_m_per_s", "torque_ratio")
+DRIVE_COLUMNS = (
+    "commanded_m",
+    "actual_m",
+    "following_error_m",
+    "velocity_m_per_s",
+    "torque_ratio",
+    "direction",
+)
 LARGEST = {"m": 1e3, "rad": 1e2, "c": 200.0, "s": 1e11, "kg": 1e5, "m2": 1.0}
 
 
@@ -92,6 +98,8 @@ class AccuracyEntry(Section):
     range_sd_m: float = Field(gt=0.0)
     range_constant_u_m: float = Field(gt=0.0)
     range_scale_u: float = Field(ge=0.0)
+    drift_rad_per_sqrt_h: float = Field(gt=0.0, default=3.0e-6)
+    drift_m_per_sqrt_h: float = Field(gt=0.0, default=1.0e-5)
 
     def stated(self) -> StationAccuracy:
         """For computation."""

@@ -155,11 +155,8 @@ class VirtualClock:
 
     def _dispatch(self) -> None:
         while (event := self._due.get()) is not None:
-            assert event.callback is not None
             try:
-                event.callback()
-            except Exception:
-                _log.exception("a clock callback failed")
+                _run(event)
             finally:
                 self.release()
 
@@ -173,6 +170,11 @@ class ScaledClock:
         self.time_scale = time_scale
         self._start_s = time.monotonic()
         self._closed = threading.Event()
+        self._changed = threading.Condition()
+        self._order = itertools.count()
+        self._events: list[tuple[float, int, _Event]] = []
+        self._dispatcher = threading.Thread(target=self._dispatch, name="rig-clock", daemon=True)
+        self._dispatcher.start()
 
     def now_s(self) -> float:
         """Rig time in seconds."""
@@ -185,10 +187,11 @@ class ScaledClock:
 
     def call_at(self, t_s: float, callback: Callable[[], None]) -> Callable[[], None]:
         """Call back once at `t_s`; returns a function that cancels."""
-        timer = threading.Timer(max(0.0, (t_s - self.now_s()) / self.time_scale), callback)
-        timer.daemon = True
-        timer.start()
-        return timer.cancel
+        event = _Event(callback=callback)
+        with self._changed:
+            heapq.heappush(self._events, (t_s, next(self._order), event))
+            self._changed.notify()
+        return event.cancel
 
     @contextmanager
     def activity(self) -> Iterator[None]:
@@ -202,8 +205,30 @@ class ScaledClock:
         """Nothing to do."""
 
     def close(self) -> None:
-        """Wake all sleepers."""
+        """Wake all sleepers and end the dispatcher."""
         self._closed.set()
+        with self._changed:
+            self._changed.notify()
+        self._dispatcher.join(timeout=5.0)
+
+    def _dispatch(self) -> None:
+        while not self._closed.is_set():
+            with self._changed:
+                wait_s = (self._events[0][0] - self.now_s()) / self.time_scale if self._events else None
+                if wait_s is None or wait_s > 0.0:
+                    self._changed.wait(wait_s)
+                    continue
+                _, _, event = heapq.heappop(self._events)
+            _run(event)
+
+
+def _run(event: _Event) -> None:
+    if event.cancelled or event.callback is None:
+        return
+    try:
+        event.callback()
+    except Exception:
+        _log.exception("a clock callback failed")
 
 
 class _Event:

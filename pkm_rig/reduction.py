@@ -1,0 +1,234 @@
+"""From a recording to observations and measured poses: a pure function of what is stored.
+
+In this order: nest checks that failed take their readings out; the certified length ties the range constant;
+the station's drift is followed through the nests; frame and mounting are fitted at zero payload; the pose
+filter gates outliers and turns reflectors into poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import station
+from calibration.equilibrium import rotation_matrix
+from calibration.machine import Array
+from calibration.observation_model import Frame, Observations, Visits
+from calibration.recording import Recording
+from calibration.report_frame import ReportFrame, fit_report_frame
+from calibration.toml_file import InputError
+from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
+
+CALIBRATION = "calibration"
+VERIFICATIONS = ("verification_before", "verification_after")
+
+
+@dataclass(frozen=True)
+class VisitInfo:
+    """What is known of each visit besides the model's input, one row a visit; direction (v, d)."""
+
+    phase: NDArray[np.str_]
+    pose: NDArray[np.intp]
+    direction: Array
+    payload: NDArray[np.intp]
+    t_rig_s: Array
+    samples: Array
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A recording made ready: what every later analysis starts from.
+
+    observations: accepted readings of all visits (nests left out). dropped: counts of readings left out, by cause.
+    range_constant_m, range_constant_u_m: what was taken off the ranges.
+    """
+
+    recording: Recording
+    observations: Observations
+    info: VisitInfo
+    report: ReportFrame
+    poses: FilteredPoses
+    range_constant_m: float
+    range_constant_u_m: float
+    dropped: dict[str, int]
+
+    def rows(self, phase: str, payload: int | None = None) -> NDArray[np.bool_]:
+        """Visits of a phase (and payload) that have a measured pose."""
+        keep = (self.info.phase == phase) & self.poses.measured
+        return keep if payload is None else keep & (self.info.payload == payload)
+
+    def calibration(self) -> Observations:
+        """Accepted readings of the calibration."""
+        return self.observations.of_visits(self.info.phase == CALIBRATION)
+
+    def errors(self, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Tool position error (n, 3) in m and rotation error (n, 3) in rad of some visits."""
+        return self.report.tool_error(self.poses.coordinates[rows], self.observations.visits.target_m[rows])
+
+
+def nominal_frame(recording: Recording) -> Frame:
+    """The station's frame from its rough place and heading in the rig file (docs/machine.md)."""
+    entry = recording.file.station
+    return station_frame(entry.position_m, entry.heading_rad)
+
+
+def station_frame(position_m: tuple[float, float, float], heading_rad: float) -> Frame:
+    """Machine to station frame for a levelled station; heading zero looks along -z of the machine."""
+    forward = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    turn = rotation_matrix(np.array([0.0, 0.0, heading_rad])) @ forward
+    return Frame(turn, -turn @ np.asarray(position_m))
+
+
+def reduce(recording: Recording) -> Reduction:
+    """Make a recording ready; InputError in one line if it cannot be."""
+    dropped = {}
+    usable = between_good_checks(recording)
+    dropped["failed nest check"] = int(np.count_nonzero(~usable))
+    recording = Recording(recording.file, recording.machine, {n: c[usable] for n, c in recording.columns.items()})
+    constant, constant_u = _range_constant(recording)
+    position, covariance, refused = _without_drift(recording, constant)
+    dropped["nest outlier"] = refused
+    observations, info = _observations(recording, position, covariance)
+    zero = (info.phase == CALIBRATION) & (observations.visits.payload_kg == 0.0)
+    if not np.any(zero):
+        raise InputError(f"recording {recording.file.campaign}: no calibration readings without payload")
+    report = _robust_frame(recording, observations.of_visits(zero))
+    poses = filter_poses(report, observations)
+    dropped["innovation gate"] = int(np.count_nonzero(~poses.accepted))
+    keep = poses.accepted
+    observations = Observations(
+        observations.visits,
+        observations.visit[keep],
+        observations.smr[keep],
+        observations.position_m[keep],
+        observations.covariance_m2[keep],
+    )
+    return Reduction(recording, observations, info, report, poses, constant, constant_u, dropped)
+
+
+def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
+    """Nest checks (c,) and the largest shift of a nest across the line of sight since the first check (c,), in m."""
+    nests = recording.rows("nests")
+    checks = np.unique(nests["nest_check"]).astype(int)
+    first: dict[str, Array] = {}
+    shifts = np.zeros(len(checks))
+    for i, check in enumerate(checks):
+        for name in np.unique(nests["smr"]):
+            rows = (nests["nest_check"] == check) & (np.asarray(nests["smr"]) == name)
+            if not np.any(rows):
+                continue
+            point = nests.positions_m[rows].mean(axis=0)
+            start = first.setdefault(str(name), point)
+            sight = start / np.linalg.norm(start)
+            shift = point - start
+            shifts[i] = max(shifts[i], float(np.linalg.norm(shift - (shift @ sight) * sight)))
+    return checks, shifts
+
+
+def between_good_checks(recording: Recording) -> NDArray[np.bool_]:
+    """Readings that lie between two good nest checks (r,); those next to a failed closing check are not used.
+
+    `nest_check` of a reading is the number of the last check before it. With no nests in the
+    recording everything is used.
+    """
+    checks, shifts = nest_shift(recording)
+    if checks.size == 0:
+        return np.ones(len(recording), dtype=bool)
+    good = {int(c) for c, s in zip(checks, shifts, strict=True) if s <= recording.file.nest_limit_m}
+    number = recording["nest_check"].astype(int)
+    is_nest = np.asarray(recording["phase"]) == "nests"
+    opened = np.isin(number, list(good))
+    closed = np.isin(number + 1, list(good))
+    return np.where(is_nest, opened, opened & closed)
+
+
+def _range_constant(recording: Recording) -> tuple[float, float]:
+    stated = recording.file.station.accuracy
+    scale_u = stated.range_scale_u * 3.0
+    length = recording.file.nest_length
+    nests = recording.rows("nests")
+    names = np.asarray(nests["smr"])
+    prior = float(np.hypot(stated.range_constant_u_m, scale_u))
+    if length is None or not all(np.any(names == n) for n in length.nests):
+        return 0.0, prior
+    common = np.intersect1d(
+        nests["nest_check"][names == length.nests[0]], nests["nest_check"][names == length.nests[1]]
+    )
+    mean, cov = [], []
+    for nest in length.nests:
+        rows = [np.flatnonzero((names == nest) & (nests["nest_check"] == c)) for c in common]
+        mean.append(np.array([nests.positions_m[r].mean(axis=0) for r in rows]))
+        cov.append(np.array([nests.covariances_m2[r].mean(axis=0) / len(r) for r in rows]))
+    return station.range_constant(mean[0], mean[1], cov[0], cov[1], length.certified(), prior)
+
+
+def _without_drift(recording: Recording, constant: float) -> tuple[Array, Array, int]:
+    raw = recording.positions_m
+    position = raw - constant * raw / np.linalg.norm(raw, axis=1)[:, None]
+    covariance = recording.covariances_m2
+    is_nest = np.asarray(recording["phase"]) == "nests"
+    if not np.any(is_nest):
+        return position, covariance, 0
+    t = recording["t_rig_s"]
+    rows = np.flatnonzero(is_nest)
+    rows = rows[np.argsort(t[rows], kind="stable")]
+    _, nest = np.unique(np.asarray(recording["smr"])[rows], return_inverse=True)
+    stated = recording.file.station.accuracy
+    drift = follow_drift(t[rows], nest, position[rows], covariance[rows], stated, t)
+    position, covariance = drift.remove(position, covariance)
+    return position, covariance, len(drift.rejected)
+
+
+def _observations(recording: Recording, position: Array, covariance: Array) -> tuple[Observations, VisitInfo]:
+    """Readings of poses, grouped by visit; several readings of one SMR in a visit stay apart."""
+    names = [s.name for s in recording.machine.smrs]
+    phase = np.asarray(recording["phase"])
+    rows = np.flatnonzero(np.isin(phase, (CALIBRATION, "repeatability", *VERIFICATIONS)))
+    numbers, first, visit = np.unique(recording["visit"][rows], return_index=True, return_inverse=True)
+    if numbers.size == 0:
+        raise InputError(f"recording {recording.file.campaign}: no poses in it")
+    heads = rows[first]
+    visits = Visits(
+        drives_m=recording.drives("actual_m")[heads],
+        target_m=recording.targets_m()[heads],
+        payload_kg=recording["payload_mass_kg"][heads],
+        payload_com_m=recording.payload_com_m()[heads],
+        temperatures_c={name: _mean_by(t[rows], visit) for name, t in recording.temperatures_c().items()},
+    )
+    info = VisitInfo(
+        phase=phase[heads],
+        pose=recording["pose"][heads].astype(np.intp),
+        direction=recording.drives("direction")[heads],
+        payload=recording["payload"][heads].astype(np.intp),
+        t_rig_s=_mean_by(recording["t_rig_s"][rows], visit),
+        samples=recording["samples"][heads],
+    )
+    smr = np.array([names.index(str(s)) for s in np.asarray(recording["smr"])[rows]], dtype=np.intp)
+    return Observations(visits, visit.astype(np.intp), smr, position[rows], covariance[rows]), info
+
+
+def _mean_by(values: Array, group: NDArray[np.intp]) -> Array:
+    mean: Array = np.bincount(group, values) / np.bincount(group)
+    return mean
+
+
+def _robust_frame(recording: Recording, zero: Observations) -> ReportFrame:
+    """Fit the frame, drop readings that lie far off, fit again."""
+    report = fit_report_frame(recording.machine, zero, nominal_frame(recording))
+    expected = report.points(zero.visits.target_m)
+    on_platform = np.isin(zero.smr, report.smrs)
+    column = np.searchsorted(report.smrs, zero.smr[on_platform])
+    off = np.linalg.norm(zero.position_m[on_platform] - expected[zero.visit[on_platform], column], axis=1)
+    limit = 6.0 * np.median(off)
+    if np.all(off <= limit):
+        return report
+    keep = np.zeros(len(zero), dtype=bool)
+    keep[np.flatnonzero(on_platform)[off <= limit]] = True
+    fewer = Observations(
+        zero.visits, zero.visit[keep], zero.smr[keep], zero.position_m[keep], zero.covariance_m2[keep]
+    )
+    return fit_report_frame(recording.machine, fewer, report.frame)
+
+

@@ -1,0 +1,123 @@
+"""One CAN line: sending, receiving in a thread of its own, and the loss of the line made visible."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import can
+import canopen
+
+from drivers.errors import ConnectionFailed
+
+_log = logging.getLogger(__name__)
+logging.getLogger("canopen").addHandler(logging.NullHandler())
+
+NMT_START = 1
+NMT_PRE_OPERATIONAL = 128
+_SYNC = 0x080
+_HEARTBEAT = 0x700
+_RECEIVE_S = 0.1
+
+FrameCallback = Callable[[int, bytearray, float], None]
+
+
+class CanLine:
+    """A python-can bus with canopen's frame distribution on it; owns the bus.
+
+    Stands in for canopen's notifier, whose thread spins or ends in silence when a bus breaks: here
+    `failed` then holds the reason, whoever waits on `received` is woken, each use raises ConnectionFailed.
+    Frames are handled in the receiving thread: no SDO transfer there.
+    """
+
+    def __init__(self, bus: can.BusABC, name: str = "CAN") -> None:
+        self.name = name
+        self.failed: str | None = None
+        self.received = threading.Condition()
+        self.seen_nodes: set[int] = set()
+        self.network = canopen.Network(bus)
+        self._bus = bus
+        self._closing = False
+        self._reader = threading.Thread(target=self._read, name=f"{name} receiver", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def send(self, cob_id: int, data: bytes) -> None:
+        """Send one frame at once. Raises ConnectionFailed."""
+        self.check()
+        try:
+            self.network.send_message(cob_id, data)
+        except (can.CanError, OSError, RuntimeError, ValueError) as error:
+            self._fail(error)
+            self.check()
+
+    def send_sync(self) -> None:
+        """Send SYNC. Raises ConnectionFailed."""
+        self.send(_SYNC, b"")
+
+    def send_nmt(self, command: int, node_id: int) -> None:
+        """Send an NMT command to a node. Raises ConnectionFailed."""
+        self.send(0x000, bytes((command, node_id)))
+
+    def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
+        """Have `callback(cob_id, data, host time stamp)` called for each frame with this identifier."""
+        self.network.subscribe(cob_id, callback)
+
+    def unsubscribe(self, cob_id: int, callback: FrameCallback) -> None:
+        """Undo `subscribe`."""
+        self.network.unsubscribe(cob_id, callback)
+
+    def check(self) -> None:
+        """Raise ConnectionFailed if the line is lost or closed."""
+        if self.failed is not None:
+            raise ConnectionFailed(
+                "CAN line", self.name, self.failed, "check adapter, server and cable, then connect again"
+            )
+
+    def close(self) -> None:
+        """End the receiving thread and shut the bus down. May be called again."""
+        if self._closing:
+            return
+        self._closing = True
+        self._reader.join(timeout=5.0)
+        self.failed = self.failed or "closed"
+        self._bus.shutdown()
+
+    def _read(self) -> None:
+        while not self._closing:
+            try:
+                message = self._bus.recv(_RECEIVE_S)
+            except (can.CanError, OSError, ValueError) as error:
+                if not self._closing:
+                    self._fail(error)
+                return
+            if message is not None and not (message.is_error_frame or message.is_remote_frame):
+                self._hand_out(message)
+
+    def _hand_out(self, message: can.Message) -> None:
+        cob_id = message.arbitration_id
+        if _HEARTBEAT < cob_id < _HEARTBEAT + 0x80:
+            self.seen_nodes.add(cob_id - _HEARTBEAT)
+        try:
+            self.network.notify(cob_id, message.data, message.timestamp)
+        except Exception:  # a frame that one receiver cannot read must not end all receiving
+            _log.exception("frame 0x%03X could not be handled", cob_id)
+
+    def _fail(self, error: Exception) -> None:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        with self.received:
+            self.failed = self.failed or f"the line is lost: {reason}"
+            self.received.notify_all()

@@ -1,0 +1,341 @@
+"""The drives of one machine, moved and stopped together."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+
+from drivers import cia402
+from drivers.cia402 import State
+from drivers.clock import HostClock, RigClock
+from drivers.errors import DeviceError, MotionTimeout, NoAnswer, Stopped
+from drivers.servo_drive import DriveSample, ServoDrive
+
+_FEWEST_SAMPLES_AT_REST = 3
+_CLOCK_GRAIN_S = 1e-9
+
+
+@dataclass(frozen=True)
+class RestLimits:
+    """When a drive counts as at rest on its target, held for `hold_s` of rig time.
+
+    Besides target reached (bit 10) and no following error (bit 13): the demand is on the target to
+    `demand_m`, the velocity and the following error are small.
+    """
+
+    hold_s: float = 0.2
+    demand_m: float = 1e-6
+    velocity_m_per_s: float = 1e-3
+    following_error_m: float = 20e-6
+
+
+class DriveGroup:
+    """Moves all drives together, samples them at SYNC and stops them as one.
+
+    `pdo_timeout_s` is host time; the rest is rig time. `sync` sends SYNC (default: the drives' line does).
+    `stop_all` and `sample` may be called from any thread at any time; one move at a time.
+    """
+
+    def __init__(
+        self,
+        drives: Sequence[ServoDrive],
+        clock: RigClock | None = None,
+        *,
+        sync: Callable[[], None] | None = None,
+        rest: RestLimits | None = None,
+        poll_period_s: float = 0.05,
+        pdo_timeout_s: float = 1.0,
+        handshake_limit_s: float = 1.0,
+    ) -> None:
+        if not drives or any(drive.line is not drives[0].line for drive in drives):
+            raise ValueError("a group is one or more drives on one CAN line")
+        self.drives = tuple(drives)
+        self.poll_period_s = poll_period_s
+        self.rest = rest or RestLimits()
+        self._line = drives[0].line
+        self._clock = clock or HostClock()
+        self._sync = sync or self._line.send_sync
+        self._pdo_timeout_s = pdo_timeout_s
+        self._handshake_limit_s = handshake_limit_s
+        self._sample_lock = threading.Lock()
+        self._command_lock = threading.Lock()
+        self._move_lock = threading.Lock()
+        self._out_of_step = False
+        self._stop_reason: str | None = None
+
+    @property
+    def stop_reason(self) -> str | None:
+        """Why the drives were stopped; None while they may move."""
+        return self._stop_reason
+
+    def stop_all(self, reason: str) -> None:
+        """Quick stop of all drives at once, remembered until `clear_stop`.
+
+        The first reason is kept. A drive that cannot be reached does not keep the others from being
+        stopped; the first such failure is raised afterwards (ConnectionFailed).
+        """
+        if self._stop_reason is None:
+            self._stop_reason = reason
+        failures: list[DeviceError] = []
+        with self._command_lock:
+            for drive in self.drives:
+                try:
+                    drive.quick_stop()
+                except DeviceError as error:
+                    failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def clear_stop(self) -> None:
+        """Allow moves again. The drives have to be enabled anew."""
+        self._stop_reason = None
+
+    def enable(self) -> None:
+        """Enable all drives; if one fails all are disabled again.
+
+        Raises DriveFault, Stopped, MotionTimeout.
+        """
+        self._raise_if_stopped()
+        try:
+            for drive in self.drives:
+                drive.check()
+                drive.enable(partial(self._send, drive))
+        except DeviceError:
+            with self._command_lock:
+                for drive in self.drives:
+                    drive.send_controlword(cia402.DISABLE_VOLTAGE)
+            raise
+
+    def disable(self) -> None:
+        """Take the power off all drives. Raises DriveFault, MotionTimeout."""
+        for drive in self.drives:
+            drive.disable()
+
+    def fault_reset(self) -> None:
+        """Acknowledge the faults of all drives. Raises DriveFault if one stays."""
+        for drive in self.drives:
+            drive.fault_reset()
+
+    def sample(self) -> list[DriveSample]:
+        """Send SYNC and return what each drive says at it, in the order of the drives.
+
+        Raises NoAnswer naming the drive that is silent, ConnectionFailed.
+        """
+        with self._sample_lock:
+            if self._out_of_step:  # a late answer to the SYNC before must not pass for one to the next
+                self._sync_once()
+            t_rig_s, t_host_s = self._sync_once()
+            return [drive.latest(t_rig_s, t_host_s) for drive in self.drives]
+
+    def move_to(
+        self,
+        positions_m: Sequence[float],
+        velocity_m_per_s: float,
+        acceleration_m_per_s2: float | None = None,
+        *,
+        limit_s: float | None = None,
+    ) -> list[DriveSample]:
+        """Move all drives to their positions and wait until all are at rest there; returns the last samples.
+
+        No drive starts unless all have accepted their target. If one faults, drops out or does not arrive
+        within `limit_s` (default: from the distance), all are stopped and the stop is remembered.
+        Raises SdoRefused (nothing moved), Stopped, DriveFault, MotionTimeout, NoAnswer, ConnectionFailed and
+        StaleData.
+        """
+        if len(positions_m) != len(self.drives):
+            raise ValueError(f"{len(self.drives)} drives, {len(positions_m)} positions")
+        with self._one_move():
+            self._raise_if_stopped()
+            for drive in self.drives:
+                drive.check()
+            # Twice: a drive takes its partner's command from the SYNC before.
+            self.sample()
+            before = self._check_all(self.sample())
+            if limit_s is None:
+                limit_s = _longest_s(before, positions_m, velocity_m_per_s)
+            self._write_targets(positions_m, velocity_m_per_s, acceleration_m_per_s2)
+            with self._stopping_on_failure():
+                self._start(positions_m)
+                return self._wait_for_rest(positions_m, limit_s)
+
+    def _sync_once(self) -> tuple[float, float]:
+        counts = [list(drive.tpdo_counts) for drive in self.drives]
+        begin_s, t_rig_s = time.monotonic(), self._clock.now_s()
+        self._sync()
+        t_host_s = 0.5 * (begin_s + time.monotonic())
+
+        def silent() -> list[ServoDrive]:
+            return [
+                drive
+                for drive, old in zip(self.drives, counts, strict=True)
+                if any(new == was for new, was in zip(drive.tpdo_counts, old, strict=True))
+            ]
+
+        with self._line.received:
+            self._line.received.wait_for(lambda: self._line.failed or not silent(), self._pdo_timeout_s)
+        self._line.check()
+        self._out_of_step = bool(silent())
+        for drive in silent():
+            raise NoAnswer(
+                drive.name,
+                drive.where,
+                f"no PDO after SYNC, heartbeat {drive.heartbeat().value}",
+                "check power and cable of the drive, then connect again",
+            )
+        return t_rig_s, t_host_s
+
+    def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
+        for drive, sample in zip(self.drives, samples, strict=True):
+            drive.check()
+            if sample.state in (State.FAULT, State.FAULT_REACTION):
+                raise drive.fault("the drive is in fault")
+            if sample.state is not State.OPERATION_ENABLED:
+                self._raise_if_stopped()
+                raise drive.fault(f"the drive is not enabled but in {sample.state.value}")
+            if sample.statusword & cia402.FOLLOWING_ERROR:
+                raise drive.fault("following error")
+        return samples
+
+    def _write_targets(
+        self, positions_m: Sequence[float], velocity: float, acceleration: float | None
+    ) -> None:
+        former_m = [drive.target_m for drive in self.drives]
+        for drive, position_m in zip(self.drives, positions_m, strict=True):
+            drive.increments(position_m)  # all numbers are good before anything is written
+            drive.set_profile(velocity, acceleration)
+        written: list[tuple[ServoDrive, float]] = []
+        try:
+            for drive, position_m, old_m in zip(self.drives, positions_m, former_m, strict=True):
+                drive.write_target(position_m)
+                written.append((drive, old_m))
+        except DeviceError:
+            for drive, old_m in written:
+                _put_back(drive, old_m)
+            raise
+
+    def _start(self, targets_m: Sequence[float]) -> None:
+        """Set-point handshake: bit 4 up on all back to back, bit 12 seen on all, bit 4 down."""
+
+        def acknowledged(sample: DriveSample, _target_m: float) -> bool:
+            return bool(sample.statusword & cia402.SET_POINT_ACKNOWLEDGED)
+
+        self._send_all(cia402.NEW_SET_POINT)
+        self._wait(acknowledged, targets_m, self._handshake_limit_s, "set-point not acknowledged")
+        self._send_all(cia402.ENABLE_OPERATION)
+
+    def _wait_for_rest(self, targets_m: Sequence[float], limit_s: float) -> list[DriveSample]:
+        def at_rest(sample: DriveSample, target_m: float) -> bool:
+            return bool(
+                sample.statusword & cia402.TARGET_REACHED
+                and not sample.statusword & cia402.SET_POINT_ACKNOWLEDGED
+                and abs(sample.demand_m - target_m) <= self.rest.demand_m
+                and abs(sample.velocity_m_per_s) <= self.rest.velocity_m_per_s
+                and abs(sample.following_error_m) <= self.rest.following_error_m
+            )
+
+        return self._wait(
+            at_rest,
+            targets_m,
+            limit_s,
+            "not at rest on the target",
+            self.rest.hold_s,
+            _FEWEST_SAMPLES_AT_REST,
+        )
+
+    def _wait(
+        self,
+        ready: Callable[[DriveSample, float], bool],
+        targets_m: Sequence[float],
+        limit_s: float,
+        what: str,
+        hold_s: float = 0.0,
+        fewest: int = 1,
+    ) -> list[DriveSample]:
+        """Sample until all drives have been ready for `hold_s` and for `fewest` samples in a row."""
+        end_s = self._clock.now_s() + limit_s
+        since_s, in_a_row = 0.0, 0
+        while True:
+            samples = self._check_all(self.sample())
+            waiting = [
+                (drive, sample)
+                for drive, sample, target_m in zip(self.drives, samples, targets_m, strict=True)
+                if not ready(sample, target_m)
+            ]
+            t_s = samples[0].t_rig_s
+            since_s = t_s if waiting or in_a_row == 0 else since_s
+            in_a_row = 0 if waiting else in_a_row + 1
+            if in_a_row >= fewest and t_s - since_s >= hold_s - _CLOCK_GRAIN_S:
+                return samples
+            if waiting and self._clock.now_s() >= end_s:
+                raise _too_late(*waiting[0], what, limit_s)
+            self._clock.sleep_s(self.poll_period_s)
+            self._raise_if_stopped()
+
+    def _send(self, drive: ServoDrive, controlword: int) -> None:
+        with self._command_lock:
+            self._raise_if_stopped()
+            drive.send_controlword(controlword)
+
+    def _send_all(self, controlword: int) -> None:
+        with self._command_lock:
+            self._raise_if_stopped()
+            for drive in self.drives:
+                drive.send_controlword(controlword)
+
+    def _raise_if_stopped(self) -> None:
+        if self._stop_reason is not None:
+            raise Stopped(
+                "drives",
+                self._line.name,
+                f"stopped: {self._stop_reason}",
+                "remove the cause, then clear the stop",
+            )
+
+    @contextmanager
+    def _one_move(self) -> Iterator[None]:
+        if not self._move_lock.acquire(blocking=False):
+            raise RuntimeError("another move is under way")
+        try:
+            yield
+        finally:
+            self._move_lock.release()
+
+    @contextmanager
+    def _stopping_on_failure(self) -> Iterator[None]:
+        """Whatever ends a move early stops all drives."""
+        try:
+            yield
+        except BaseException as error:
+            with suppress(DeviceError):
+                self.stop_all(str(error) or type(error).__name__)
+            raise
+
+
+def _longest_s(samples: Sequence[DriveSample], targets_m: Sequence[float], velocity_m_per_s: float) -> float:
+    """A generous limit for a move, from its distance."""
+    longest_m = max(abs(target - sample.demand_m) for sample, target in zip(samples, targets_m, strict=True))
+    return 15.0 + 1.5 * longest_m / velocity_m_per_s
+
+
+def _put_back(drive: ServoDrive, target_m: float) -> None:
+    """Restore a target that never was started; without a set-point signal it is harmless if that fails."""
+    if math.isfinite(target_m):
+        with suppress(DeviceError):
+            drive.write_target(target_m)
+
+
+def _too_late(drive: ServoDrive, sample: DriveSample, what: str, limit_s: float) -> DeviceError:
+    last = drive.last_emergency()
+    return MotionTimeout(
+        drive.name,
+        drive.where,
+        f"{what} after {limit_s:g} s: at {sample.position_m:.6f} m, following error"
+        f" {sample.following_error_m * 1e6:.1f} um, velocity {sample.velocity_m_per_s:.6f} m/s,"
+        f" statusword 0x{sample.statusword:04X}" + (f", {last}" if last else ""),
+        "look for what holds the drive, then clear the stop",
+    )

@@ -1,0 +1,65 @@
+"""Objects of the drives' dictionaries that the master uses (docs/drive-objects.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DriveObject:
+    """Index, sub-index, `struct` format (little-endian) and name of one object; format "" is a DOMAIN."""
+
+    index: int
+    sub: int
+    format: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"0x{self.index:04X}:{self.sub:02X} {self.name}"
+
+
+DEVICE_TYPE = DriveObject(0x1000, 0, "<I", "device type")
+HEARTBEAT_PRODUCER = DriveObject(0x1017, 0, "<H", "producer heartbeat time")
+VENDOR = DriveObject(0x1018, 1, "<I", "vendor")
+PRODUCT = DriveObject(0x1018, 2, "<I", "product code")
+REVISION = DriveObject(0x1018, 3, "<I", "revision")
+SERIAL = DriveObject(0x1018, 4, "<I", "serial number")
+ERROR_CODE = DriveObject(0x603F, 0, "<H", "error code")
+STATUSWORD = DriveObject(0x6041, 0, "<H", "statusword")
+MODE = DriveObject(0x6060, 0, "<b", "mode of operation")
+MODE_DISPLAY = DriveObject(0x6061, 0, "<b", "mode of operation display")
+POSITION_ACTUAL = DriveObject(0x6064, 0, "<i", "position actual")
+RATED_TORQUE = DriveObject(0x6076, 0, "<I", "rated torque")
+TARGET_POSITION = DriveObject(0x607A, 0, "<i", "target position")
+LIMIT_LOW = DriveObject(0x607D, 1, "<i", "software position limit, low")
+LIMIT_HIGH = DriveObject(0x607D, 2, "<i", "software position limit, high")
+PROFILE_VELOCITY = DriveObject(0x6081, 0, "<I", "profile velocity")
+PROFILE_ACCELERATION = DriveObject(0x6083, 0, "<I", "profile acceleration")
+PROFILE_DECELERATION = DriveObject(0x6084, 0, "<I", "profile deceleration")
+ENCODER_INCREMENTS = DriveObject(0x608F, 1, "<I", "encoder increments")
+ENCODER_REVOLUTIONS = DriveObject(0x608F, 2, "<I", "motor revolutions of the encoder resolution")
+GEAR_MOTOR = DriveObject(0x6091, 1, "<I", "motor revolutions of the gear")
+GEAR_SHAFT = DriveObject(0x6091, 2, "<I", "shaft revolutions of the gear")
+FEED = DriveObject(0x6092, 1, "<I", "feed")
+FEED_REVOLUTIONS = DriveObject(0x6092, 2, "<I", "shaft revolutions of the feed")
+
+COMPENSATION_MODE = DriveObject(0x2100, 1, "<B", "compensation mode")
+COMPENSATION_ACTIVATE = DriveObject(0x2100, 2, "<B", "activate bank")
+COMPENSATION_ACTIVE = DriveObject(0x2100, 3, "<B", "active bank")
+COMPENSATION_CRC = DriveObject(0x2100, 4, "<I", "CRC of the active bank")
+COMPENSATION_GENERATION = DriveObject(0x2100, 5, "<I", "generation of the active bank")
+COMPENSATION_VALID = DriveObject(0x2100, 6, "<B", "compensation valid")
+ACTUAL_PAYLOAD = DriveObject(0x2100, 7, "<I", "actual payload")
+
+
+def bank_object(number: int, sub: int) -> DriveObject:
+    """Sub-object of bank 1 or 2: 1 image, 2 CRC, 3 generation, 4 payload, 5 status."""
+    formats = {
+        1: ("", "image"),
+        2: ("<I", "CRC"),
+        3: ("<I", "generation"),
+        4: ("<I", "payload"),
+        5: ("<B", "status"),
+    }
+    layout, name = formats[sub]
+    return DriveObject(0x2100 + number, sub, layout, f"bank {number} {name}")

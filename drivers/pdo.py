@@ -1,0 +1,90 @@
+"""PDO mapping of the drives: what it has to be, reading it back and writing it where it differs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.objects import DriveObject
+from drivers.sdo import SdoAccess
+
+_NOT_VALID = 1 << 31
+_NO_RTR = 1 << 30
+_COB_ID = 0x7FF
+
+EVERY_SYNC = 1
+AT_ONCE = 255
+
+
+@dataclass(frozen=True)
+class PdoMapping:
+    """One PDO: its two records, COB-ID, transmission type and (index, sub, bits) of its content."""
+
+    communication: int
+    mapping: int
+    cob_id: int
+    kind: int
+    entries: tuple[tuple[int, int, int], ...]
+
+
+def required_mappings(node_id: int, partner_node_id: int | None) -> list[PdoMapping]:
+    """The PDOs of docs/drive-objects.md; RPDO2 only where there is a partner."""
+    mappings = [
+        PdoMapping(0x1400, 0x1600, 0x200 + node_id, AT_ONCE, ((0x6040, 0, 16),)),
+        PdoMapping(
+            0x1800, 0x1A00, 0x180 + node_id, EVERY_SYNC, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))
+        ),
+        PdoMapping(0x1801, 0x1A01, 0x280 + node_id, EVERY_SYNC, ((0x6062, 0, 32), (0x606C, 0, 32))),
+    ]
+    if partner_node_id is not None:
+        mappings.append(
+            PdoMapping(
+                0x1401, 0x1601, 0x280 + partner_node_id, AT_ONCE, ((0x2100, 8, 32), (0x2100, 0x0B, 32))
+            )
+        )
+    return mappings
+
+
+def differing(sdo: SdoAccess, mappings: Sequence[PdoMapping]) -> list[PdoMapping]:
+    """The mappings that the drive does not hold. Raises SdoRefused, NoAnswer, ProtocolError."""
+    return [mapping for mapping in mappings if not _is_set(sdo, mapping)]
+
+
+def write_mapping(sdo: SdoAccess, mapping: PdoMapping) -> None:
+    """Write one mapping as CiA 301 asks: switch the PDO off, empty it, fill it, switch it on."""
+    cob_id, kind = _communication(mapping)
+    sdo.write(cob_id, mapping.cob_id | _NOT_VALID | _NO_RTR)
+    sdo.write(kind, mapping.kind)
+    sdo.write(_count(mapping), 0)
+    for sub, (index, sub_index, bits) in enumerate(mapping.entries, start=1):
+        sdo.write(_entry(mapping, sub), index << 16 | sub_index << 8 | bits)
+    sdo.write(_count(mapping), len(mapping.entries))
+    sdo.write(cob_id, mapping.cob_id | _NO_RTR)
+
+
+def _is_set(sdo: SdoAccess, mapping: PdoMapping) -> bool:
+    cob_id, kind = _communication(mapping)
+    held = sdo.read(cob_id)
+    if held & _NOT_VALID or held & _COB_ID != mapping.cob_id or sdo.read(kind) != mapping.kind:
+        return False
+    if sdo.read(_count(mapping)) != len(mapping.entries):
+        return False
+    return all(
+        sdo.read(_entry(mapping, sub)) == index << 16 | sub_index << 8 | bits
+        for sub, (index, sub_index, bits) in enumerate(mapping.entries, start=1)
+    )
+
+
+def _communication(mapping: PdoMapping) -> tuple[DriveObject, DriveObject]:
+    return (
+        DriveObject(mapping.communication, 1, "<I", "PDO identifier"),
+        DriveObject(mapping.communication, 2, "<B", "PDO transmission type"),
+    )
+
+
+def _count(mapping: PdoMapping) -> DriveObject:
+    return DriveObject(mapping.mapping, 0, "<B", "number of mapped objects")
+
+
+def _entry(mapping: PdoMapping, sub: int) -> DriveObject:
+    return DriveObject(mapping.mapping, sub, "<I", "mapped object")

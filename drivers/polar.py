@@ -1,0 +1,119 @@
+"""Readings of a laser station in polar form, and the geometry of its two faces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+TWO_PI = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class PolarReading:
+    """One single measurement as the station gave it.
+
+    `hz_rad` runs clockwise from the station's zero, `v_rad` is the zenith angle (above pi on face 2), both
+    in [0, 2 pi). `slope_distance_m` has the station's prism constant and ppm applied; both are recorded.
+    `t_rig_s` and `t_host_s` are the middle of the exchange, `u_t_s` half of the measurement in rig seconds.
+    """
+
+    hz_rad: float
+    v_rad: float
+    slope_distance_m: float
+    face: int
+    prism_constant_m: float
+    ppm: float
+    t_rig_s: float
+    t_host_s: float
+    u_t_s: float
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MeanReading:
+    """Mean of readings of one point, reduced to face 1, with the standard deviation of a single one."""
+
+    hz_rad: float
+    v_rad: float
+    slope_distance_m: float
+    s_hz_rad: float
+    s_v_rad: float
+    s_distance_m: float
+    n: int
+    t_rig_s: float
+
+
+def face_of(v_rad: float) -> int:
+    """1 for a zenith angle in [0, pi], 2 above."""
+    return 1 if v_rad % TWO_PI <= math.pi else 2
+
+
+def to_face_one(hz_rad: float, v_rad: float) -> tuple[float, float]:
+    """The same direction as seen on face 1: hz in [0, 2 pi), v in [0, pi]."""
+    v = v_rad % TWO_PI
+    if v > math.pi:
+        return (hz_rad + math.pi) % TWO_PI, TWO_PI - v
+    return hz_rad % TWO_PI, v
+
+
+def polar_to_cartesian(hz_rad: float, v_rad: float, d_m: float) -> tuple[float, float, float]:
+    """East, north and height in metres: E = d sin V sin Hz, N = d sin V cos Hz, H = d cos V (either face)."""
+    horizontal_m = d_m * math.sin(v_rad)
+    return horizontal_m * math.sin(hz_rad), horizontal_m * math.cos(hz_rad), d_m * math.cos(v_rad)
+
+
+def cartesian_to_polar(e_m: float, n_m: float, h_m: float) -> tuple[float, float, float]:
+    """Hz in [0, 2 pi), V in [0, pi] and distance of a point given by east, north and height in metres."""
+    horizontal_m = math.hypot(e_m, n_m)
+    return math.atan2(e_m, n_m) % TWO_PI, math.atan2(horizontal_m, h_m), math.hypot(horizontal_m, h_m)
+
+
+def average(readings: Sequence[PolarReading]) -> MeanReading:
+    """Mean of readings of one point on either face, wrap-around safe.
+
+    Raises ValueError without readings. Standard deviations are NaN for a single one.
+    """
+    if not readings:
+        raise ValueError("no readings to average")
+    directions = [to_face_one(reading.hz_rad, reading.v_rad) for reading in readings]
+    hz0 = directions[0][0]
+    hz, s_hz = _mean([math.remainder(hz - hz0, TWO_PI) for hz, _ in directions])
+    v, s_v = _mean([v for _, v in directions])
+    d, s_d = _mean([reading.slope_distance_m for reading in readings])
+    t, _ = _mean([reading.t_rig_s for reading in readings])
+    return MeanReading((hz0 + hz) % TWO_PI, v, d, s_hz, s_v, s_d, len(readings), t)
+
+
+def _mean(values: Sequence[float]) -> tuple[float, float]:
+    mean = math.fsum(values) / len(values)
+    if len(values) < 2:
+        return mean, math.nan
+    return mean, math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+@dataclass(frozen=True)
+class SettleCriterion:
+    """When a point counts as at rest, judged on a window of `window` readings.
+
+    The window's standard deviation in each of E, N, H and the drift from its first half to its
+    second are at most `std_m` and `drift_m`. Given up after `limit_s` of rig time.
+    """
+
+    window: int = 3
+    std_m: float = 100e-6
+    drift_m: float = 100e-6
+    limit_s: float = 60.0
+
+
+def spread_and_drift(readings: Sequence[PolarReading]) -> tuple[float, float]:
+    """Largest standard deviation over E, N, H and the distance between the means of the halves, in metres."""
+    points = [polar_to_cartesian(*to_face_one(r.hz_rad, r.v_rad), r.slope_distance_m) for r in readings]
+    half = max(1, len(points) // 2)
+    spread_m = max(_mean(axis)[1] for axis in zip(*points, strict=True))
+    first, last = points[:half], points[-half:]
+    drift_m = math.dist(
+        [_mean(axis)[0] for axis in zip(*first, strict=True)],
+        [_mean(axis)[0] for axis in zip(*last, strict=True)],
+    )
+    return spread_m, drift_m

@@ -1,0 +1,104 @@
+"""GeoCOM return codes as typed errors with a readable text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.errors import (
+    AimingFailed,
+    AngleOnly,
+    MultipleTargets,
+    NotImplementedByStation,
+    SignalError,
+    StationBusy,
+    StationError,
+    StationOff,
+    TargetNotFound,
+)
+
+OK = 0
+NOT_IMPLEMENTED = 5
+NO_FULL_CORRECTION = 1283
+ACCURACY_NOT_GUARANTEED = 1284
+BUSY = 1293
+
+COM_CANT_DECODE = 3074
+COM_CANT_SEND = 3075
+COM_TIMED_OUT = 3077
+COM_PROCEDURE_UNAVAILABLE = 3081
+COM_FAILED = 3085
+COM_TRANSACTION_MISMATCH = 3093
+COM_SERVER_CHECKSUM = 3101
+COM_CLIENT_CHECKSUM = 3102
+
+# The values are in the answer although the code is not 0; the flag goes with the reading.
+VALUES_WITH_FLAG = {
+    NO_FULL_CORRECTION: "no_full_correction",
+    ACCURACY_NOT_GUARANTEED: "accuracy_not_guaranteed",
+}
+
+GARBLED = frozenset(
+    {COM_CANT_DECODE, COM_TRANSACTION_MISMATCH, COM_SERVER_CHECKSUM, COM_CLIENT_CHECKSUM, 3078, 3080, 3082}
+)
+
+
+@dataclass(frozen=True)
+class _Meaning:
+    kind: type[StationError]
+    what: str
+    remedy: str
+
+
+_LOOK_AT_BEAM = "look for something in the beam, a dirty reflector or one turned away"
+_REPEAT = "repeat the measurement"
+_TABLE: dict[int, _Meaning] = {
+    2: _Meaning(StationError, "a parameter was refused", "check the setting against the station's manual"),
+    NOT_IMPLEMENTED: _Meaning(
+        NotImplementedByStation, "the call is not implemented", "check model and options of the station"
+    ),
+    6: _Meaning(StationError, "the function did not end in time", _REPEAT),
+    8: _Meaning(StationError, "the function was aborted", "release the station's keyboard and repeat"),
+    13: _Meaning(StationBusy, "the system is busy", _REPEAT),
+    NO_FULL_CORRECTION: _Meaning(
+        StationError, "measured without full correction", "check level and compensator of the station"
+    ),
+    ACCURACY_NOT_GUARANTEED: _Meaning(
+        StationError, "accuracy is not guaranteed", "check level, stand and vibration of the station"
+    ),
+    1285: _Meaning(AngleOnly, "angles are valid, the distance is not", _LOOK_AT_BEAM),
+    1288: _Meaning(AngleOnly, "angles without full correction, no distance", _LOOK_AT_BEAM),
+    1289: _Meaning(AngleOnly, "angles without guaranteed accuracy, no distance", _LOOK_AT_BEAM),
+    1290: _Meaning(StationError, "no valid angle", "check level and compensator of the station"),
+    1291: _Meaning(StationError, "wrong distance settings (ppm, constant)", "connect again to set them anew"),
+    1292: _Meaning(SignalError, "the distance measurement failed", _LOOK_AT_BEAM),
+    BUSY: _Meaning(StationBusy, "the station is busy", _REPEAT),
+    1294: _Meaning(SignalError, "no signal from the reflector", _LOOK_AT_BEAM),
+    8704: _Meaning(AimingFailed, "aiming did not end in time", "check that nothing blocks the telescope"),
+    8705: _Meaning(AimingFailed, "a motor ran into its end", "check that nothing blocks the telescope"),
+    8706: _Meaning(AimingFailed, "an angle could not be read while turning", _REPEAT),
+    8707: _Meaning(AimingFailed, "a motor failed", "switch the station off and on"),
+    8708: _Meaning(AimingFailed, "the position was not reached with its accuracy", _REPEAT),
+    8709: _Meaning(AimingFailed, "the deviation could not be measured", _REPEAT),
+    8710: _Meaning(TargetNotFound, "no reflector in the window", _LOOK_AT_BEAM),
+    8711: _Meaning(
+        MultipleTargets, "more than one reflector in the window", "narrow the window or cover the other one"
+    ),
+    8712: _Meaning(AimingFailed, "too much light for target recognition", "shade the reflector"),
+    8714: _Meaning(AimingFailed, "target recognition is not enabled", "connect again to enable it"),
+    8716: _Meaning(AimingFailed, "the aiming accuracy was not reached", _REPEAT),
+    8725: _Meaning(AimingFailed, "the lock on the target was lost", "aim again"),
+    COM_PROCEDURE_UNAVAILABLE: _Meaning(
+        NotImplementedByStation, "this model does not know the call", "check model and options of the station"
+    ),
+    3107: _Meaning(StationOff, "the station asks for a connection first", "connect again"),
+    3108: _Meaning(StationOff, "the station sleeps", "wake it up and connect again"),
+    3109: _Meaning(StationOff, "the station is switched off", "switch it on and connect again"),
+}
+
+
+def station_error(code: int, call: str, device: str, where: str) -> StationError:
+    """The typed error of a return code other than 0."""
+    meaning = _TABLE.get(
+        code, _Meaning(StationError, "unexpected result", "look the code up in the GeoCOM manual")
+    )
+    return meaning.kind(device, f"{where}, {call}", f"{meaning.what} (GeoCOM {code})", meaning.remedy, code)

@@ -1,0 +1,424 @@
+"""One CiA 402 servo drive in profile position mode, in metres and seconds."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers import cia402, objects, pdo
+from drivers.can_line import NMT_PRE_OPERATIONAL, NMT_START, CanLine
+from drivers.cia402 import State
+from drivers.clock import HostClock, RigClock
+from drivers.errors import ConnectionFailed, DriveFault, IdentityMismatch, MotionTimeout, NoAnswer, StaleData
+from drivers.objects import DriveObject
+from drivers.sdo import SdoAccess
+
+_CIA402 = 402
+_OPERATIONAL = 5
+_FACTOR_TOLERANCE = 1e-9
+_TPDO1 = struct.Struct("<Hih")
+_TPDO2 = struct.Struct("<ii")
+_EMERGENCY = struct.Struct("<HB")
+_EMERGENCY_TEXTS = {
+    0x2310: "over-current",
+    0x3210: "over-voltage",
+    0x3220: "under-voltage",
+    0x7305: "encoder 1",
+    0x7306: "encoder 2",
+    0x8120: "CAN passive",
+    0x8130: "heartbeat lost",
+    0x8611: "following error",
+    0xFF10: "partner's command unknown, stale or outside the table's grid",
+}
+
+
+class Heartbeat(Enum):
+    """What the drive's heartbeat tells."""
+
+    NEVER = "never seen"
+    ALIVE = "alive"
+    LATE = "late"
+    LOST = "lost"
+
+
+@dataclass(frozen=True)
+class DriveExpectation:
+    """What has to be at the other end; None is not checked."""
+
+    vendor: int | None = None
+    product: int | None = None
+    metres_per_increment: float = 1e-8
+    serial: int | None = None
+
+
+@dataclass(frozen=True)
+class DriveIdentity:
+    """Identity object 0x1018."""
+
+    vendor: int
+    product: int
+    revision: int
+    serial: int
+
+
+@dataclass(frozen=True)
+class Emergency:
+    """One EMCY message; code 0 says that the error is gone."""
+
+    code: int
+    register: int
+    t_rig_s: float
+
+    def __str__(self) -> str:
+        text = _EMERGENCY_TEXTS.get(self.code, "see the drive's manual")
+        return f"EMCY 0x{self.code:04X} ({text})"
+
+
+@dataclass(frozen=True)
+class DriveSample:
+    """What a drive sent at one SYNC.
+
+    Torque is a fraction of the rated one, the following error demand minus actual.
+    """
+
+    statusword: int
+    position_m: float
+    demand_m: float
+    velocity_m_per_s: float
+    torque_fraction: float
+    following_error_m: float
+    t_rig_s: float
+    t_host_s: float
+
+    @property
+    def state(self) -> State:
+        """State of the drive's state machine."""
+        return cia402.state_of(self.statusword)
+
+
+class ServoDrive:
+    """One drive on a CAN line.
+
+    SDO transfers are one at a time; controlwords go by RPDO1 and wait for no transfer. Times are rig time
+    except `sdo_timeout_s` (host). A heartbeat is late after `heartbeat_late_s` and lost after
+    `heartbeat_lost_s`. Every method that talks to the drive raises ConnectionFailed, NoAnswer,
+    SdoRefused or ProtocolError when the talk fails.
+    """
+
+    def __init__(
+        self,
+        line: CanLine,
+        node_id: int,
+        name: str,
+        clock: RigClock | None = None,
+        expected: DriveExpectation | None = None,
+        *,
+        partner_node_id: int | None = None,
+        sdo_timeout_s: float = 1.0,
+        heartbeat_ms: int = 500,
+        heartbeat_late_s: float = 1.0,
+        heartbeat_lost_s: float = 2.5,
+        state_limit_s: float = 3.0,
+        poll_period_s: float = 0.02,
+    ) -> None:
+        if not 1 <= node_id <= 127:
+            raise ValueError(f"{name}: node id {node_id} is not in 1..127")
+        self.line = line
+        self.node_id = node_id
+        self.name = name
+        self.expected = expected or DriveExpectation()
+        self.metres_per_increment = self.expected.metres_per_increment
+        self.identity: DriveIdentity | None = None
+        self.limits_m = (-math.inf, math.inf)
+        self.rated_torque_n_m = math.nan
+        self.target_m = math.nan
+        self.emergencies: deque[Emergency] = deque(maxlen=100)
+        self.restarted = False
+        self.tpdo_counts = [0, 0]
+        self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
+        self._clock = clock or HostClock()
+        self._partner_node_id = partner_node_id
+        self._heartbeat_ms = heartbeat_ms
+        self._heartbeat_late_s = heartbeat_late_s
+        self._heartbeat_lost_s = heartbeat_lost_s
+        self._state_limit_s = state_limit_s
+        self._poll_period_s = poll_period_s
+        self._tpdos = [b"", b""]
+        self._heartbeat_s: float | None = None
+        self._nmt_state: int | None = None
+        self._profile: dict[DriveObject, int] = {}
+        self._callbacks = {
+            0x080 + node_id: self._on_emergency,
+            0x180 + node_id: self._on_tpdo1,
+            0x280 + node_id: self._on_tpdo2,
+            0x700 + node_id: self._on_heartbeat,
+        }
+        for cob_id, callback in self._callbacks.items():
+            line.subscribe(cob_id, callback)
+
+    @property
+    def where(self) -> str:
+        """Node and line, for messages."""
+        return f"node {self.node_id} on {self.line.name}"
+
+    def connect(self) -> DriveIdentity:
+        """Find the drive, compare identity and units, set PDOs, heartbeat and mode, start the node.
+
+        Raises ConnectionFailed naming an absent node and IdentityMismatch for a wrong drive or wrong units.
+        """
+        self.line.check()
+        self._find()
+        self.identity = self._read_identity()
+        self._compare_factors()
+        self._set_pdos()
+        self._set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
+        self.sdo.write(objects.MODE, cia402.PROFILE_POSITION)
+        self._wait(
+            lambda: self.sdo.read(objects.MODE_DISPLAY) == cia402.PROFILE_POSITION, "profile position mode"
+        )
+        low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
+        if low < high:
+            self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
+        self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
+        self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
+        self._profile.clear()
+        self.restarted = False
+        self.line.send_nmt(NMT_START, self.node_id)
+        self._wait(lambda: self._nmt_state == _OPERATIONAL, "NMT state operational")
+        return self.identity
+
+    def close(self) -> None:
+        """Stop listening to the drive; the line stays open. May be called again."""
+        if self._callbacks:
+            for cob_id, callback in self._callbacks.items():
+                self.line.unsubscribe(cob_id, callback)
+            self._callbacks = {}
+            self.sdo.close()
+
+    def state(self) -> State:
+        """State of the drive, read by SDO."""
+        return cia402.state_of(self.sdo.read(objects.STATUSWORD))
+
+    def enable(self, send: Callable[[int], None] | None = None) -> None:
+        """Go to operation enabled. Raises DriveFault in fault and MotionTimeout.
+
+        `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped.
+        """
+        self._go(State.OPERATION_ENABLED, cia402.controlword_to_enable, send or self.send_controlword)
+
+    def disable(self) -> None:
+        """Take the power off: go to switch on disabled. Raises DriveFault and MotionTimeout."""
+        self._go(State.SWITCH_ON_DISABLED, cia402.controlword_to_disable, self.send_controlword)
+
+    def quick_stop(self) -> None:
+        """Stop on the quick stop ramp, at once and without waiting for anything."""
+        self.send_controlword(cia402.QUICK_STOP)
+
+    def fault_reset(self) -> None:
+        """Acknowledge a fault; nothing happens without one. Raises DriveFault if it stays."""
+        if self.state() is not State.FAULT:
+            return
+        self.send_controlword(cia402.DISABLE_VOLTAGE)
+        self.send_controlword(cia402.FAULT_RESET)
+        try:
+            self._wait(lambda: self.state() is not State.FAULT, "a state without fault")
+        except MotionTimeout as error:
+            raise self.fault("the fault cannot be reset") from error
+        finally:
+            self.send_controlword(cia402.DISABLE_VOLTAGE)
+
+    def send_controlword(self, controlword: int) -> None:
+        """Send a controlword by RPDO1: no answer, no waiting behind a transfer. Raises ConnectionFailed."""
+        self.line.send(0x200 + self.node_id, struct.pack("<H", controlword))
+
+    def set_profile(self, velocity_m_per_s: float, acceleration_m_per_s2: float | None = None) -> None:
+        """Velocity and, if given, acceleration and deceleration of the next moves; changes are written."""
+        values = {objects.PROFILE_VELOCITY: velocity_m_per_s}
+        if acceleration_m_per_s2 is not None:
+            values[objects.PROFILE_ACCELERATION] = acceleration_m_per_s2
+            values[objects.PROFILE_DECELERATION] = acceleration_m_per_s2
+        for entry, value in values.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{self.name}: {entry.name} must be positive, not {value}")
+            increments = max(1, round(value / self.metres_per_increment))
+            if self._profile.get(entry) != increments:
+                self._profile.pop(entry, None)
+                self.sdo.write(entry, increments)
+                self._profile[entry] = increments
+
+    def write_target(self, position_m: float) -> None:
+        """Write the target position; nothing moves before a new set-point is signalled. Raises SdoRefused."""
+        self.sdo.write(objects.TARGET_POSITION, self.increments(position_m))
+        self.target_m = position_m
+
+    def increments(self, position_m: float) -> int:
+        """A position in increments. Raises ValueError if it is not finite or does not fit."""
+        if not math.isfinite(position_m) or abs(position_m) >= self.metres_per_increment * 2**31:
+            raise ValueError(f"{self.name}: no such position: {position_m} m")
+        return round(position_m / self.metres_per_increment)
+
+    def heartbeat_age_s(self) -> float | None:
+        """Rig seconds since the last heartbeat; None before the first."""
+        return None if self._heartbeat_s is None else self._clock.now_s() - self._heartbeat_s
+
+    def heartbeat(self) -> Heartbeat:
+        """Whether the heartbeat is alive, late, lost or was never seen."""
+        age_s = self.heartbeat_age_s()
+        if age_s is None:
+            return Heartbeat.NEVER
+        if age_s > self._heartbeat_lost_s:
+            return Heartbeat.LOST
+        return Heartbeat.LATE if age_s > self._heartbeat_late_s else Heartbeat.ALIVE
+
+    def check(self) -> None:
+        """Raise ConnectionFailed (line lost), StaleData (heartbeat lost) or DriveFault (drive restarted)."""
+        self.line.check()
+        if self.restarted:
+            raise DriveFault(self.name, self.where, "the drive has restarted", "connect to it again")
+        if self.heartbeat() is Heartbeat.LOST:
+            age_s = self.heartbeat_age_s()
+            raise StaleData(
+                self.name, self.where, f"no heartbeat for {age_s:.1f} s", "check power and cable of the drive"
+            )
+
+    def latest(self, t_rig_s: float, t_host_s: float) -> DriveSample:
+        """The last TPDO1 and TPDO2 as one sample with the given times of their SYNC."""
+        statusword, position, torque = _TPDO1.unpack(self._tpdos[0][: _TPDO1.size])
+        demand, velocity = _TPDO2.unpack(self._tpdos[1][: _TPDO2.size])
+        step_m = self.metres_per_increment
+        return DriveSample(
+            statusword=statusword,
+            position_m=position * step_m,
+            demand_m=demand * step_m,
+            velocity_m_per_s=velocity * step_m,
+            torque_fraction=torque * 1e-3,
+            following_error_m=(demand - position) * step_m,
+            t_rig_s=t_rig_s,
+            t_host_s=t_host_s,
+        )
+
+    def last_emergency(self) -> Emergency | None:
+        """The last emergency unless the drive has reported since that the error is gone."""
+        emergencies = tuple(self.emergencies)
+        return emergencies[-1] if emergencies and emergencies[-1].code & 0xFF00 else None
+
+    def fault(self, what: str) -> DriveFault:
+        """A DriveFault with the last emergency in its text."""
+        last = self.last_emergency()
+        because = f", {last}" if last else ""
+        return DriveFault(self.name, self.where, what + because, "remove the cause, then reset the fault")
+
+    def _find(self) -> None:
+        try:
+            device_type = self.sdo.read(objects.DEVICE_TYPE)
+        except NoAnswer as error:
+            seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
+            raise ConnectionFailed(
+                self.name,
+                self.where,
+                f"no drive answers with node id {self.node_id} (heartbeats seen: {seen})",
+                "check power, cable, bit rate and the node id in the rig file",
+            ) from error
+        if device_type & 0xFFFF != _CIA402:
+            raise self._mismatch(f"device type 0x{device_type:08X} is no CiA 402 drive")
+
+    def _read_identity(self) -> DriveIdentity:
+        found = DriveIdentity(
+            *(self.sdo.read(e) for e in (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL))
+        )
+        for field in ("vendor", "product", "serial"):
+            wanted = getattr(self.expected, field)
+            if wanted not in (None, getattr(found, field)):
+                raise self._mismatch(f"{field} is 0x{getattr(found, field):X}, 0x{wanted:X} is configured")
+        return found
+
+    def _compare_factors(self) -> None:
+        read = self.sdo.read
+        divisors = [
+            read(e) for e in (objects.FEED_REVOLUTIONS, objects.ENCODER_INCREMENTS, objects.GEAR_MOTOR)
+        ]
+        if 0 in divisors:
+            raise self._mismatch("the factor group holds a zero")
+        feed_m = read(objects.FEED) * 1e-6 * read(objects.ENCODER_REVOLUTIONS) * read(objects.GEAR_SHAFT)
+        step_m = feed_m / math.prod(divisors)
+        wanted_m = self.expected.metres_per_increment
+        if abs(step_m - wanted_m) > _FACTOR_TOLERANCE * wanted_m:
+            raise self._mismatch(
+                f"an increment is {step_m:.9g} m by the factor group, {wanted_m:.9g} m is configured"
+            )
+
+    def _set_pdos(self) -> None:
+        required = pdo.required_mappings(self.node_id, self._partner_node_id)
+        wrong = pdo.differing(self.sdo, required)
+        if not wrong:
+            return
+        self.line.send_nmt(NMT_PRE_OPERATIONAL, self.node_id)
+        for mapping in wrong:
+            pdo.write_mapping(self.sdo, mapping)
+        if pdo.differing(self.sdo, wrong):
+            raise self._mismatch("the drive does not keep the PDO mapping")
+
+    def _set_and_compare(self, entry: DriveObject, value: int) -> None:
+        self.sdo.write(entry, value)
+        held = self.sdo.read(entry)
+        if held != value:
+            raise self._mismatch(f"{entry}: {value} was written, {held} is read back")
+
+    def _mismatch(self, what: str) -> IdentityMismatch:
+        return IdentityMismatch(self.name, self.where, what, "check drive and rig file against each other")
+
+    def _go(self, target: State, decide: Callable[[State], int | None], send: Callable[[int], None]) -> None:
+        def arrived() -> bool:
+            state = self.state()
+            if state in (State.FAULT, State.FAULT_REACTION):
+                raise self.fault(f"the drive is in {state.value}")
+            controlword = decide(state)
+            if controlword is not None:
+                send(controlword)
+            return state is target
+
+        self._wait(arrived, target.value)
+
+    def _wait(self, condition: Callable[[], bool], what: str) -> None:
+        end_s = self._clock.now_s() + self._state_limit_s
+        while not condition():
+            if self._clock.now_s() >= end_s:
+                raise MotionTimeout(
+                    self.name,
+                    self.where,
+                    f"{what} not reached in {self._state_limit_s:g} s",
+                    "check the drive's display, its power and its enable inputs",
+                )
+            self._clock.sleep_s(self._poll_period_s)
+
+    def _on_heartbeat(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
+        if len(data) != 1:
+            return
+        state = data[0] & 0x7F
+        if state == 0 and self.identity is not None:
+            self.restarted = True
+        self._nmt_state = state
+        self._heartbeat_s = self._clock.now_s()
+
+    def _on_emergency(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
+        if len(data) >= _EMERGENCY.size:
+            code, register = _EMERGENCY.unpack_from(data)
+            self.emergencies.append(Emergency(code, register, self._clock.now_s()))
+
+    def _on_tpdo1(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
+        self._keep(0, data, _TPDO1.size)
+
+    def _on_tpdo2(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
+        self._keep(1, data, _TPDO2.size)
+
+    def _keep(self, number: int, data: bytearray, size: int) -> None:
+        if len(data) < size:
+            return
+        with self.line.received:
+            self._tpdos[number] = bytes(data)
+            self.tpdo_counts[number] += 1
+            self.line.received.notify_all()

@@ -1,0 +1,103 @@
+"""Buses by name: the same line for a real adapter, a daemon and one process."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+from typing import Any
+
+import can
+from can.interfaces.socketcand import SocketCanDaemonBus
+
+from drivers.errors import ConnectionFailed
+
+INTERFACES = ("virtual", "socketcan", "slcan", "socketcand")
+_CHECK = "start the server or check interface, channel and adapter in the rig file"
+
+
+class DaemonBus(SocketCanDaemonBus):
+    """python-can's socketcand client that notices when its peer is gone.
+
+    The library's client reads an endless empty answer then, with a core spinning. Here receiving
+    raises can.CanOperationError, and goes on raising without haste.
+    """
+
+    def __init__(self, channel: str, host: str, port: int, **kwargs: Any) -> None:
+        self._gone = threading.Event()
+        self._no_hurry = threading.Event()
+        try:
+            super().__init__(channel, host, port, **kwargs)  # type: ignore[no-untyped-call]
+        except BaseException:
+            self._is_shutdown = True  # nothing to shut down but the socket
+            self._wire().close()
+            raise
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if self._gone.is_set():
+            self._no_hurry.wait(0.1)
+            raise can.CanOperationError(f"{self.channel_info}: the server has closed the connection")
+        if self._at_end(timeout):
+            self._gone.set()
+            raise can.CanOperationError(f"{self.channel_info}: the server has closed the connection")
+        message: can.Message | None
+        message, filtered = super()._recv_internal(0.0)  # type: ignore[no-untyped-call]
+        return message, bool(filtered)
+
+    def _at_end(self, timeout: float | None) -> bool:
+        """Wait for something to read; true if it is the end of the connection."""
+        if self._buffered():
+            return False
+        wire = self._wire()
+        try:
+            ready, _, _ = select.select([wire], [], [], timeout)
+            return bool(ready) and wire.recv(1, socket.MSG_PEEK) == b""
+        except (OSError, ValueError):
+            return True
+
+    def _wire(self) -> socket.socket:
+        wire: socket.socket = vars(self)["_SocketCanDaemonBus__socket"]
+        return wire
+
+    def _buffered(self) -> bool:
+        return len(vars(self)["_SocketCanDaemonBus__message_buffer"]) > 0
+
+    def shutdown(self) -> None:
+        """Close the connection."""
+        self._no_hurry.set()
+        super().shutdown()  # type: ignore[no-untyped-call]
+
+
+def open_bus(
+    interface: str,
+    channel: str,
+    host: str | None = None,
+    port: int | None = None,
+    bitrate: int | None = None,
+) -> can.BusABC:
+    """Open a CAN bus: 'virtual', 'socketcan', 'slcan' or 'socketcand' (needs host and port).
+
+    Raises ConnectionFailed, and ValueError for another interface.
+    """
+    if interface not in INTERFACES:
+        raise ValueError(f"CAN interface {interface!r} is none of {', '.join(INTERFACES)}")
+    where = f"{interface} {channel}" + (f" at {host}:{port}" if host else "")
+    try:
+        if interface == "socketcand":
+            if host is None or port is None:
+                raise ValueError("socketcand needs host and port")
+            _knock(host, port)
+            return DaemonBus(channel, host, port, tcp_tune=hasattr(socket, "TCP_QUICKACK"))
+        settings: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
+        return can.Bus(interface=interface, channel=channel, **settings)
+    except (can.CanError, OSError, ImportError) as error:
+        reason = " ".join(str(error).split())
+        raise ConnectionFailed("CAN line", where, f"cannot be opened: {reason}", _CHECK) from error
+
+
+def _knock(host: str, port: int) -> None:
+    """Fail soon where no server greets: the library's client tries for ten seconds, then waits for ever."""
+    with socket.create_connection((host, port), timeout=2.0) as wire:
+        greeting = wire.recv(64)
+    if not greeting.startswith(b"< hi >"):
+        raise ConnectionError(f"no socketcand server, it greets with {greeting!r}")

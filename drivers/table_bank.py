@@ -1,0 +1,250 @@
+"""The two banks for compensation tables in a drive: write the idle one, compare, switch over, roll back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers import objects
+from drivers.errors import DeviceError, TableError
+from drivers.objects import bank_object
+from drivers.servo_drive import ServoDrive
+from drivers.table_image import TableImage, decode_table, encode_table, image_crc
+
+UNKNOWN_PAYLOAD = 0xFFFFFFFF
+_IMAGE, _CRC, _GENERATION, _PAYLOAD, _STATUS = 1, 2, 3, 4, 5
+
+
+class BankStatus(Enum):
+    """What a bank holds."""
+
+    EMPTY = 0
+    WHOLE = 1
+    DAMAGED = 2
+
+
+@dataclass(frozen=True)
+class Bank:
+    """One bank as the drive describes it."""
+
+    number: int
+    status: BankStatus
+    crc: int
+    generation: int
+    payload_kg: float
+
+
+@dataclass(frozen=True)
+class CompensationState:
+    """State of a drive's compensation. `payload_kg` is None while the drive does not know it."""
+
+    on: bool
+    valid: bool
+    active: int
+    crc: int
+    generation: int
+    payload_kg: float | None
+    banks: tuple[Bank, Bank]
+
+    @property
+    def idle(self) -> int:
+        """The bank to write to: the one not active; with none active, the older or emptier one."""
+        if self.active in (1, 2):
+            return 3 - self.active
+        return min(self.banks, key=lambda b: (b.status is BankStatus.WHOLE, b.generation)).number
+
+    @property
+    def next_generation(self) -> int:
+        """The generation of the next table: one more than the newest in either bank."""
+        whole = [bank.generation for bank in self.banks if bank.status is BankStatus.WHOLE]
+        return max([self.generation, *whole]) + 1
+
+
+@dataclass(frozen=True)
+class WrittenTable:
+    """A table that is in a bank and has been read back."""
+
+    bank: int
+    crc: int
+    generation: int
+
+
+class TableBank:
+    """The compensation of one drive.
+
+    All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed when the talk fails.
+    """
+
+    def __init__(self, drive: ServoDrive) -> None:
+        self.drive = drive
+
+    def state(self) -> CompensationState:
+        """What is in the banks and which one is in use."""
+        read = self.drive.sdo.read
+        payload_g = read(objects.ACTUAL_PAYLOAD)
+        return CompensationState(
+            on=read(objects.COMPENSATION_MODE) == 1,
+            valid=read(objects.COMPENSATION_VALID) == 1,
+            active=read(objects.COMPENSATION_ACTIVE),
+            crc=read(objects.COMPENSATION_CRC),
+            generation=read(objects.COMPENSATION_GENERATION),
+            payload_kg=None if payload_g == UNKNOWN_PAYLOAD else payload_g * 1e-3,
+            banks=(self._bank(1), self._bank(2)),
+        )
+
+    def read_image(self, number: int) -> TableImage:
+        """The table in a bank. Raises TableError if it is not whole."""
+        data = self.drive.sdo.read_bytes(bank_object(number, _IMAGE))
+        return decode_table(data, self.drive.metres_per_increment)
+
+    def write_inactive(self, image: TableImage) -> WrittenTable:
+        """Write a table to the idle bank, read it back byte for byte and compare the drive's CRC.
+
+        Raises TableError where the two differ or the drive finds it not whole or not its own.
+        """
+        if image.node_id != self.drive.node_id:
+            raise self._bad(f"the table is for node {image.node_id}", "write it to the drive that it is for")
+        if image.metres_per_increment != self.drive.metres_per_increment:
+            raise self._bad("the table counts other increments than the drive", "compute the table anew")
+        data, number = encode_table(image), self.state().idle
+        self.drive.sdo.write_bytes(bank_object(number, _IMAGE), data)
+        if self.drive.sdo.read_bytes(bank_object(number, _IMAGE)) != data:
+            raise self._bad(
+                f"bank {number} reads back other bytes than were written", "write the table again"
+            )
+        bank = self._bank(number)
+        if bank.status is not BankStatus.WHOLE:
+            raise self._bad(
+                f"the drive finds bank {number} {bank.status.name.lower()}", "check machine name and node id"
+            )
+        if (bank.crc, bank.generation) != (image_crc(data), image.generation):
+            raise self._bad(f"bank {number} has another CRC or generation", "write the table again")
+        return WrittenTable(number, bank.crc, bank.generation)
+
+    def activate(self, number: int, crc: int, generation: int) -> None:
+        """Switch to a bank after comparing what is in it, and read back; the drive must be disabled.
+
+        Raises TableError, and SdoRefused while operation is enabled.
+        """
+        bank = self._bank(number)
+        if bank.status is not BankStatus.WHOLE or (bank.crc, bank.generation) != (crc, generation):
+            raise self._bad(
+                f"bank {number} is {bank.status.name.lower()}, CRC {bank.crc:08X}, generation"
+                f" {bank.generation}; expected CRC {crc:08X}, generation {generation}",
+                "write the table again",
+            )
+        self.drive.sdo.write(objects.COMPENSATION_ACTIVATE, number)
+        self.confirm(number, crc, generation)
+
+    def deactivate(self) -> None:
+        """Use no bank. Raises SdoRefused while operation is enabled."""
+        self.drive.sdo.write(objects.COMPENSATION_ACTIVATE, 0)
+        if self.drive.sdo.read(objects.COMPENSATION_ACTIVE) != 0:
+            raise self._bad("the bank stays active", "disable the drive and try again")
+
+    def confirm(self, number: int, crc: int, generation: int) -> None:
+        """Raise TableError unless this very table is active."""
+        read = self.drive.sdo.read
+        found = (
+            read(objects.COMPENSATION_ACTIVE),
+            read(objects.COMPENSATION_CRC),
+            read(objects.COMPENSATION_GENERATION),
+        )
+        if found != (number, crc, generation):
+            raise self._bad(
+                f"bank {found[0]}, CRC {found[1]:08X}, generation {found[2]} is active instead of"
+                f" bank {number}, CRC {crc:08X}, generation {generation}",
+                "activate the table again",
+            )
+
+    def set_mode(self, on: bool) -> None:
+        """Switch compensation on or off. Raises SdoRefused while operation is enabled."""
+        self.drive.sdo.write(objects.COMPENSATION_MODE, int(on))
+        if self.drive.sdo.read(objects.COMPENSATION_MODE) != int(on):
+            raise self._bad("the mode was not taken", "disable the drive and try again")
+
+    def set_payload(self, mass_kg: float | None) -> None:
+        """Tell the drive which payload is on (None: not known). Raises ValueError for an impossible mass."""
+        if mass_kg is not None and not 0.0 <= mass_kg < UNKNOWN_PAYLOAD * 1e-3 - 1.0:
+            raise ValueError(f"no such payload: {mass_kg} kg")
+        grams = UNKNOWN_PAYLOAD if mass_kg is None else round(mass_kg * 1e3)
+        self.drive.sdo.write(objects.ACTUAL_PAYLOAD, grams)
+
+    def _bank(self, number: int) -> Bank:
+        read = self.drive.sdo.read
+        status = read(bank_object(number, _STATUS))
+        return Bank(
+            number=number,
+            status=BankStatus(status) if status in (0, 1, 2) else BankStatus.DAMAGED,
+            crc=read(bank_object(number, _CRC)),
+            generation=read(bank_object(number, _GENERATION)),
+            payload_kg=read(bank_object(number, _PAYLOAD)) * 1e-3,
+        )
+
+    def _bad(self, what: str, remedy: str) -> TableError:
+        return TableError(self.drive.name, self.drive.where, what, remedy)
+
+
+@dataclass(frozen=True)
+class Activation:
+    """One drive's part in an activation: bank number (0: none), CRC and generation that must be in it."""
+
+    bank: TableBank
+    number: int
+    crc: int
+    generation: int
+
+    def carry_out(self) -> None:
+        """Switch over."""
+        if self.number == 0:
+            self.bank.deactivate()
+        else:
+            self.bank.activate(self.number, self.crc, self.generation)
+
+    def confirm(self) -> None:
+        """Read back."""
+        if self.number != 0:
+            self.bank.confirm(self.number, self.crc, self.generation)
+
+
+def activate_all(activations: Sequence[Activation]) -> list[Activation]:
+    """Switch all drives over, or none; returns what was active before, fit to switch back with.
+
+    If one fails, those already switched go back to their former bank, and the error is raised; if
+    that fails as well a TableError says so: the drives then hold different tables and must not move.
+    """
+    former = [_active(activation.bank) for activation in activations]
+    switched: list[Activation] = []
+    try:
+        for activation, before in zip(activations, former, strict=True):
+            switched.append(before)
+            activation.carry_out()
+        for activation in activations:
+            activation.confirm()
+    except DeviceError as error:
+        stuck = [before.bank.drive for before in reversed(switched) if not _go_back(before)]
+        if stuck:
+            names = ", ".join(drive.name for drive in stuck)
+            raise TableError(
+                names,
+                stuck[0].where,
+                f"no way back to the former table after: {error}",
+                "do not move; connect again",
+            ) from error
+        raise
+    return former
+
+
+def _active(bank: TableBank) -> Activation:
+    state = bank.state()
+    return Activation(bank, state.active, state.crc, state.generation)
+
+
+def _go_back(before: Activation) -> bool:
+    with suppress(DeviceError):
+        before.carry_out()
+        before.confirm()
+        return True
+    return False

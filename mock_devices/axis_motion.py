@@ -1,0 +1,147 @@
+"""Where one drive is at any time: a chain of profiles, stops and times under the brake.
+
+Positions are increments in command coordinates; the encoder sees command + correction - lag. A past time
+can be asked for as long as its segment is kept. Not modelled: slip of the brake, noise of the encoder.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mock_devices.plant import SetPoint
+from mock_devices.profile import Profile, brake, move, rest
+from mock_devices.table_bank import Table
+
+_KEPT = 8
+_INVERSIONS = 6
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Limits of a motion in increments and seconds."""
+
+    speed: float
+    acceleration: float
+    deceleration: float
+
+
+@dataclass(frozen=True)
+class _Segment:
+    start_s: float
+    profile: Profile
+    table: Table | None
+    set_point: SetPoint
+    braked_at_inc: float | None = None  # the encoder under the brake
+
+    @property
+    def end_s(self) -> float:
+        return self.start_s + self.profile.duration_s
+
+
+class AxisMotion:
+    """The chain of one drive, which starts under the brake. Not safe for threads: the drive locks."""
+
+    def __init__(self, encoder_inc: float) -> None:
+        point = SetPoint(0, round(encoder_inc))
+        self._chain = [_Segment(float("-inf"), rest(encoder_inc), None, point, braked_at_inc=encoder_inc)]
+
+    def command(self, t_s: float) -> tuple[float, float, float]:
+        """Commanded position, velocity, acceleration at `t_s`."""
+        segment = self._at(t_s)
+        return segment.profile.at(t_s - segment.start_s)
+
+    def lag(self, t_s: float) -> float:
+        """Command minus actual, in increments."""
+        segment = self._at(t_s)
+        return 0.0 if segment.braked_at_inc is not None else segment.profile.lag(t_s - segment.start_s)
+
+    def encoder_inc(self, t_s: float, partner_inc: float | None) -> float:
+        """What the encoder counts, for the partner's command that the drive knows."""
+        segment = self._at(t_s)
+        if segment.braked_at_inc is not None:
+            return segment.braked_at_inc
+        position = segment.profile.at(t_s - segment.start_s)[0]
+        return position + _correction(segment.table, position, partner_inc) - self.lag(t_s)
+
+    def set_point(self, t_s: float) -> SetPoint:
+        """The set-point that was followed at `t_s`."""
+        return self._at(t_s).set_point
+
+    def is_moving(self, t_s: float) -> bool:
+        """Whether the command moves at `t_s` or a set-point waits."""
+        return t_s < self.end_s
+
+    @property
+    def end_s(self) -> float:
+        """When the last motion ends."""
+        return max(self._chain[-1].start_s, self._chain[-1].end_s)
+
+    def release(self, t_s: float, table: Table | None, partner_inc: float | None) -> None:
+        """Take the brake off: the command becomes what holds the encoder where it is."""
+        last = self._chain[-1]
+        encoder = self.encoder_inc(max(t_s, last.start_s), partner_inc)
+        position = command_for(encoder, table, partner_inc)
+        self._append(_Segment(max(t_s, last.start_s), rest(position), table, last.set_point))
+
+    def apply_brake(self, t_s: float, deceleration: float, partner_inc: float | None) -> None:
+        """Stop as quickly as told, then put the brake on."""
+        self.stop(t_s, deceleration)
+        last = self._chain[-1]
+        if last.braked_at_inc is not None:
+            return
+        position = last.profile.target
+        encoder = position + _correction(last.table, position, partner_inc)
+        self._append(
+            _Segment(last.end_s, rest(position), last.table, last.set_point, braked_at_inc=encoder)
+        )
+
+    def go(self, t_s: float, target_inc: int, dynamics: Dynamics, *, at_once: bool) -> None:
+        """Follow a new set-point now, or after the motion under way."""
+        start_s = t_s if at_once else max(t_s, self.end_s)
+        before = self._at(start_s)
+        position, velocity, _ = before.profile.at(start_s - before.start_s)
+        profile = move(
+            position,
+            velocity,
+            float(target_inc),
+            speed=dynamics.speed,
+            acceleration=dynamics.acceleration,
+            deceleration=dynamics.deceleration,
+            lag=before.profile.lag(start_s - before.start_s),
+        )
+        point = SetPoint(self._chain[-1].set_point.count + 1, target_inc)
+        self._append(_Segment(start_s, profile, before.table, point))
+
+    def stop(self, t_s: float, deceleration: float) -> None:
+        """Stop on the spot; set-points that wait are dropped."""
+        if t_s >= self.end_s:
+            return
+        now = self._at(t_s)
+        position, velocity, _ = now.profile.at(t_s - now.start_s)
+        lag = now.profile.lag(t_s - now.start_s)
+        profile = brake(position, velocity, deceleration=deceleration, lag=lag)
+        self._append(_Segment(t_s, profile, now.table, self._chain[-1].set_point))
+
+    def _append(self, segment: _Segment) -> None:
+        chain = [old for old in self._chain if old.start_s < segment.start_s] or self._chain[:1]
+        self._chain = [*chain[-_KEPT:], segment]
+
+    def _at(self, t_s: float) -> _Segment:
+        for segment in reversed(self._chain):
+            if segment.start_s <= t_s:
+                return segment
+        return self._chain[0]
+
+
+def command_for(encoder_inc: float, table: Table | None, partner_inc: float | None) -> float:
+    """The command that a table maps to an encoder position."""
+    position = encoder_inc
+    for _ in range(_INVERSIONS):
+        position = encoder_inc - _correction(table, position, partner_inc)
+    return position
+
+
+def _correction(table: Table | None, position_inc: float, partner_inc: float | None) -> float:
+    if table is None or partner_inc is None:
+        return 0.0
+    return table.correction_inc(position_inc, partner_inc)

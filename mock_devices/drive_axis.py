@@ -1,0 +1,221 @@
+"""The drive without its bus: power states, set-point handshake, motion and compensation.
+
+Not modelled: other modes than profile position, homing (the encoder is absolute), quick stop options (it
+stops and waits), limits of torque and current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mock_devices import cia402
+from mock_devices.axis_motion import AxisMotion, Dynamics, command_for
+from mock_devices.cia402 import State
+from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Compensation, Refused
+
+WINDOW_TIME_S = 0.050
+EMCY_COMPENSATION = 0xFF10
+
+
+@dataclass
+class AxisLimits:
+    """What the master may set, in increments and seconds."""
+
+    low_inc: int
+    high_inc: int
+    speed: int = 20_000_000
+    acceleration: int = 100_000_000
+    deceleration: int = 100_000_000
+    quick_stop_deceleration: int = 500_000_000
+    following_error_window_inc: int = 100_000
+
+
+class DriveAxis:
+    """One axis. Times are rig time; `now_s` asks the clock; `emergency` sends an EMCY code."""
+
+    def __init__(
+        self,
+        now_s: Callable[[], float],
+        limits: AxisLimits,
+        compensation: Compensation,
+        start_inc: float,
+        emergency: Callable[[int], None],
+    ) -> None:
+        self._now_s = now_s
+        self.limits = limits
+        self.compensation = compensation
+        self.motion = AxisMotion(start_inc)
+        self.state = State.SWITCH_ON_DISABLED
+        self.target_inc = round(start_inc)
+        self.error_code = 0
+        self._emergency = emergency
+        self._controlword = 0
+        self._acknowledged = False
+        self._halted = False
+
+    @property
+    def controlword(self) -> int:
+        """The last controlword."""
+        return self._controlword
+
+    @property
+    def powered(self) -> bool:
+        """Whether the motor holds the axis."""
+        return self.state in cia402.POWERED
+
+    def control(self, controlword: int) -> None:
+        """Object 0x6040: state commands first, then the bits of profile position mode."""
+        self.refresh()
+        before, previous, self._controlword = self.state, self._controlword, controlword
+        self.state = cia402.next_state(before, controlword, previous)
+        self._carry_out(before)
+        if before is State.FAULT and self.state is not State.FAULT:
+            self._clear_error()
+        if self.state is State.OPERATION_ENABLED and before is State.OPERATION_ENABLED:
+            self._halt(bool(controlword & cia402.HALT))
+            if controlword & cia402.NEW_SET_POINT and not previous & cia402.NEW_SET_POINT:
+                self._new_set_point(controlword)
+        if not controlword & cia402.NEW_SET_POINT:
+            self._acknowledged = False
+
+    def set_target(self, target_inc: int) -> None:
+        """Object 0x607A. Raises Refused."""
+        if not self.limits.low_inc <= target_inc <= self.limits.high_inc:
+            raise Refused(VALUE_RANGE)
+        self.compensation.check_target(target_inc)
+        self.target_inc = target_inc
+
+    def statusword(self) -> int:
+        """Object 0x6041."""
+        self.refresh()
+        t_s = self._now_s()
+        return cia402.statusword(
+            self.state,
+            target_reached=t_s >= self.motion.end_s + WINDOW_TIME_S,
+            set_point_acknowledged=self._acknowledged or self._waiting(t_s),
+            following_error=abs(self.motion.lag(t_s)) > self.limits.following_error_window_inc,
+        )
+
+    def actual_inc(self) -> float:
+        """Object 0x6064: position in command coordinates."""
+        t_s = self._now_s()
+        if self.powered:
+            return self.motion.command(t_s)[0] - self.motion.lag(t_s)
+        return command_for(
+            self.encoder_inc(t_s), self.compensation.applied, self.compensation.partner.command_inc
+        )
+
+    def demand_inc(self) -> float:
+        """Object 0x6062: the command; where the axis stands if the motor is off."""
+        return self.motion.command(self._now_s())[0] if self.powered else self.actual_inc()
+
+    def encoder_inc(self, t_s: float) -> float:
+        """Object 0x6063, not rounded."""
+        return self.motion.encoder_inc(t_s, self.compensation.partner.command_inc)
+
+    def sync(self) -> None:
+        """A SYNC: take over the partner's command; stop where motion is not permitted any more."""
+        self.compensation.partner.sync()
+        self.watch_motion()
+
+    def watch_motion(self) -> None:
+        """Quick stop if the axis moves and compensation does not permit it."""
+        t_s = self._now_s()
+        moving = self.state is State.OPERATION_ENABLED and self.motion.is_moving(t_s)
+        if moving and not self.compensation.permits_motion():
+            self.state = State.QUICK_STOP_ACTIVE
+            self.motion.stop(t_s, self.limits.quick_stop_deceleration)
+            self._raise_error(EMCY_COMPENSATION)
+
+    def quick_stop(self) -> None:
+        """Stop without being told by a controlword: the node left OPERATIONAL."""
+        if self.state is State.OPERATION_ENABLED:
+            self.state = State.QUICK_STOP_ACTIVE
+            self.motion.stop(self._now_s(), self.limits.quick_stop_deceleration)
+
+    def fault(self, code: int) -> None:
+        """A fault: stop and then switch off. `code` is that of 0x603F and EMCY."""
+        before, self.state = self.state, cia402.after_fault(self.state)
+        if before in cia402.POWERED:
+            self._brake()
+        self._raise_error(code)
+
+    def boot(self) -> None:
+        """Restart: motor off, brake on."""
+        if self.powered:
+            self._brake()
+        self.state = State.SWITCH_ON_DISABLED
+        self.error_code = 0
+        self._controlword, self._acknowledged, self._halted = 0, False, False
+        self.compensation.boot()
+
+    def refresh(self) -> None:
+        """Let the fault reaction end."""
+        if self.state is State.FAULT_REACTION_ACTIVE and not self.motion.is_moving(self._now_s()):
+            self.state = State.FAULT
+
+    def _carry_out(self, before: State) -> None:
+        if self.state is before:
+            return
+        t_s = self._now_s()
+        if self.state is State.OPERATION_ENABLED and before is State.SWITCHED_ON:
+            partner_inc = self.compensation.partner.command_inc
+            self.motion.release(t_s, self.compensation.applied, partner_inc)
+            self._halted = False
+        elif self.state is State.QUICK_STOP_ACTIVE:
+            self.motion.stop(t_s, self.limits.quick_stop_deceleration)
+        elif before in cia402.POWERED and not self.powered:
+            self._brake()
+
+    def _brake(self) -> None:
+        partner_inc = self.compensation.partner.command_inc
+        self.motion.apply_brake(self._now_s(), self.limits.quick_stop_deceleration, partner_inc)
+
+    def _new_set_point(self, controlword: int) -> None:
+        t_s, at_once = self._now_s(), bool(controlword & cia402.CHANGE_IMMEDIATELY)
+        if self._halted or (not at_once and self._waiting(t_s)):
+            return
+        target_inc = self.target_inc
+        if controlword & cia402.RELATIVE:
+            target_inc += self.motion.set_point(t_s).target_inc
+        if not (self._permits(target_inc) and self.compensation.permits_motion()):
+            self._raise_error(EMCY_COMPENSATION)
+            return
+        if self.error_code == EMCY_COMPENSATION:
+            self._clear_error()
+        self.motion.go(t_s, target_inc, self._dynamics(), at_once=at_once)
+        self._acknowledged = True
+
+    def _permits(self, target_inc: int) -> bool:
+        try:
+            self.compensation.check_target(target_inc)
+        except Refused:
+            return False
+        return self.limits.low_inc <= target_inc <= self.limits.high_inc
+
+    def _halt(self, halt: bool) -> None:
+        if halt and not self._halted:
+            self.motion.stop(self._now_s(), float(self.limits.deceleration))
+        self._halted = halt
+
+    def _waiting(self, t_s: float) -> bool:
+        """Whether a set-point waits for the motion under way."""
+        return self.motion.set_point(t_s) != self.motion.set_point(float("inf"))
+
+    def _dynamics(self) -> Dynamics:
+        limits = self.limits
+        return Dynamics(
+            float(max(limits.speed, 1)), float(max(limits.acceleration, 1)), float(max(limits.deceleration, 1))
+        )
+
+    def _raise_error(self, code: int) -> None:
+        self.error_code = code
+        self._emergency(code)
+
+    def _clear_error(self) -> None:
+        self.error_code = 0
+        self._emergency(0)
+
+
+__all__ = ["EMCY_COMPENSATION", "STATE_FORBIDS", "WINDOW_TIME_S", "AxisLimits", "DriveAxis"]

@@ -1,0 +1,70 @@
+"""What one may choose about a mock rig. None of it is a true error: those are drawn from the seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A payload as its data sheet states it; the true one differs by draws of its standard uncertainties."""
+
+    name: str
+    mass_kg: float
+    com_m: Vector3 = (0.0, 0.0, 0.0)
+    u_mass_kg: float = 0.0
+    u_com_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class InstrumentProfile:
+    """Accuracy of the station, standard deviations. The drift values are amplitudes over some hours."""
+
+    angle_sd_rad: float = 2.4e-6
+    range_sd_m: float = 1.0e-4
+    range_constant_u_m: float = 1.0e-4
+    range_scale_u: float = 1.0e-6
+    drift_about_vertical_rad: float = 3.0e-6
+    drift_of_level_rad: float = 1.0e-6
+    drift_m: float = 1.0e-5
+    collimation_rad: float = 1.0e-6
+    vertical_index_rad: float = 1.0e-6
+
+
+DEFAULT_PAYLOADS = (
+    Payload("none", 0.0),
+    Payload("plate 200 kg", 200.0, (0.0, -0.2, 0.0), 0.2, 0.002),
+    Payload("plates 400 kg", 400.0, (0.0, -0.2, 0.0), 0.4, 0.002),
+)
+
+
+@dataclass(frozen=True)
+class MockSettings:
+    """Settings of a mock rig.
+
+    `error_scale` multiplies the drawn geometric errors (lengths, joints, tilts, drive scales), not the
+    stiffness, the mounting of the reflectors or the instrument. `payloads[n]` is number n of the PLC.
+    `station_heading_rad` turns the zero direction, clockwise seen from above, away from -z of the machine.
+    """
+
+    seed: int = 1
+    error_scale: float = 1.0
+    payloads: tuple[Payload, ...] = DEFAULT_PAYLOADS
+    initial_payload: int = 0
+    operator_time_s: float = 60.0
+    instrument: InstrumentProfile = InstrumentProfile()
+    station_position_m: Vector3 = (0.0, 0.3, 3.2)
+    station_heading_rad: float = 0.0
+    certificate_sd_m: float = 2.0e-6
+    air_temperature_c: float = 21.5
+    temperature_sensor_sd_k: float = 0.005
+    warm_up_time_constant_s: float = 900.0
+
+    def __post_init__(self) -> None:
+        """Refuse settings that cannot be."""
+        if not 0 <= self.initial_payload < len(self.payloads):
+            raise ValueError(f"there is no payload {self.initial_payload}")
+        if self.seed < 0 or self.error_scale < 0.0:
+            raise ValueError("seed and error_scale must not be negative")

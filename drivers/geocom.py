@@ -131,8 +131,8 @@ class SerialLine(Connection):
         while not line.endswith(b"\n"):
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0 or len(line) > _LONGEST_LINE:
-                if line:  # half a line: garbled rather than silent
-                    return bytes(line)
+                if line:  # half a line must not pass for an answer: its last number may be cut
+                    return b"(cut off) " + bytes(line)
                 raise TimeoutError("no answer")
             try:
                 self._port.timeout = left_s

@@ -1,0 +1,74 @@
+"""A scripted far end of a serial line: bytes expected, bytes answered; and a clock that only counts."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+from collections.abc import Sequence
+
+
+class CountingClock:
+    """Rig time that advances by what is slept, at once."""
+
+    def __init__(self) -> None:
+        self.t_s = 0.0
+
+    def now_s(self) -> float:
+        return self.t_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        self.t_s += max(0.0, duration_s)
+
+
+class ScriptedPort:
+    """A pty whose far end answers each line by the script; `errors` holds what did not go by it.
+
+    An answer of b"" is a lost one. Does not model baud rates.
+    """
+
+    def __init__(self, script: Sequence[tuple[bytes, bytes]]) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(self._master)
+        tty.setraw(slave)
+        self._slave = slave
+        self.url = os.ttyname(slave)
+        self.script = list(script)
+        self.errors: list[str] = []
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        buffer = b""
+        while True:
+            try:
+                data = os.read(self._master, 1024)
+            except OSError:
+                return
+            buffer += data
+            while b"\r\n" in buffer:
+                line, buffer = buffer.split(b"\r\n", 1)
+                if line == b"quit":
+                    return
+                self._answer(line)
+
+    def _answer(self, line: bytes) -> None:
+        if not self.script:
+            self.errors.append(f"nothing more expected, got {line!r}")
+            return
+        expected, answer = self.script.pop(0)
+        if line != expected:
+            self.errors.append(f"expected {expected!r}, got {line!r}")
+        if answer:
+            os.write(self._master, answer)
+
+    def close(self) -> None:
+        os.write(self._slave, b"quit\r\n")
+        self._thread.join(timeout=5.0)
+        os.close(self._slave)
+        os.close(self._master)
+
+    def finished(self) -> None:
+        """Assert that the whole script was played."""
+        assert not self.errors, self.errors
+        assert self.script == []

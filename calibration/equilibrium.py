@@ -147,9 +147,7 @@ class _State:
     rotation: Array
 
     @classmethod
-    def at(
-        cls, machine: Machine, geometry: Geometry, joints: Array, at: Conditions, p: Array, rot: Array
-    ) -> _State:
+    def at(cls, machine: Machine, geometry: Geometry, joints: Array, at: Conditions, p: Array, rot: Array) -> _State:
         grown = at.factors["platform"][:, None, None]
         r = np.einsum("nij,sj->nsi", rot, geometry.platform_joint_m) * grown
         v = p[:, None, :] + r - joints

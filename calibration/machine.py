@@ -165,8 +165,7 @@ class Machine:
         if missing:
             raise InputError(f"machine {self.name}: no temperature '{missing[0]}' in the data; map it in the rig file")
         return {
-            part: 1.0
-            + self.expansion_per_k[part] * (np.asarray(temperatures_c[sensor]) - self.reference_temperature_c)
+            part: 1.0 + self.expansion_per_k[part] * (np.asarray(temperatures_c[sensor]) - self.reference_temperature_c)
             for part, sensor in self.sensors.items()
         }
 

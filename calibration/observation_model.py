@@ -137,9 +137,7 @@ class Layout:
         return self.frame + 8
 
     @classmethod
-    def of(
-        cls, parameters: ParameterSet, smrs: tuple[int, ...], range_constant_u_m: float, payload_u: float
-    ) -> Layout:
+    def of(cls, parameters: ParameterSet, smrs: tuple[int, ...], range_constant_u_m: float, payload_u: float) -> Layout:
         """Layout for the reflectors that were measured; u: standard uncertainties (must be positive)."""
         mounting = parameters.machine.file.tolerances.smr_position_m / np.sqrt(3.0)
         sigma = np.concatenate(
@@ -164,7 +162,11 @@ class ModelOptions:
 def model_conditions(machine: Machine, visits: Visits, options: ModelOptions, payload_error: float) -> Conditions:
     """Conditions of the visits under a model."""
     at = equilibrium.conditions(
-        machine, len(visits), visits.temperatures_c, visits.payload_kg * (1.0 + payload_error), visits.payload_com_m
+        machine,
+        len(visits),
+        visits.temperatures_c,
+        visits.payload_kg * (1.0 + payload_error),
+        visits.payload_com_m,
     )
     return at if options.loads else replace(at, masses=tuple((np.zeros_like(m), c) for m, c in at.masses))
 
@@ -177,9 +179,7 @@ class Prediction:
     jacobian: Array
 
 
-def predict(
-    layout: Layout, start: Frame, options: ModelOptions, unknowns: Array, seen: Observations
-) -> Prediction:
+def predict(layout: Layout, start: Frame, options: ModelOptions, unknowns: Array, seen: Observations) -> Prediction:
     """Predict all readings; rows of poses without an equilibrium are NaN."""
     machine = layout.parameters.machine
     theta = unknowns[: len(layout.parameters)]
@@ -218,9 +218,7 @@ def predict(
     return _seen_from(frame, layout, point, jacobian, unknowns[layout.range_constant])
 
 
-def _slider_point(
-    geometry: Geometry, drives_m: Array, at: Conditions, slide: Array, drive: int
-) -> tuple[Array, Array]:
+def _slider_point(geometry: Geometry, drives_m: Array, at: Conditions, slide: Array, drive: int) -> tuple[Array, Array]:
     travel = drives_m[:, drive] * geometry.scale[drive] * at.factors["drives"]
     return travel[:, None] * geometry.axis[drive], slide[:, drive]
 

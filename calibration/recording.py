@@ -103,9 +103,7 @@ class AccuracyEntry(Section):
 
     def stated(self) -> StationAccuracy:
         """For computation."""
-        return StationAccuracy(
-            self.angle_sd_rad, self.range_sd_m, self.range_constant_u_m, self.range_scale_u
-        )
+        return StationAccuracy(self.angle_sd_rad, self.range_sd_m, self.range_constant_u_m, self.range_scale_u)
 
 
 class StationEntry(Section):
@@ -190,7 +188,14 @@ class Recording:
     def covariances_m2(self) -> Array:
         """Their covariances (r, 3, 3)."""
         out = np.empty((len(self), 3, 3))
-        for i, j, name in ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz")):
+        for i, j, name in (
+            (0, 0, "xx"),
+            (0, 1, "xy"),
+            (0, 2, "xz"),
+            (1, 1, "yy"),
+            (1, 2, "yz"),
+            (2, 2, "zz"),
+        ):
             out[:, i, j] = out[:, j, i] = self[f"cov_{name}_m2"]
         return out
 
@@ -219,9 +224,7 @@ def column_names(drives: Sequence[str], sensors: Sequence[str]) -> tuple[str, ..
     return (*COLUMNS, *by_drive, *(f"{sensor}_temperature_c" for sensor in sensors))
 
 
-def make_recording(
-    file: RecordingFile, machine: Machine, rows: Sequence[Mapping[str, float | str]]
-) -> Recording:
+def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping[str, float | str]]) -> Recording:
     """A recording from row dictionaries; InputError if a column is missing or a value is not fit."""
     names = column_names(file.drives, file.sensors)
     columns: dict[str, Array] = {}

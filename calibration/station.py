@@ -69,7 +69,12 @@ class CertifiedLength:
 
 
 def range_constant(
-    first_m: Array, second_m: Array, first_cov: Array, second_cov: Array, length: CertifiedLength, prior_u_m: float
+    first_m: Array,
+    second_m: Array,
+    first_cov: Array,
+    second_cov: Array,
+    length: CertifiedLength,
+    prior_u_m: float,
 ) -> tuple[float, float]:
     """The range constant (to be subtracted from ranges) and its standard uncertainty, in m.
 

@@ -236,9 +236,7 @@ class _Event:
 
     __slots__ = ("callback", "cancelled", "wake")
 
-    def __init__(
-        self, *, wake: threading.Event | None = None, callback: Callable[[], None] | None = None
-    ) -> None:
+    def __init__(self, *, wake: threading.Event | None = None, callback: Callable[[], None] | None = None) -> None:
         self.wake = wake
         self.callback = callback
         self.cancelled = False

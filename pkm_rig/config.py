@@ -80,7 +80,12 @@ class Limits(Section):
     in_plane_u_m: float = Field(gt=0.0, default=15e-6)
     heartbeat_s: float = Field(gt=0.0, default=2.0)
     plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
-    interlocks: tuple[str, ...] = ("guard_closed", "emergency_stop_released", "drive_power", "air_pressure")
+    interlocks: tuple[str, ...] = (
+        "guard closed",
+        "emergency stop released",
+        "drive power on",
+        "air pressure",
+    )
 
 
 class MockSection(Section):

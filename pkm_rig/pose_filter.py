@@ -147,9 +147,7 @@ def filter_poses(report: ReportFrame, seen: Observations) -> FilteredPoses:
         if rows.size == 0:
             continue
         smr = np.searchsorted(report.smrs, seen.smr[rows])
-        best = _best_order(
-            start, seen.position_m[rows] - predicted[v, smr], jacobian[v, smr], seen.covariance_m2[rows]
-        )
+        best = _best_order(start, seen.position_m[rows] - predicted[v, smr], jacobian[v, smr], seen.covariance_m2[rows])
         accepted[rows[best.kept]] = True
         measured[v] = len(best.kept) >= 2
         if measured[v]:

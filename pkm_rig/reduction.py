@@ -226,9 +226,5 @@ def _robust_frame(recording: Recording, zero: Observations) -> ReportFrame:
         return report
     keep = np.zeros(len(zero), dtype=bool)
     keep[np.flatnonzero(on_platform)[off <= limit]] = True
-    fewer = Observations(
-        zero.visits, zero.visit[keep], zero.smr[keep], zero.position_m[keep], zero.covariance_m2[keep]
-    )
+    fewer = Observations(zero.visits, zero.visit[keep], zero.smr[keep], zero.position_m[keep], zero.covariance_m2[keep])
     return fit_report_frame(recording.machine, fewer, report.frame)
-
-

@@ -95,7 +95,10 @@ class Store:
                 raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
             connection.execute(
                 _campaigns.insert().values(
-                    id=file.campaign, created=file.created, description=file.model_dump_json(), machine=machine_text
+                    id=file.campaign,
+                    created=file.created,
+                    description=file.model_dump_json(),
+                    machine=machine_text,
                 )
             )
 
@@ -103,16 +106,17 @@ class Store:
         """Insert one reading, durable when this returns. NaN and infinities are refused."""
         text = json.dumps(dict(data), allow_nan=False)
         with self._writing() as connection:
-            connection.execute(
-                _readings.insert().values(uid=uid, campaign=campaign, sequence=sequence, data=text)
-            )
+            connection.execute(_readings.insert().values(uid=uid, campaign=campaign, sequence=sequence, data=text))
 
     def add_event(self, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
         """Insert something that happened."""
         with self._writing() as connection:
             connection.execute(
                 _events.insert().values(
-                    campaign=campaign, created=now_text(), kind=kind, data=json.dumps(dict(data), allow_nan=False)
+                    campaign=campaign,
+                    created=now_text(),
+                    kind=kind,
+                    data=json.dumps(dict(data), allow_nan=False),
                 )
             )
 
@@ -161,7 +165,12 @@ class Store:
             text = json.dumps(data, allow_nan=False)
             uid = str(data["uid"])
             rows.append(
-                {"uid": uid, "campaign": recording.file.campaign, "sequence": int(data["sequence"]), "data": text}
+                {
+                    "uid": uid,
+                    "campaign": recording.file.campaign,
+                    "sequence": int(data["sequence"]),
+                    "data": text,
+                }
             )
         with self._writing() as connection:
             connection.execute(_readings.insert(), rows)

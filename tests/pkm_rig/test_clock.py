@@ -42,7 +42,15 @@ def test_two_activities_meet_their_events_in_order(clock):
         thread.join(5.0)
     times = [t for _, t in seen]
     assert times == sorted(times)
-    assert sorted(seen) == [("a", 3.0), ("a", 6.0), ("a", 9.0), ("a", 12.0), ("b", 5.0), ("b", 10.0), ("b", 15.0)]
+    assert sorted(seen) == [
+        ("a", 3.0),
+        ("a", 6.0),
+        ("a", 9.0),
+        ("a", 12.0),
+        ("b", 5.0),
+        ("b", 10.0),
+        ("b", 15.0),
+    ]
 
 
 def test_a_server_that_sleeps_lends_its_clients_turn(clock):

@@ -1,0 +1,295 @@
+"""The command line. Messages and progress go to stderr, results to stdout; `--json` prints one object."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from calibration.recording import read_folder, write_folder
+from calibration.toml_file import InputError
+from drivers.errors import DeviceError
+from pkm_rig import calibrate as job
+from pkm_rig import mock_rig, stages
+from pkm_rig.calibrate import Outcome
+from pkm_rig.config import load_rig
+from pkm_rig.output import messages, outcome_json, print_json, print_outcome, results
+from pkm_rig.plans import CampaignRefused
+from pkm_rig.report import write_report
+from pkm_rig.session import find_recording, open_rig, open_store
+from pkm_rig.store import StoreError
+
+REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
+
+app = typer.Typer(
+    help="Calibrates over-constrained parallel kinematic machines on the machine itself.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+RigOption = Annotated[Path | None, typer.Option("--rig", help="rig file; without it the embedded mock rig")]
+RigNeeded = Annotated[Path, typer.Option("--rig", help="rig file")]
+OutOption = Annotated[Path, typer.Option("--out", help="folder of the store and of reports")]
+JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object")]
+CampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store, or a recording folder")]
+Tell = Callable[[int, int, str], None]
+
+
+@app.command()
+def calibrate(
+    rig: RigOption = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    real_time: Annotated[bool, typer.Option(help="embedded mock rig at time scale 1")] = False,
+    seed: Annotated[int | None, typer.Option(help="which embedded mock machine")] = None,
+) -> None:
+    """The main job: check, measure, identify, build tables, write, verify, report."""
+    with open_store(out) as store, open_rig(rig, real_time=real_time, seed=seed) as connected, _bar() as tell:
+        outcome = job.calibrate(connected, store, _say, tell)
+    _finish(outcome, out, json)
+
+
+@app.command()
+def verify(
+    campaign: Annotated[str, typer.Argument(help="campaign id in the store")],
+    rig: RigNeeded,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Write the tables of a measured campaign, verify them by measuring, keep them or put the former back."""
+    with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
+        outcome = job.verify(connected, store, campaign, _say, tell)
+    _finish(outcome, out, json)
+
+
+@app.command()
+def measure(rig: RigOption = None, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """Measure a calibration campaign into the store, and stop there."""
+    with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
+        campaign = job.measure(connected, store, _say, tell)
+    if json:
+        print_json({"campaign": campaign})
+    else:
+        results.print(f"campaign {campaign}\nnext: pkm-rig identify {campaign} --out {out}", soft_wrap=True)
+
+
+@app.command()
+def mock(
+    rig: RigNeeded = Path("examples/mock-rig.toml"),
+    seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+) -> None:
+    """Serve the three mock devices on real transports until interrupted."""
+    file, _ = load_rig(rig)
+    if seed is not None:
+        section = file.mock or mock_rig.MockSection()
+        file = file.model_copy(update={"mock": section.model_copy(update={"seed": seed})})
+    with mock_rig.served(file, rig) as served:
+        for line in mock_rig.how_to_connect(file, served):
+            results.print(line, soft_wrap=True)
+        sys.stdout.flush()
+        stopped = threading.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: stopped.set())
+        stopped.wait()
+
+
+@app.command()
+def check(rig: RigOption = None, json: JsonOption = False) -> None:
+    """Connect, read identities, units and interlocks; say what is not fit."""
+    with open_rig(rig) as connected:
+        found = stages.check(connected)
+    if json:
+        print_json(found)
+    else:
+        stages.print_check(found)
+    if found["problems"]:
+        raise CampaignRefused(found["problems"][0])
+
+
+@app.command()
+def identify(
+    campaign: CampaignArgument,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    estimator: Annotated[str, typer.Option(help="map, least_squares, tikhonov or truncated_svd")] = "map",
+) -> None:
+    """Identify a recording: parameters with uncertainty, held-out error, bound."""
+    found = stages.identify(find_recording(campaign, out), estimator)
+    if json:
+        print_json(found)
+    else:
+        stages.print_identified(found)
+
+
+@app.command()
+def compensate(
+    campaign: CampaignArgument,
+    payload: Annotated[int, typer.Option(help="number of the payload in the rig's list")] = 0,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
+    found = stages.compensate(find_recording(campaign, out), payload, out)
+    if json:
+        print_json(found)
+    else:
+        results.print(f"tables: {found['folder']}", soft_wrap=True)
+
+
+@app.command(name="list")
+def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """What is in the store."""
+    with open_store(out) as store:
+        rows = store.campaigns()
+    if json:
+        keys = ("campaign", "created", "rig", "readings", "last_event")
+        print_json({"campaigns": [dict(zip(keys, row, strict=True)) for row in rows]})
+    else:
+        for row in rows:
+            results.print("  ".join(str(part) for part in row), soft_wrap=True)
+
+
+@app.command()
+def show(campaign: Annotated[str, typer.Argument()], out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """What happened to a campaign."""
+    with open_store(out) as store:
+        recording = store.recording(campaign)
+        events = store.events(campaign)
+    if json:
+        print_json({
+            "campaign": campaign,
+            "readings": len(recording),
+            "events": [{"created": e.created, "kind": e.kind, "data": e.data} for e in events],
+        })  # fmt: skip
+        return
+    results.print(f"{campaign}: {len(recording)} readings")
+    for event in events:
+        reason = event.data.get("plan") or ""
+        results.print(f"{event.created}  {event.kind}  {reason} {event.data.get('reason', '')}".rstrip())
+
+
+@app.command()
+def report(campaign: Annotated[str, typer.Argument()], out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """Write the report of a verified campaign anew."""
+    with open_store(out) as store:
+        outcome = stages.stored_outcome(store, campaign)
+    path = _report(outcome, out)
+    if json:
+        print_json(outcome_json(outcome, path))
+    else:
+        results.print(f"report: {path}", soft_wrap=True)
+
+
+@app.command(name="export")
+def export_campaign(
+    campaign: Annotated[str, typer.Argument()],
+    folder: Annotated[Path, typer.Argument(help="new folder")],
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Write a campaign as a recording folder (docs/recording.md)."""
+    with open_store(out) as store:
+        recording = store.recording(campaign)
+    write_folder(recording, folder)
+    if json:
+        print_json({"campaign": campaign, "folder": str(folder), "readings": len(recording)})
+    else:
+        results.print(f"{len(recording)} readings: {folder}", soft_wrap=True)
+
+
+@app.command(name="import")
+def import_folder(
+    folder: Annotated[Path, typer.Argument()], out: OutOption = Path("runs"), json: JsonOption = False
+) -> None:
+    """Read a recording folder into the store."""
+    recording = read_folder(folder)
+    with open_store(out) as store:
+        store.add_recording(recording)
+    if json:
+        print_json({"campaign": recording.file.campaign, "readings": len(recording)})
+    else:
+        results.print(f"campaign {recording.file.campaign}: {len(recording)} readings", soft_wrap=True)
+
+
+def main() -> None:
+    """Run a command; every expected failure is one line on stderr and an exit status (docs/commands.md)."""
+    try:
+        app(standalone_mode=True)
+    except InputError as error:
+        _end(BAD_INPUT, str(error))
+    except CampaignRefused as error:
+        _end(REFUSED, str(error))
+    except (DeviceError, StoreError) as error:
+        _end(DEVICE, str(error))
+    except KeyboardInterrupt:
+        _end(DEVICE, "interrupted; the drives were stopped, what was read is kept")
+    except Exception as error:
+        messages.print(traceback.format_exc(), style="dim", markup=False)
+        _end(
+            INTERNAL,
+            f"internal error: {type(error).__name__}: {error}; please report it with the lines above",
+        )
+
+
+def _end(status: int, line: str) -> None:
+    messages.print(" ".join(f"pkm-rig: {line}".split()), markup=False, soft_wrap=True)
+    sys.exit(status)
+
+
+def _say(line: str) -> None:
+    messages.print(line, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def _bar() -> Iterator[Tell]:
+    columns = (
+        TextColumn("{task.description:20.20}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=messages, transient=True) as progress:
+        task = progress.add_task("connecting", total=None)
+
+        def tell(advance: int, total: int, what: str) -> None:
+            progress.update(task, advance=advance, total=total, description=what.replace("_", " "))
+
+        yield tell
+
+
+def _report(outcome: Outcome, out: Path) -> Path:
+    path = out / outcome.campaign / "report.html"
+    write_report(outcome, path)
+    return path
+
+
+def _finish(outcome: Outcome, out: Path, json: bool) -> None:
+    path = _report(outcome, out)
+    if json:
+        print_json(outcome_json(outcome, path))
+    else:
+        print_outcome(outcome, path)
+    if not outcome.accepted:
+        _end(REFUSED, "the tables were refused; see the report for residuals and conditions")
+
+
+if __name__ == "__main__":
+    main()

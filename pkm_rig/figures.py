@@ -1,0 +1,150 @@
+"""Before, after, noise floor: the figures that a verdict rests on, each with its uncertainty.
+
+Definitions are in docs/definitions.md; position figures are of the tool point in the coordinates that the drives
+command, orientation figures of the platform's free rotations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.machine import Array, Machine
+from pkm_rig.reduction import CALIBRATION, Reduction
+
+COVERAGE_FACTOR = 2.0
+LEAST_VISITS = 3
+
+
+@dataclass(frozen=True)
+class Figures:
+    """RMS and maximum over n poses; u_* are standard uncertainties of the RMS values."""
+
+    position_rms_m: float
+    position_max_m: float
+    orientation_rms_rad: float
+    u_position_rms_m: float
+    u_orientation_rms_rad: float
+    n: int
+
+    def as_dict(self) -> dict[str, float]:
+        """For JSON."""
+        return asdict(self)
+
+
+def free_axes(machine: Machine) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of the free translations and of the free rotations (0 to 2 each)."""
+    return machine.dof[machine.dof < 3], machine.dof[machine.dof >= 3] - 3
+
+
+def figures(machine: Machine, position_m: Array, rotation_rad: Array, scale_u: float, reach_m: float) -> Figures:
+    """Figures of errors (n, 3) and (n, 3).
+
+    The uncertainty of an RMS has the standard error of the mean square over the poses (noise
+    and choice of poses) and, for positions, the scale: `scale_u` times the RMS distance `reach_m` of the
+    poses from their centre, which does not average out.
+    """
+    moves, turns = free_axes(machine)
+    square = np.sum(position_m[:, moves] ** 2, axis=1)
+    angle = np.sum(rotation_rad[:, turns] ** 2, axis=1)
+    rms, u_rms = _rms(square)
+    turn, u_turn = _rms(angle)
+    return Figures(
+        position_rms_m=rms,
+        position_max_m=float(np.sqrt(square.max())),
+        orientation_rms_rad=turn,
+        u_position_rms_m=float(np.hypot(u_rms, scale_u * reach_m)),
+        u_orientation_rms_rad=u_turn,
+        n=len(square),
+    )
+
+
+def _rms(square: Array) -> tuple[float, float]:
+    mean = float(np.mean(square))
+    u_mean = float(np.std(square, ddof=1) / np.sqrt(len(square))) if len(square) > 1 else mean
+    rms = float(np.sqrt(mean))
+    return rms, u_mean / (2.0 * rms) if rms > 0.0 else 0.0
+
+
+def visit_figures(reduction: Reduction, phase: str, payload: int) -> Figures | None:
+    """Figures of the measured errors of one phase at one payload; None where nothing was measured."""
+    rows = reduction.rows(phase, payload)
+    if not np.any(rows):
+        return None
+    position, rotation = reduction.errors(rows)
+    return figures(reduction.recording.machine, position, rotation, *scale_part(reduction, rows))
+
+
+def scale_part(reduction: Reduction, rows: NDArray[np.bool_]) -> tuple[float, float]:
+    """Relative standard uncertainty of the station's scale, and the RMS reach (m) of some poses."""
+    target = reduction.observations.visits.target_m[rows, :3]
+    reach = float(np.sqrt(np.mean(np.sum((target - target.mean(axis=0)) ** 2, axis=1))))
+    distance = float(np.mean(np.linalg.norm(reduction.observations.position_m, axis=1)))
+    return reduction.range_constant_u_m / distance, reach
+
+
+def noise_floor(reduction: Reduction) -> Figures | None:
+    """RMS scatter of the measured pose over repeated visits, for the averaging of the verification.
+
+    Visits of one target, direction and payload, at least three; None where there are none.
+    """
+    info, rows = reduction.info, np.flatnonzero(reduction.rows(CALIBRATION))
+    position, rotation = reduction.report.tool_error(
+        reduction.poses.coordinates[rows], reduction.observations.visits.target_m[rows]
+    )
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for i, v in enumerate(rows):
+        key = (int(info.pose[v]), int(info.payload[v]), *info.direction[v].tolist())
+        groups.setdefault(key, []).append(i)
+    repeated = [g for g in groups.values() if len(g) >= LEAST_VISITS]
+    if not repeated:
+        return None
+    moves, turns = free_axes(reduction.recording.machine)
+    freedom = sum(len(g) - 1 for g in repeated)
+    scatter = [position[g] - position[g].mean(axis=0) for g in repeated]
+    turn = [rotation[g] - rotation[g].mean(axis=0) for g in repeated]
+    square = np.concatenate([np.sum(s[:, moves] ** 2, axis=1) for s in scatter])
+    angle = np.concatenate([np.sum(s[:, turns] ** 2, axis=1) for s in turn])
+    share = _averaging(reduction)
+    rms = float(np.sqrt(square.sum() / freedom)) * share
+    turn_rms = float(np.sqrt(angle.sum() / freedom)) * share
+    return Figures(
+        position_rms_m=rms,
+        position_max_m=float(np.sqrt(square.max())) * share,
+        orientation_rms_rad=turn_rms,
+        u_position_rms_m=rms / np.sqrt(2.0 * freedom * moves.size),
+        u_orientation_rms_rad=turn_rms / np.sqrt(2.0 * freedom * max(1, turns.size)),
+        n=freedom,
+    )
+
+
+def _averaging(reduction: Reduction) -> float:
+    """Ratio of the verification's noise to the calibration's, from their numbers of averaged readings."""
+    info = reduction.info
+    calibration = info.samples[info.phase == CALIBRATION]
+    verification = info.samples[np.char.startswith(info.phase.astype(str), "verification")]
+    if verification.size == 0:
+        return 1.0
+    return float(np.sqrt(np.mean(1.0 / verification) / np.mean(1.0 / calibration)))
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether tables may stay, and the rule in words."""
+
+    accepted: bool
+    rule: str
+
+
+def decide(before: Figures, after: Figures) -> Decision:
+    """Tables stay only if the position error falls by more than its expanded uncertainty (JCGM 106)."""
+    fall = before.position_rms_m - after.position_rms_m
+    expanded = COVERAGE_FACTOR * float(np.hypot(before.u_position_rms_m, after.u_position_rms_m))
+    accepted = fall > expanded
+    rule = (
+        f"fall {fall * 1e6:.1f} um {'>' if accepted else '<='} U = {expanded * 1e6:.1f} um (k = 2): "
+        f"{'the tables stay' if accepted else 'the former tables come back'}"
+    )
+    return Decision(accepted, rule)

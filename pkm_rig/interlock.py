@@ -1,0 +1,147 @@
+"""Supervision: the PLC's interlocks, the heartbeats and the payload, polled for as long as a rig is connected.
+
+Safety itself belongs to the PLC and the drives. Here is the procedure: any doubt stops all drives together and
+says why; no motion starts unless the interlocks are fresh and good.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from drivers.drive_group import DriveGroup
+from drivers.errors import DeviceError, InterlockOpen
+from drivers.plc import Plc
+from drivers.plc_registers import PlcState
+from pkm_rig.clock import RigClock
+
+REST_PERIOD_S = 0.5
+MOTION_PERIOD_S = 0.05
+LEAST_HOST_PERIOD_S = 0.01
+
+
+class Supervisor:
+    """Polls on the rig clock's own thread: 2 Hz at rest, 20 Hz while anything moves.
+
+    With scaled time a period is never shorter than 10 ms of host time.
+    """
+
+    def __init__(
+        self,
+        plc: Plc,
+        drives: DriveGroup,
+        clock: RigClock,
+        required: tuple[str, ...],
+        on_payload: Callable[[int | None], None],
+        time_scale: float | None = None,
+    ) -> None:
+        self._plc = plc
+        self._drives = drives
+        self._clock = clock
+        self._required = required
+        self._on_payload = on_payload
+        self._least_s = LEAST_HOST_PERIOD_S * time_scale if time_scale else 0.0
+        self._lock = threading.Lock()
+        self._chain = 0
+        self._running = False
+        self._moving = False
+        self._state: PlcState | None = None
+        self._payload: int | None = None
+        self._trip: DeviceError | None = None
+        self._watchers: list[Callable[[DeviceError], None]] = []
+        self.polls = 0
+
+    @property
+    def trip(self) -> DeviceError | None:
+        """What stopped the drives, if anything did."""
+        return self._trip
+
+    def start(self) -> None:
+        """Poll once, then keep polling; raises what the first poll found."""
+        self._running = True
+        self._poll()
+        if self._trip is not None:
+            raise self._trip
+        self._schedule()
+
+    def stop(self) -> None:
+        """Poll no more."""
+        self._running = False
+
+    def watch(self, callback: Callable[[DeviceError], None]) -> None:
+        """Be called, from the polling thread, when something stops the drives."""
+        self._watchers.append(callback)
+
+    def state(self) -> PlcState:
+        """The PLC's values of the last poll; raises the trip, so that no stale value is ever used."""
+        self.require_good()
+        assert self._state is not None
+        return self._state
+
+    def require_good(self) -> None:
+        """Raise if the drives were stopped or nothing has been read yet."""
+        if self._trip is not None:
+            raise self._trip
+        if self._state is None:
+            raise InterlockOpen("PLC", "supervision", "nothing read yet", "start supervision first")
+
+    @contextmanager
+    def motion(self) -> Iterator[None]:
+        """A motion: interlocks are read afresh before it and polled fast during it."""
+        self._poll()
+        self.require_good()
+        self._moving = True
+        self._schedule()
+        try:
+            yield
+        finally:
+            self._moving = False
+
+    def _schedule(self) -> None:
+        """Start a new chain of polls; one that is under way ends at its next tick."""
+        self._chain += 1
+        chain = self._chain
+
+        def tick() -> None:
+            if self._running and chain == self._chain:
+                self._poll()
+                if chain == self._chain:
+                    self._clock.call_at(self._clock.now_s() + self._period_s(), tick)
+
+        self._clock.call_at(self._clock.now_s() + self._period_s(), tick)
+
+    def _period_s(self) -> float:
+        return max(MOTION_PERIOD_S if self._moving else REST_PERIOD_S, self._least_s)
+
+    def _poll(self) -> None:
+        with self._lock:
+            if self._trip is not None:
+                return
+            try:
+                self._check()
+            except DeviceError as error:
+                self._stop_all(error)
+
+    def _check(self) -> None:
+        self.polls += 1
+        state = self._plc.read()
+        state.require_safe()
+        missing = [name for name in self._required if name not in state.interlocks]
+        if missing:
+            raise InterlockOpen("PLC", "register map", f"no interlock '{missing[0]}'", "correct the rig file")
+        for drive in self._drives.drives:
+            drive.check()
+        if self._state is None or state.payload != self._payload:
+            if self._moving and self._state is not None:
+                raise InterlockOpen("PLC", "payload", "the payload changed during a motion", "check the platform")
+            self._payload = state.payload
+            self._on_payload(state.payload)
+        self._state = state
+
+    def _stop_all(self, error: DeviceError) -> None:
+        self._trip = error
+        with suppress(DeviceError):
+            self._drives.stop_all(str(error))
+        for watcher in self._watchers:
+            watcher(error)

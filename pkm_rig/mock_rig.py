@@ -1,0 +1,115 @@
+"""The only door to `mock_devices`: starts a mock rig, embedded or for other processes.
+
+What comes out is a rig file with the mock's addresses filled in; everything after that is the same as on hardware.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import can
+from mock_devices.rig import MockRig
+
+from mock_devices.plant import MockSettings, Payload
+from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
+from pkm_rig.config import MockSection, RigFile, machine_path
+from pkm_rig.embedded_bus import EmbeddedBus
+
+_channels = itertools.count()
+
+
+@dataclass
+class Embedded:
+    """A mock rig in this process: connect to `file` with `bus_factory`, on `clock`."""
+
+    file: RigFile
+    clock: RigClock
+    bus_factory: Callable[[], can.BusABC]
+    mock: MockRig
+
+
+def settings_of(file: RigFile) -> MockSettings:
+    """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, the seed."""
+    mock = file.mock or MockSection()
+    accuracy = file.station.accuracy
+    return MockSettings(
+        seed=mock.seed,
+        error_scale=mock.error_scale,
+        payloads=tuple(
+            Payload(name=p.name, mass_kg=p.mass_kg, com_m=p.com_m, u_mass_kg=p.u_mass_kg, u_com_m=p.u_com_m)
+            for p in file.payloads
+        ),
+        angle_sd_rad=accuracy.angle_sd_rad,
+        range_sd_m=accuracy.range_sd_m,
+        range_constant_u_m=accuracy.range_constant_u_m,
+        range_scale_u=accuracy.range_scale_u,
+        station_position_m=file.station.position_m,
+        station_heading_rad=file.station.heading_rad,
+    )
+
+
+@contextmanager
+def embedded(file: RigFile, rig_path: Path, *, real_time: bool = False) -> Iterator[Embedded]:
+    """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`."""
+    clock: RigClock = ScaledClock(1.0) if real_time else VirtualClock()
+    channel = f"embedded-{next(_channels)}"
+
+    def bus() -> can.BusABC:
+        return EmbeddedBus(channel, clock)
+
+    try:
+        with MockRig(machine_path(file, rig_path), settings_of(file), clock, bus) as mock:
+            host, port = mock.plc_address
+            found = file.model_copy(
+                update={
+                    "station": file.station.model_copy(update={"port": mock.station_url}),
+                    "plc": file.plc.model_copy(update={"host": host, "port": port}),
+                }
+            )
+            yield Embedded(found, clock, bus, mock)
+    finally:
+        clock.close()
+
+
+@contextmanager
+def served(file: RigFile, rig_path: Path) -> Iterator[MockRig]:
+    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time."""
+    clock = ScaledClock(file.time_scale or 1.0)
+    channel = f"served-{next(_channels)}"
+
+    def bus() -> can.BusABC:
+        return EmbeddedBus(channel, clock)
+
+    port = file.station.port
+    over_tcp = port.startswith("socket://")
+    try:
+        with MockRig(
+            machine_path(file, rig_path),
+            settings_of(file),
+            clock,
+            bus,
+            station="tcp" if over_tcp else "pty",
+            station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
+            plc_port=file.plc.port,
+            socketcand_port=file.can.port,
+        ) as mock:
+            yield mock
+    finally:
+        clock.close()
+
+
+def how_to_connect(file: RigFile, mock: MockRig) -> list[str]:
+    """What to put into a rig file, or on a command line, to reach each device."""
+    host, port = mock.plc_address
+    bus_host, bus_port = mock.socketcand_address
+    return [
+        f"station: GeoCOM on {mock.station_url}",
+        f"drives:  CANopen nodes {', '.join(str(d.node_id) for d in file.drives)} "
+        f"on socketcand {bus_host}:{bus_port}, channel {file.can.channel}",
+        f"PLC:     Modbus TCP {host}:{port}, unit {file.plc.unit}",
+        f"time:    {file.time_scale or 1.0:g} rig seconds a second",
+    ]

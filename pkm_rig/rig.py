@@ -1,0 +1,350 @@
+"""One connected rig: station, drives and PLC behind one set of verbs, mock or real alike."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields, replace
+from typing import Any
+
+import can
+import numpy as np
+
+from calibration import station as station_geometry
+from calibration.compensation import CompensationTable
+from calibration.machine import Array, Machine
+from calibration.observation_model import Frame
+from calibration.report_frame import ReportFrame
+from calibration.toml_file import InputError
+from drivers.can_line import CanLine
+from drivers.drive_group import DriveGroup
+from drivers.errors import DeviceError, PlcError, TableError
+from drivers.laser_tracker import LaserTracker
+from drivers.plc import Plc
+from drivers.plc_registers import PlcState, RegisterMap
+from drivers.servo_drive import DriveExpectation, ServoDrive
+from drivers.socketcand import open_bus
+from drivers.table_bank import Activation, CompensationState, TableBank, activate_all
+from drivers.table_image import TableImage, machine_id_of
+from pkm_rig.clock import RigClock
+from pkm_rig.config import RigFile
+from pkm_rig.interlock import Supervisor
+from pkm_rig.reduction import station_frame
+
+POLL_PERIOD_S = 0.05
+LEAST_HOST_POLL_S = 0.005
+PLC_POLL_S = 1.0
+PART_SENSORS = ("struts", "columns", "base", "platform")
+
+
+class Rig:
+    """Everything that is connected, and what a campaign asks of it.
+
+    All methods that move or write need supervision to be good and raise its trip otherwise.
+    """
+
+    def __init__(
+        self,
+        file: RigFile,
+        machine: Machine,
+        clock: RigClock,
+        station: LaserTracker,
+        drives: DriveGroup,
+        banks: Sequence[TableBank],
+        plc: Plc,
+    ) -> None:
+        self.file = file
+        self.machine = machine
+        self.clock = clock
+        self.station = station
+        self.drives = drives
+        self.banks = tuple(banks)
+        self.plc = plc
+        self.sensors = PART_SENSORS
+        self.compensation = 0
+        self.supervisor = Supervisor(plc, drives, clock, file.limits.interlocks, self._payload_changed, file.time_scale)
+
+    # --- motion
+
+    def enable(self) -> None:
+        """Power the drives; supervision must be good."""
+        self.supervisor.require_good()
+        self.drives.enable()
+
+    def stop(self, reason: str) -> None:
+        """Stop all drives together, now."""
+        self.drives.stop_all(reason)
+
+    def move(self, drives_m: Array, speed_m_per_s: float) -> None:
+        """Move all drives together to commanded positions (d,) and wait until they have settled."""
+        with self.supervisor.motion():
+            self.drives.move_to([float(q) for q in drives_m], speed_m_per_s, self.file.campaign.acceleration_m_per_s2)
+
+    def positions_m(self) -> Array:
+        """Actual drive positions (d,), sampled at one SYNC."""
+        return np.array([sample.position_m for sample in self.drives.sample()])
+
+    def wait(self, duration_s: float) -> None:
+        """Let rig time pass; raises as soon as supervision has stopped the drives."""
+        end_s = self.clock.now_s() + duration_s
+        while (left_s := end_s - self.clock.now_s()) > 0.0:
+            self.supervisor.require_good()
+            self.clock.sleep_s(min(left_s, PLC_POLL_S))
+        self.supervisor.require_good()
+
+    # --- payload
+
+    def change_payload(self, number: int) -> None:
+        """Ask for a payload and wait until the PLC reports it."""
+        if self.supervisor.state().payload == number:
+            return
+        self.plc.request_payload(number, self.file.campaign.payload_timeout_s)
+        while self.supervisor.state().payload != number:
+            self.clock.sleep_s(PLC_POLL_S)
+
+    def payload_mass_kg(self, number: int | None) -> float | None:
+        """Mass of a payload of the rig's list; None while it is unknown."""
+        if number is None:
+            return None
+        if number >= len(self.file.payloads):
+            raise PlcError(
+                "PLC", "payload", f"payload {number} is reported, the rig file lists {len(self.file.payloads)}",
+                "correct [[payloads]] or the PLC",
+            )  # fmt: skip
+        return self.file.payloads[number].mass_kg
+
+    def _payload_changed(self, number: int | None) -> None:
+        """Tell the drives at once: a table for another payload is then invalid and motion refused."""
+        mass_kg = self.payload_mass_kg(number)
+        for bank in self.banks:
+            bank.set_payload(mass_kg)
+
+    # --- compensation
+
+    def compensate(self, images: Sequence[TableImage] | None) -> list[CompensationState]:
+        """Switch compensation to these tables, or off (None), and power the drives again.
+
+        Raises TableError, after switching off again, if a table does not fit the payload that is on.
+        """
+        self.switch_compensation(images)
+        states = [bank.state() for bank in self.banks]
+        for bank, state in zip(self.banks, states, strict=True):
+            if images is not None and not state.valid:
+                self.switch_compensation(None)
+                raise TableError(
+                    bank.drive.name, bank.drive.where, "the active table does not fit the payload that is on",
+                    "compute a table for this payload",
+                )  # fmt: skip
+        self.enable()
+        return states
+
+    def switch_compensation(self, images: Sequence[TableImage] | None) -> None:
+        """Write tables into all drives and switch them on together, or switch compensation off (None).
+
+        Leaves the drives without power. A table becomes active whole and read back, on all drives or on
+        none: after any failure compensation is off everywhere and the cause is raised.
+        """
+        self.drives.disable()
+        self._compensation_off()
+        if images is None:
+            return
+        try:
+            self._activate(images)
+        except DeviceError:
+            with contextlib.suppress(DeviceError):
+                self._compensation_off()
+            raise
+        self.compensation = images[0].generation
+
+    def _compensation_off(self) -> None:
+        self.compensation = 0
+        for bank in self.banks:
+            bank.set_mode(False)
+
+    def _activate(self, images: Sequence[TableImage]) -> None:
+        written = [bank.write_inactive(image) for bank, image in zip(self.banks, images, strict=True)]
+        activate_all([Activation(b, w.bank, w.crc, w.generation) for b, w in zip(self.banks, written, strict=True)])
+        for bank in self.banks:
+            bank.set_mode(True)
+
+    def next_generation(self) -> int:
+        """A generation above that of every bank."""
+        return max(bank.state().next_generation for bank in self.banks)
+
+    def images(self, table: CompensationTable, generation: int) -> list[TableImage]:
+        """A table as images, one a drive: own axis first, then the partner's."""
+        out = []
+        for own, drive in enumerate(self.file.drives):
+            other = 1 - own
+            corrections = table.correction_m[own]
+            out.append(
+                TableImage(
+                    node_id=drive.node_id,
+                    generation=generation,
+                    payload_kg=table.load.payload_kg,
+                    temperature_c=table.temperature_c,
+                    machine_id=machine_id_of(self.machine.name),
+                    own_start_m=float(table.start_m[own]),
+                    own_step_m=float(table.step_m[own]),
+                    partner_start_m=float(table.start_m[other]),
+                    partner_step_m=float(table.step_m[other]),
+                    corrections_m=corrections if own == 0 else corrections.T,
+                    metres_per_increment=drive.metres_per_increment,
+                )
+            )
+        return out
+
+    # --- context
+
+    def rough_frame(self) -> Frame:
+        """The station's frame from its rough place in the rig file."""
+        entry = self.file.station
+        return station_frame(entry.position_m, entry.heading_rad)
+
+    def temperatures_c(self) -> dict[str, float]:
+        """Temperatures of the machine's sensors, now."""
+        state = self.supervisor.state()
+        return {name: state.temperatures_c[name] for name in self.machine.sensors.values()}
+
+    def context_row(self, state: PlcState) -> dict[str, float | str]:
+        """Drives, air, temperatures and payload at this moment, as columns of a recording."""
+        row: dict[str, float | str] = {}
+        for sample, drive in zip(self.drives.sample(), self.file.drives, strict=True):
+            row |= {
+                f"{drive.name}_commanded_m": sample.demand_m,
+                f"{drive.name}_actual_m": sample.position_m,
+                f"{drive.name}_following_error_m": sample.following_error_m,
+                f"{drive.name}_velocity_m_per_s": sample.velocity_m_per_s,
+                f"{drive.name}_torque_ratio": sample.torque_ratio,
+            }
+        payload = state.payload
+        mass_kg = self.payload_mass_kg(payload)
+        if payload is None or mass_kg is None:
+            raise PlcError("PLC", "payload", "it is being changed", "measure when it is on")
+        return row | {
+            "payload": float(payload),
+            "payload_mass_kg": mass_kg,
+            "compensation": float(self.compensation),
+            "air_temperature_c": state.temperatures_c["air"],
+            "pressure_hpa": state.pressure_hpa,
+            "humidity_percent": 100.0 * state.humidity,
+            **{f"{name}_temperature_c": state.temperatures_c[name] for name in self.sensors},
+        }
+
+    def refresh_atmosphere(self) -> None:
+        """Give the PLC's air values to the station."""
+        state = self.supervisor.state()
+        self.station.set_atmosphere(state.temperatures_c["air"], state.pressure_hpa, state.humidity)
+
+
+@contextmanager
+def connected(
+    file: RigFile, machine: Machine, clock: RigClock, bus_factory: Callable[[], can.BusABC] | None = None
+) -> Iterator[Rig]:
+    """Connect all devices, supervise them while in use, leave them stopped and without power.
+
+    `bus_factory` replaces the bus of the rig file (embedded rig, tests).
+    """
+    slow = file.time_scale or 1.0
+    with ExitStack() as stack:
+        plc = Plc(file.plc.host, file.plc.port, file.plc.unit, register_map(file), clock,
+                  heartbeat_limit_s=file.limits.plc_heartbeat_s * slow, poll_period_s=PLC_POLL_S)  # fmt: skip
+        stack.callback(plc.close)
+        plc.connect()
+        bus = bus_factory() if bus_factory else open_bus(
+            file.can.interface, file.can.channel, file.can.host, file.can.port, file.can.bitrate
+        )  # fmt: skip
+        line = CanLine(bus)
+        stack.callback(line.close)
+        drives = [_drive(file, i, line, clock, slow) for i in range(len(file.drives))]
+        for drive in drives:
+            stack.callback(drive.close)
+            drive.connect()
+        group = DriveGroup(drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow))
+        banks = [TableBank(drive) for drive in drives]
+        station = LaserTracker(
+            file.station.port,
+            clock,
+            name=file.station.name,
+            baudrate=file.station.baudrate,
+            reply_timeout_s=file.station.reply_timeout_s,
+        )
+        stack.callback(station.close)
+        station.connect()
+        rig = Rig(file, machine, clock, station, group, banks, plc)
+        stack.callback(_leave_safe, rig)
+        rig.supervisor.start()
+        yield rig
+
+
+def _leave_safe(rig: Rig) -> None:
+    rig.supervisor.stop()
+    with contextlib.suppress(DeviceError):
+        rig.stop("the rig is being left")
+    with contextlib.suppress(DeviceError):
+        rig.drives.disable()
+
+
+def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float) -> ServoDrive:
+    entry = file.drives[index]
+    partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
+    expected = DriveExpectation(
+        vendor=entry.vendor_id, product=entry.product_code, metres_per_increment=entry.metres_per_increment
+    )
+    return ServoDrive(
+        line,
+        entry.node_id,
+        entry.name,
+        clock,
+        expected,
+        partner_node_id=partner,
+        heartbeat_ms=min(60_000, round(500 * slow)),
+        heartbeat_late_s=file.limits.heartbeat_s * slow,
+        heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
+        state_limit_s=3.0 * slow,
+    )
+
+
+def register_map(file: RigFile) -> RegisterMap:
+    """The default map (docs/plc.md) with the rig file's addresses."""
+    names = {field.name for field in fields(RegisterMap)}
+    floats = RegisterMap().temperatures_c
+    changed: dict[str, Any] = {}
+    for name, address in file.plc.registers.items():
+        sensor = name.removesuffix("_temperature_c")
+        if sensor in floats and sensor != name:
+            moved = changed.setdefault("temperatures_c", dict(floats))
+            moved[sensor] = replace(floats[sensor], address=address)
+        elif name in ("pressure_hpa", "humidity_percent"):
+            changed[name] = replace(getattr(RegisterMap(), name), address=address)
+        elif name in names - {"temperatures_c", "interlock_bits"}:
+            changed[name] = address
+        else:
+            raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/plc.md")
+    return replace(RegisterMap(), **changed)
+
+
+def in_plane_u_m(rig_file: RigFile, machine: Machine) -> float:
+    """Predicted standard uncertainty of a measured tool position, worst corner of the workspace, in m.
+
+    One visit, all platform reflectors, the plane held by the machine; full covariances.
+    """
+    smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on == "platform")
+    mounting = np.array([machine.smrs[i].position_m for i in smrs])
+    frame = station_frame(rig_file.station.position_m, rig_file.station.heading_rad)
+    report = ReportFrame(machine, frame, smrs, mounting)
+    corners = np.zeros((4, 6))
+    corners[:, :2] = [(x, y) for x in machine.workspace_m[0] for y in machine.workspace_m[1]]
+    points = report.points(corners)
+    jac = report.jacobian(corners)[..., machine.dof]
+    stated = rig_file.station.accuracy.stated()
+    worst = 0.0
+    for i in range(len(corners)):
+        cov = station_geometry.covariances(*station_geometry.angles(points[i]), stated)
+        cov /= rig_file.campaign.readings_per_smr
+        information = sum(jac[i, k].T @ np.linalg.inv(cov[k]) @ jac[i, k] for k in range(len(smrs)))
+        pose_cov = np.linalg.inv(information)
+        moves = machine.dof < 3
+        worst = max(worst, float(np.sqrt(np.trace(pose_cov[np.ix_(moves, moves)]))))
+    return worst

@@ -1,0 +1,143 @@
+"""Runs plans on a connected rig: run engine, store and progress, with one clear cause when it ends badly."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Any
+
+import bluesky.preprocessors as bpp
+from bluesky import RunEngine
+
+import pkm_rig
+from calibration.recording import Recording, RecordingFile, StationEntry
+from drivers.errors import DeviceError
+from pkm_rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
+from pkm_rig.plans import CampaignRefused, Plan, Stage
+from pkm_rig.rig import Rig
+from pkm_rig.store import Store, StoreError
+
+EXPECTED = (DeviceError, CampaignRefused, StoreError)
+
+
+class Runner:
+    """One campaign on one rig. `stage` is what plans are written against."""
+
+    def __init__(self, rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> None:
+        self.rig, self.store, self.campaign = rig, store, campaign
+        self._worker = Worker()
+        context = Context()
+        self.stage = Stage(
+            rig=rig,
+            context=context,
+            machine=MachineDevice(rig, self._worker, context),
+            payload=PayloadDevice(rig, self._worker),
+            station=StationDevice(rig, self._worker, context),
+            wait=WaitDevice(rig, self._worker),
+            progress=progress,
+            first_nests={},
+        )
+        self._engine = RunEngine({}, context_managers=[])
+        self._engine.subscribe(self._keep, "event")
+        self._failure: BaseException | None = None
+
+    def close(self) -> None:
+        """End the worker and the engine's loop."""
+        self._worker.close()
+        loop = self._engine.loop
+        loop.call_soon_threadsafe(loop.stop)
+
+    def resume(self, recording: Recording) -> None:
+        """Go on with a stored campaign: its numbers, and its first nest check as the reference."""
+        context = self.stage.context
+        context.sequence = int(recording["sequence"].max()) + 1
+        context.visit_number = int(recording["visit"].max())
+        context.nest_check = int(recording["nest_check"].max())
+        nests = recording.rows("nests")
+        for name, position in zip(nests["smr"], nests.positions_m, strict=True):
+            self.stage.first_nests.setdefault(str(name), position)
+
+    def run(self, plan: Plan, purpose: str) -> None:
+        """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""
+        self.store.add_event(self.campaign, "started", {"plan": purpose})
+        self._failure = None
+        try:
+            with open(os.devnull, "w") as quiet, contextlib.redirect_stdout(quiet):
+                self._engine(bpp.run_wrapper(plan, md={"campaign": self.campaign, "purpose": purpose}))
+        except BaseException as error:
+            cause = self._cause(error)
+            with contextlib.suppress(DeviceError):
+                self.rig.stop(str(cause))
+            with contextlib.suppress(StoreError):
+                self.store.add_event(self.campaign, "failed", {"plan": purpose, "reason": str(cause)})
+            if cause is error:
+                raise
+            raise cause from error
+        self.store.add_event(self.campaign, "finished", {"plan": purpose})
+
+    def _keep(self, _name: str, document: dict[str, Any]) -> None:
+        """Store a reading; the engine goes on only when it is on disk."""
+        data = {**document["data"], "uid": document["uid"]}
+        try:
+            self.store.add_reading(self.campaign, document["uid"], int(data["sequence"]), data)
+        except StoreError as error:
+            self._failure = error
+            raise
+
+    def _cause(self, error: BaseException) -> BaseException:
+        """The device's or the store's own error behind what the engine raised; supervision's trip comes first."""
+        if self.rig.supervisor.trip is not None:
+            return self.rig.supervisor.trip
+        if self._failure is not None:
+            return self._failure
+        seen: BaseException | None = error
+        while seen is not None:
+            if isinstance(seen, EXPECTED):
+                return seen
+            inner = seen.args[0] if seen.args else None
+            status_error = inner.exception() if hasattr(inner, "exception") else None
+            seen = seen.__cause__ or status_error or seen.__context__
+        return error
+
+
+@contextmanager
+def running(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> Iterator[Runner]:
+    """A runner that is closed in the end."""
+    runner = Runner(rig, store, campaign, progress)
+    try:
+        yield runner
+    finally:
+        runner.close()
+
+
+def new_campaign_id(rig_name: str) -> str:
+    """Rig, time and four random characters."""
+    return f"{rig_name}-{datetime.now(UTC):%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+
+
+def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
+    """The recording's header for a campaign on this rig."""
+    file = rig.file
+    return RecordingFile(
+        format=1,
+        campaign=campaign,
+        rig=file.rig,
+        created=created,
+        software=f"pkm-rig {pkm_rig.__version__}",
+        drives=tuple(d.name for d in file.drives),
+        sensors=rig.sensors,
+        station=StationEntry(
+            name=file.station.name,
+            position_m=file.station.position_m,
+            heading_rad=file.station.heading_rad,
+            accuracy=file.station.accuracy,
+        ),
+        nest_length=file.nest_length,
+        nest_limit_m=file.campaign.nest_limit_m,
+        payloads=file.payloads,
+        nuisance=file.nuisance,
+    )

@@ -1,0 +1,64 @@
+"""Opening things for a command: the rig (embedded or real), the store, a recording by id or folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from calibration.recording import Recording, read_folder
+from calibration.toml_file import InputError
+from pkm_rig.clock import RigClock, ScaledClock
+from pkm_rig.config import embedded_rig_path, load_rig
+from pkm_rig.mock_rig import embedded
+from pkm_rig.rig import Rig, connected
+from pkm_rig.store import Store
+
+STORE_NAME = "pkm-rig.sqlite"
+
+
+@contextmanager
+def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None = None) -> Iterator[Rig]:
+    """A connected, supervised rig; without a path the embedded mock rig over its real protocols.
+
+    `seed` chooses another embedded mock machine.
+    """
+    path = rig_path or embedded_rig_path()
+    file, machine = load_rig(path)
+    if file.can.interface == "embedded":
+        if seed is not None and file.mock is not None:
+            file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
+        with (
+            embedded(file, path, real_time=real_time) as mock,
+            mock.clock.activity(),
+            connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        ):
+            yield rig
+        return
+    clock: RigClock = ScaledClock(file.time_scale or 1.0)
+    try:
+        with connected(file, machine, clock) as rig:
+            yield rig
+    finally:
+        clock.close()
+
+
+@contextmanager
+def open_store(out: Path) -> Iterator[Store]:
+    """The store in a folder, made if it is not there."""
+    store = Store(out / STORE_NAME)
+    try:
+        yield store
+    finally:
+        store.close()
+
+
+def find_recording(what: str, out: Path) -> Recording:
+    """A recording by its folder, or by its campaign id in the store; InputError if it is neither."""
+    folder = Path(what)
+    if folder.is_dir():
+        return read_folder(folder)
+    if not (out / STORE_NAME).is_file():
+        raise InputError(f"'{what}' is no recording folder, and there is no store in {out}; give --out")
+    with open_store(out) as store:
+        return store.recording(what)

@@ -1,0 +1,177 @@
+"""The stages of the main job on their own: check, identify, compensate, and a stored campaign's outcome."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from rich.table import Table
+
+from calibration.compensation import predict_poses
+from calibration.identification import Estimator
+from calibration.recording import Recording
+from calibration.toml_file import InputError
+from pkm_rig.analysis import Calibration, identify_recording, pose_u
+from pkm_rig.calibrate import Outcome, Written, check_rig, identified_summary, judge
+from pkm_rig.figures import figures
+from pkm_rig.output import results
+from pkm_rig.reduction import CALIBRATION
+from pkm_rig.rig import Rig, in_plane_u_m
+from pkm_rig.store import Store
+
+HELD_OUT_EVERY = 5
+
+
+def check(rig: Rig) -> dict[str, Any]:
+    """Identities, units, interlocks and what is not fit."""
+    state = rig.supervisor.state()
+    identity = rig.station.identity
+    return {
+        "station": None if identity is None else {"name": identity.name, "serial": identity.serial},
+        "drives": {
+            drive.name: {
+                "node_id": drive.node_id,
+                "serial": None if drive.identity is None else drive.identity.serial,
+                "metres_per_increment": drive.metres_per_increment,
+                "limits_m": list(drive.limits_m),
+                "heartbeat": drive.heartbeat().value,
+            }
+            for drive in rig.drives.drives
+        },
+        "interlocks": dict(state.interlocks),
+        "payload": state.payload,
+        "temperatures_c": dict(state.temperatures_c),
+        "in_plane_u_m": in_plane_u_m(rig.file, rig.machine),
+        "problems": check_rig(rig),
+    }
+
+
+def print_check(found: dict[str, Any]) -> None:
+    """The same for people."""
+    results.print(f"station: {found['station']}")
+    for name, drive in found["drives"].items():
+        results.print(
+            f"drive {name}: node {drive['node_id']}, serial {drive['serial']}, "
+            f"{drive['metres_per_increment'] * 1e9:g} nm an increment, heartbeat {drive['heartbeat']}"
+        )
+    for name, good in found["interlocks"].items():
+        results.print(f"interlock {name}: {'good' if good else 'OPEN'}")
+    results.print(f"payload: {found['payload']}")
+    results.print(f"predicted in-plane uncertainty of a visit: {found['in_plane_u_m'] * 1e6:.1f} um")
+    results.print("fit for a campaign" if not found["problems"] else "not fit")
+
+
+def identify(recording: Recording, estimator: str) -> dict[str, Any]:
+    """Identification with held-out error and posterior bound (docs/json.md)."""
+    if estimator not in get_args(Estimator):
+        raise InputError(f"estimator '{estimator}' is unknown; use {', '.join(get_args(Estimator))}")
+    chosen: Estimator = estimator  # type: ignore[assignment]
+    identified = identify_recording(recording, chosen, baselines=False)
+    held_out, bound = held_out_error(identified, chosen)
+    return {
+        "calibration": recording.file.campaign,
+        **identified_summary(identified),
+        "held_out": held_out,
+        "bound": bound,
+    }
+
+
+def held_out_error(identified: Calibration, estimator: Estimator) -> tuple[dict[str, float], dict[str, float]]:
+    """Every fifth pose left out of a refit: its measured error (noise included) and the refit's own bound."""
+    reduction = identified.reduction
+    held = (reduction.info.pose % HELD_OUT_EVERY == 0) & reduction.rows(CALIBRATION)
+    refit = identify_recording(_without_held_out(reduction.recording), estimator, baselines=False)
+    visits = reduction.observations.visits.take(held)
+    report = reduction.report
+    predicted = predict_poses(refit.fit, report, visits)
+    position, rotation = report.tool_error(reduction.poses.coordinates[held], predicted)
+    found = figures(reduction.recording.machine, position, rotation, 0.0, 0.0)
+    u_position, u_rotation = pose_u(replace(refit, reduction=reduction), visits)
+    return (
+        {"position_rms_m": found.position_rms_m, "orientation_rms_rad": found.orientation_rms_rad},
+        {
+            "position_rms_m": float(np.sqrt(np.mean(u_position**2))),
+            "orientation_rms_rad": float(np.sqrt(np.mean(u_rotation**2))),
+        },
+    )
+
+
+def _without_held_out(recording: Recording) -> Recording:
+    """The recording without the calibration readings of every fifth pose."""
+    calibration = np.asarray(recording["phase"]) == CALIBRATION
+    drop = calibration & (recording["pose"].astype(int) % HELD_OUT_EVERY == 0)
+    if np.all(drop[calibration]):
+        raise InputError(f"recording {recording.file.campaign}: too few poses to hold any out; measure more")
+    return replace(recording, columns={n: c[~drop] for n, c in recording.columns.items()})
+
+
+def print_identified(found: dict[str, Any]) -> None:
+    """Parameters and figures for people."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("parameter", "deviation", "U (k = 2)", "unit", ""):
+        table.add_column(column, justify="right" if column in ("deviation", "U (k = 2)") else "left")
+    for name, p in found["parameters"].items():
+        factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(p["unit"], (1.0, ""))
+        note = "" if p["observable"] else "held by its tolerance"
+        table.add_row(name, f"{p['value'] * factor:.3g}", f"{2 * p['u'] * factor:.2g}", unit, note)
+    results.print(table)
+    held, bound = found["held_out"], found["bound"]
+    results.print(
+        f"held-out poses: {held['position_rms_m'] * 1e6:.1f} um, {held['orientation_rms_rad'] * 1e6:.1f} urad "
+        f"(measurement noise included; bound of the model alone {bound['position_rms_m'] * 1e6:.1f} um, "
+        f"{bound['orientation_rms_rad'] * 1e6:.1f} urad)"
+    )
+    results.print(f"{found['rank']} of {found['unknowns']} directions decided by the data")
+
+
+def compensate(recording: Recording, payload: int, out: Path) -> dict[str, Any]:
+    """Compute the tables for a payload at the campaign's last temperatures and save one CSV a drive."""
+    if not 0 <= payload < len(recording.file.payloads):
+        raise InputError(f"payload {payload}: the recording lists 0 to {len(recording.file.payloads) - 1}")
+    identified = identify_recording(recording, baselines=False)
+    temperatures = {n: float(t[-1]) for n, t in recording.temperatures_c().items()}
+    table = identified.table(payload, temperatures)
+    folder = out / recording.file.campaign / f"tables-payload-{payload}"
+    folder.mkdir(parents=True, exist_ok=True)
+    count = table.correction_m.shape[1]
+    axes = [table.start_m[a] + table.step_m[a] * np.arange(count) for a in range(2)]
+    largest = {}
+    for a, drive in enumerate(recording.file.drives):
+        with (folder / f"{drive}.csv").open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([f"{name}_commanded_m" for name in recording.file.drives] + [f"{drive}_correction_m"])
+            for i, first in enumerate(axes[0]):
+                for j, second in enumerate(axes[1]):
+                    row = (first, second, table.correction_m[a, i, j])
+                    writer.writerow([repr(float(v)) for v in row])
+        largest[drive] = float(np.max(np.abs(table.correction_m[a])))
+    return {
+        "campaign": recording.file.campaign,
+        "payload_kg": table.load.payload_kg,
+        "temperatures_c": temperatures,
+        "largest_correction_m": largest,
+        "folder": str(folder),
+    }
+
+
+def stored_outcome(store: Store, campaign: str) -> Outcome:
+    """Rebuild the outcome of a verified campaign from the store."""
+    recording = store.recording(campaign)
+    activated = store.events(campaign, "activated")
+    verdicts = store.events(campaign, "accepted") + store.events(campaign, "refused")
+    if not activated or not verdicts:
+        raise InputError(f"campaign {campaign} was not verified; run `pkm-rig verify` first")
+    identified = identify_recording(recording)
+    written = tuple(
+        Written(
+            identified.table(event.data["payload"], event.data["temperatures_c"]),
+            event.data["payload"],
+            event.data["tables"],
+        )
+        for event in activated
+    )
+    former = verdicts[-1].data.get("restored") or "the former tables"
+    return judge(campaign, identified, recording, written, former)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import equilibrium
 from calibration.equilibrium import rotation_vector
@@ -147,7 +148,7 @@ def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
     )
 
 
-def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, Array]:
+def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Nominal pose of each node (n, 6), pulled into the enlarged workspace, and whether one was found."""
     rigid = replace(machine, moving_mass_kg=0.0)
     at = equilibrium.conditions(rigid, len(nodes))

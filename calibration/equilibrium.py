@@ -283,7 +283,7 @@ def skew(v: Array) -> Array:
 
 def rotation_matrix(vector: Array) -> Array:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), Rodrigues' formula."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    angle = np.sqrt(np.sum(vector * vector, axis=-1))[..., None, None]
     k = skew(vector)
     with np.errstate(invalid="ignore", divide="ignore"):
         a = np.where(angle > 1e-8, np.sin(angle) / angle, 1.0 - angle**2 / 6.0)
@@ -302,7 +302,7 @@ def rotation_vector(matrix: Array) -> Array:
         ],
         axis=-1,
     )
-    sine = 0.5 * np.linalg.norm(twice_axis, axis=-1)
+    sine = 0.5 * np.sqrt(np.sum(twice_axis * twice_axis, axis=-1))
     cosine = 0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0)
     angle = np.arctan2(sine, cosine)
     with np.errstate(invalid="ignore", divide="ignore"):

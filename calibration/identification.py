@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calibration.machine import Array
@@ -135,7 +136,7 @@ class _Problem:
         scaled = self._predict(z).jacobian * self.layout.sigma
         return np.einsum("rij,rju->riu", self.whiten, scaled).reshape(-1, self.layout.size)
 
-    def minimise(self, z: Array, free: Array, weight: float) -> Array:
+    def minimise(self, z: Array, free: NDArray[np.intp], weight: float) -> Array:
         """Levenberg-Marquardt over the unknowns `free`; the prior has the given weight."""
         full = z.copy()
 
@@ -183,7 +184,7 @@ class _Problem:
         residual = self.residual(z)
         information = jac.T @ jac + weight**2 * np.eye(self.layout.size)
         covariance = np.linalg.inv(information)
-        spectrum = np.linalg.svd(jac, compute_uv=False)
+        spectrum = np.asarray(np.linalg.svd(jac, compute_uv=False), dtype=np.float64)
         effective = float(np.trace(covariance @ (jac.T @ jac)))
         dof = max(1.0, residual.size - effective)
         sigma = self.layout.sigma

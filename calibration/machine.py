@@ -85,7 +85,7 @@ class MachineFile(Section):
     drives: tuple[_Drive, ...] = Field(min_length=1)
     struts: tuple[_Strut, ...] = Field(min_length=1)
     tolerances: _Tolerances
-    expansion: dict[Literal["struts", "drives", "base", "platform"], _Expansion]
+    expansion: dict[str, _Expansion]
     smrs: tuple[_Smr, ...]
 
     @field_validator("drives", "struts", "smrs")
@@ -195,9 +195,9 @@ def parse_machine(text: str, source: str) -> Machine:
     for drive in file.drives:
         if abs(np.linalg.norm(drive.axis) - 1.0) > 1e-9:
             raise InputError(f"{source}: axis of drive '{drive.name}' is not of length 1")
-    missing = [part for part in PARTS if part not in file.expansion]
-    if missing:
-        raise InputError(f"{source}: [expansion.{missing[0]}] is missing")
+    if set(file.expansion) != set(PARTS):
+        wrong = sorted(set(PARTS) ^ set(file.expansion))[0]
+        raise InputError(f"{source}: [expansion.{wrong}] is missing or unknown; the parts are {', '.join(PARTS)}")
     return Machine(
         file=file,
         text=text,

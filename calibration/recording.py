@@ -151,7 +151,7 @@ class RecordingFile(Section):
     nest_limit_m: float = Field(gt=0.0)
     payloads: tuple[PayloadEntry, ...]
     nuisance: NuisanceEntry = NuisanceEntry()
-    columns: dict[str, str] = {}
+    columns: dict[str, str] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -334,9 +334,9 @@ def _check(recording: Recording) -> None:
     payload = recording["payload"]
     if np.any((payload < 0) | (payload >= len(recording.file.payloads)) | (payload != np.floor(payload))):
         raise InputError(f"recording {name}: a payload number is not in its list of payloads")
-    determinant = np.linalg.eigvalsh(recording.covariances_m2)[:, 0]
-    if np.any(determinant <= 0.0):
-        raise InputError(f"recording {name}: row {int(np.argmin(determinant)) + 1} has no proper covariance")
+    smallest = np.linalg.eigvalsh(recording.covariances_m2)[:, 0]
+    if np.any(smallest <= 0.0):
+        raise InputError(f"recording {name}: row {int(np.argmin(smallest)) + 1} has no proper covariance")
 
 
 def _cell(value: object) -> str:

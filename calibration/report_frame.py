@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calibration.equilibrium import rotation_matrix, rotation_vector, skew
@@ -45,7 +46,8 @@ class ReportFrame:
         for _ in range(6):
             error = (points_m - self.points(pose)).reshape(len(pose), -1, 1)
             jac = self.jacobian(pose).reshape(len(pose), -1, 6)[:, :, dof]
-            step = np.linalg.solve(jac.transpose(0, 2, 1) @ jac, jac.transpose(0, 2, 1) @ error)[:, :, 0]
+            normal = jac.transpose(0, 2, 1)
+            step = np.asarray(np.linalg.solve(normal @ jac, normal @ error)[:, :, 0], dtype=np.float64)
             pose = compose(pose, step, dof)
             if np.max(np.abs(step), initial=0.0) < 1e-13:
                 break
@@ -67,7 +69,7 @@ class ReportFrame:
         return position, rotation_vector(turn @ wanted.transpose(0, 2, 1))
 
 
-def compose(coordinates: Array, step: Array, dof: Array) -> Array:
+def compose(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> Array:
     """Poses (n, 6) after left increments (n, f) of the free coordinates."""
     full = np.zeros_like(coordinates)
     full[:, dof] = step

@@ -27,7 +27,7 @@ from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
 from pkm_rig import mock_rig, stages
 from pkm_rig.calibrate import Outcome
-from pkm_rig.config import load_rig
+from pkm_rig.config import MockSection, load_rig
 from pkm_rig.output import messages, outcome_json, print_json, print_outcome, results
 from pkm_rig.plans import CampaignRefused
 from pkm_rig.report import write_report
@@ -97,7 +97,7 @@ def mock(
     """Serve the three mock devices on real transports until interrupted."""
     file, _ = load_rig(rig)
     if seed is not None:
-        section = file.mock or mock_rig.MockSection()
+        section = file.mock or MockSection()
         file = file.model_copy(update={"mock": section.model_copy(update={"seed": seed})})
     with mock_rig.served(file, rig) as served:
         for line in mock_rig.how_to_connect(file, served):

@@ -14,7 +14,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 _log = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ class RigClock(Protocol):
         """Call back once at rig time `t_s`, from a thread of the clock; returns a function that cancels."""
         ...
 
-    def activity(self) -> _Activity:
+    def activity(self) -> AbstractContextManager[None]:
         """Take part as one activity: time stands still until this activity waits as well."""
         ...
 
@@ -50,11 +50,6 @@ class RigClock(Protocol):
     def close(self) -> None:
         """Stop the clock's own threads; sleepers are woken."""
         ...
-
-
-class _Activity(Protocol):
-    def __enter__(self) -> None: ...
-    def __exit__(self, *exc: object) -> None: ...
 
 
 class VirtualClock:

@@ -46,7 +46,7 @@ class PlcConnection(Section):
     host: str = "127.0.0.1"
     port: int = 502
     unit: int = 1
-    registers: dict[str, int] = {}
+    registers: dict[str, int] = Field(default_factory=dict)
 
 
 class CampaignSettings(Section):

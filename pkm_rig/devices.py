@@ -107,20 +107,6 @@ class Worker:
 
 
 @dataclass
-class Context:
-    """What the next reading belongs to; written by the plan's devices, recorded with each reading."""
-
-    phase: str = "repeatability"
-    visit: PlannedVisit | None = None
-    visit_number: int = -1
-    nest_check: int = -1
-    sequence: int = 0
-    arrived_s: float = 0.0
-    fresh_arrival: bool = False
-    aim: Aim = field(default_factory=lambda: Aim())
-
-
-@dataclass
 class Aim:
     """Where reflectors are expected: the rough frame, replaced by a fit once some points were measured."""
 
@@ -139,6 +125,20 @@ class Aim:
         self.measured_m.append(measured_m)
         if LEARNED_POINTS <= len(self.measured_m) <= 3 * LEARNED_POINTS:
             self.frame = rigid_fit(np.array(self.expected_m), np.array(self.measured_m))
+
+
+@dataclass
+class Context:
+    """What the next reading belongs to; written by the plan's devices, recorded with each reading."""
+
+    phase: str = "repeatability"
+    visit: PlannedVisit | None = None
+    visit_number: int = -1
+    nest_check: int = -1
+    sequence: int = 0
+    arrived_s: float = 0.0
+    fresh_arrival: bool = False
+    aim: Aim = field(default_factory=Aim)
 
 
 def rigid_fit(machine_m: Array, station_m: Array) -> Frame:
@@ -276,10 +276,11 @@ class StationDevice:
         readings = rig.station.measure(settings.readings_per_smr, two_face=settings.two_face, settle=settle)
         context.fresh_arrival = False
         mean = average(readings)
-        polar = np.array([[mean.hz_rad], [mean.v_rad], [mean.slope_distance_m]])
-        position = station_geometry.points(*polar)[0]
+        hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
+        position = station_geometry.points(hz, v, distance)[0]
         self._refuse_wrong_target(position)
-        covariance = station_geometry.covariances(*polar, rig.file.station.accuracy.stated())[0] / mean.n
+        stated = rig.file.station.accuracy.stated()
+        covariance = station_geometry.covariances(hz, v, distance, stated)[0] / mean.n
         state = rig.supervisor.state()
         first = readings[0]
         row = rig.context_row(state)

@@ -14,7 +14,7 @@ from pathlib import Path
 import can
 from mock_devices.rig import MockRig
 
-from mock_devices.plant import MockSettings, Payload
+from mock_devices.settings import InstrumentProfile, MockSettings, Payload
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.config import MockSection, RigFile, machine_path
 from pkm_rig.embedded_bus import EmbeddedBus
@@ -43,10 +43,12 @@ def settings_of(file: RigFile) -> MockSettings:
             Payload(name=p.name, mass_kg=p.mass_kg, com_m=p.com_m, u_mass_kg=p.u_mass_kg, u_com_m=p.u_com_m)
             for p in file.payloads
         ),
-        angle_sd_rad=accuracy.angle_sd_rad,
-        range_sd_m=accuracy.range_sd_m,
-        range_constant_u_m=accuracy.range_constant_u_m,
-        range_scale_u=accuracy.range_scale_u,
+        instrument=InstrumentProfile(
+            angle_sd_rad=accuracy.angle_sd_rad,
+            range_sd_m=accuracy.range_sd_m,
+            range_constant_u_m=accuracy.range_constant_u_m,
+            range_scale_u=accuracy.range_scale_u,
+        ),
         station_position_m=file.station.position_m,
         station_heading_rad=file.station.heading_rad,
     )

@@ -131,7 +131,7 @@ def _warm_up(stage: Stage, between: Sequence[PlannedVisit]) -> Plan:
             return
         if stage.rig.clock.now_s() - started >= settings.warm_up_max_s:
             raise CampaignRefused(
-                f"warm-up: temperatures still change {rate or 0.0:.2f} K/h after {settings.warm_up_max_s / 60.0:.0f} min "
+                f"warm-up: parts still change {rate or 0.0:.2f} K/h after {settings.warm_up_max_s / 60.0:.0f} min "
                 f"(limit {settings.warm_up_rate_k_per_h:g} K/h); let the machine warm up longer"
             )
         stage.progress(0, "warm-up")

@@ -198,7 +198,7 @@ def _observations(recording: Recording, position: Array, covariance: Array) -> t
         temperatures_c={name: _mean_by(t[rows], visit) for name, t in recording.temperatures_c().items()},
     )
     info = VisitInfo(
-        phase=phase[heads],
+        phase=phase[heads].astype(str),
         pose=recording["pose"][heads].astype(np.intp),
         direction=recording.drives("direction")[heads],
         payload=recording["payload"][heads].astype(np.intp),

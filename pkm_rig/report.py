@@ -135,7 +135,8 @@ def _conditions(outcome: Outcome) -> list[tuple[str, str]]:
     rows.append(
         (
             "range constant taken off",
-            f"{outcome.reduction.range_constant_m * 1e6:.1f} um, u = {outcome.reduction.range_constant_u_m * 1e6:.1f} um",
+            f"{outcome.reduction.range_constant_m * 1e6:.1f} um, "
+            f"u = {outcome.reduction.range_constant_u_m * 1e6:.1f} um",
         )
     )
     for cause, count in outcome.reduction.dropped.items():

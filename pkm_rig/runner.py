@@ -98,7 +98,7 @@ class Runner:
         while seen is not None:
             if isinstance(seen, EXPECTED):
                 return seen
-            inner = seen.args[0] if seen.args else None
+            inner: Any = seen.args[0] if seen.args else None
             status_error = inner.exception() if hasattr(inner, "exception") else None
             seen = seen.__cause__ or status_error or seen.__context__
         return error

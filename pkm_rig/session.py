@@ -8,7 +8,7 @@ from pathlib import Path
 
 from calibration.recording import Recording, read_folder
 from calibration.toml_file import InputError
-from pkm_rig.clock import RigClock, ScaledClock
+from pkm_rig.clock import ScaledClock
 from pkm_rig.config import embedded_rig_path, load_rig
 from pkm_rig.mock_rig import embedded
 from pkm_rig.rig import Rig, connected
@@ -35,7 +35,7 @@ def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None
         ):
             yield rig
         return
-    clock: RigClock = ScaledClock(file.time_scale or 1.0)
+    clock = ScaledClock(file.time_scale or 1.0)
     try:
         with connected(file, machine, clock) as rig:
             yield rig

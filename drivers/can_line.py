@@ -20,7 +20,7 @@ NMT_START = 1
 NMT_PRE_OPERATIONAL = 128
 _SYNC = 0x080
 _HEARTBEAT = 0x700
-_RECEIVE_S = 0.1
+_RECEIVE_S = 0.02
 
 FrameCallback = Callable[[int, bytearray, float], None]
 

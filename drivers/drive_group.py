@@ -17,6 +17,7 @@ from drivers.errors import DeviceError, MotionTimeout, NoAnswer, Stopped
 from drivers.servo_drive import DriveSample, ServoDrive
 
 _FEWEST_SAMPLES_AT_REST = 3
+_FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
 _CLOCK_GRAIN_S = 1e-9
 
 
@@ -201,9 +202,7 @@ class DriveGroup:
                 raise drive.fault("following error")
         return samples
 
-    def _write_targets(
-        self, positions_m: Sequence[float], velocity: float, acceleration: float | None
-    ) -> None:
+    def _write_targets(self, positions_m: Sequence[float], velocity: float, acceleration: float | None) -> None:
         former_m = [drive.target_m for drive in self.drives]
         for drive, position_m in zip(self.drives, positions_m, strict=True):
             drive.increments(position_m)  # all numbers are good before anything is written
@@ -258,7 +257,7 @@ class DriveGroup:
     ) -> list[DriveSample]:
         """Sample until all drives have been ready for `hold_s` and for `fewest` samples in a row."""
         end_s = self._clock.now_s() + limit_s
-        since_s, in_a_row = 0.0, 0
+        since_s, in_a_row, polls = 0.0, 0, 0
         while True:
             samples = self._check_all(self.sample())
             waiting = [
@@ -271,7 +270,8 @@ class DriveGroup:
             in_a_row = 0 if waiting else in_a_row + 1
             if in_a_row >= fewest and t_s - since_s >= hold_s - _CLOCK_GRAIN_S:
                 return samples
-            if waiting and self._clock.now_s() >= end_s:
+            polls += 1
+            if waiting and polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
                 raise _too_late(*waiting[0], what, limit_s)
             self._clock.sleep_s(self.poll_period_s)
             self._raise_if_stopped()

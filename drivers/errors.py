@@ -1,4 +1,3 @@
-# ruff: noqa: N818 - the names say what happened, as the protocols do
 """Errors of the devices. Each reads as one line: what is wrong, where, and what to do about it."""
 
 from __future__ import annotations

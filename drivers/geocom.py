@@ -100,9 +100,7 @@ class SerialLine(Connection):
         self.send(cmd)
         answer = self._answer_to(cmd, host_s + self.reply_timeout_s)
         end_host_s, end_rig_s = time.monotonic(), self._clock.now_s()
-        self.last_time = ExchangeTime(
-            0.5 * (rig_s + end_rig_s), 0.5 * (host_s + end_host_s), 0.5 * (end_rig_s - rig_s)
-        )
+        self.last_time = ExchangeTime(0.5 * (rig_s + end_rig_s), 0.5 * (host_s + end_host_s), 0.5 * (end_rig_s - rig_s))
         return answer.decode("ascii", "replace")
 
     def reset(self) -> None:
@@ -192,9 +190,7 @@ class GeoComSession:
                 port_url, baudrate=baudrate, timeout=reply_timeout_s, write_timeout=reply_timeout_s
             )
         except (OSError, ValueError) as error:
-            raise ConnectionFailed(
-                device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE
-            ) from error
+            raise ConnectionFailed(device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE) from error
         self._line = SerialLine(port, clock, reply_timeout_s)
         self.geocom = QuietGeoCom(self._line)
 

@@ -25,8 +25,8 @@ from drivers.polar import (
     cartesian_to_polar,
     face_of,
     polar_to_cartesian,
-    spread_and_drift,
     to_face_one,
+    unrest,
 )
 
 __all__ = [
@@ -138,9 +138,7 @@ class LaserTracker:
 
         Raises ValueError for air that cannot be and ProtocolError if the station did not take it.
         """
-        plausible = (
-            -40.0 <= temperature_c <= 70.0 and 500.0 <= pressure_hpa <= 1100.0 and 0.0 <= humidity <= 1.0
-        )
+        plausible = -40.0 <= temperature_c <= 70.0 and 500.0 <= pressure_hpa <= 1100.0 and 0.0 <= humidity <= 1.0
         if not plausible:
             raise ValueError(f"no such air: {temperature_c} degC, {pressure_hpa} hPa, humidity {humidity}")
         session, tmc = self._open(), self._open().geocom.tmc
@@ -241,15 +239,15 @@ class LaserTracker:
         while True:
             readings = [*readings, self._measure_once()][-criterion.window :]
             if len(readings) == criterion.window:
-                spread_m, drift_m = spread_and_drift(readings)
-                if spread_m <= criterion.std_m and drift_m <= criterion.drift_m:
+                across_m, along_m = unrest(readings)
+                if across_m <= criterion.across_m and along_m <= criterion.along_m:
                     return readings
                 if self._clock.now_s() >= end_s:
                     raise NotSettled(
                         self.name,
                         self.port_url,
-                        f"not steady in {criterion.limit_s:g} s: spread {spread_m * 1e6:.0f} um,"
-                        f" drift {drift_m * 1e6:.0f} um",
+                        f"not steady in {criterion.limit_s:g} s: {across_m * 1e6:.0f} um across,"
+                        f" {along_m * 1e6:.0f} um along the line of sight",
                         "look for vibration, a loose reflector or a moving stand",
                     )
 
@@ -259,9 +257,7 @@ class LaserTracker:
         return value % TWO_PI
 
     def _out_of_range(self, what: str, value: float) -> ProtocolError:
-        return ProtocolError(
-            self.name, self.port_url, f"{what} of {value} cannot be", "measure again; check the line"
-        )
+        return ProtocolError(self.name, self.port_url, f"{what} of {value} cannot be", "measure again; check the line")
 
     def _set_precision(self) -> None:
         session, com = self._open(), self._open().geocom.com

@@ -31,16 +31,12 @@ def required_mappings(node_id: int, partner_node_id: int | None) -> list[PdoMapp
     """The PDOs of docs/drive-objects.md; RPDO2 only where there is a partner."""
     mappings = [
         PdoMapping(0x1400, 0x1600, 0x200 + node_id, AT_ONCE, ((0x6040, 0, 16),)),
-        PdoMapping(
-            0x1800, 0x1A00, 0x180 + node_id, EVERY_SYNC, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))
-        ),
+        PdoMapping(0x1800, 0x1A00, 0x180 + node_id, EVERY_SYNC, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))),
         PdoMapping(0x1801, 0x1A01, 0x280 + node_id, EVERY_SYNC, ((0x6062, 0, 32), (0x606C, 0, 32))),
     ]
     if partner_node_id is not None:
         mappings.append(
-            PdoMapping(
-                0x1401, 0x1601, 0x280 + partner_node_id, AT_ONCE, ((0x2100, 8, 32), (0x2100, 0x0B, 32))
-            )
+            PdoMapping(0x1401, 0x1601, 0x280 + partner_node_id, AT_ONCE, ((0x2100, 8, 32), (0x2100, 0x0B, 32)))
         )
     return mappings
 

@@ -124,9 +124,7 @@ def decode(
     Raises PlcError for a block of wrong length, for NaN and for what is outside its validity.
     """
     if len(words) != registers.count:
-        raise PlcError(
-            device, where, f"{len(words)} registers instead of {registers.count}", "check the register map"
-        )
+        raise PlcError(device, where, f"{len(words)} registers instead of {registers.count}", "check the register map")
 
     def word(address: int) -> int:
         return words[address - registers.first]
@@ -149,9 +147,7 @@ def decode(
         heartbeat_fresh=fresh,
         interlocks={name: fresh and bool(bits >> bit & 1) for name, bit in registers.interlock_bits.items()},
         payload=None if payload == CHANGING else payload,
-        temperatures_c={
-            name: number(f"{name} temperature", r) for name, r in registers.temperatures_c.items()
-        },
+        temperatures_c={name: number(f"{name} temperature", r) for name, r in registers.temperatures_c.items()},
         pressure_hpa=number("air pressure", registers.pressure_hpa),
         humidity=number("humidity", registers.humidity_percent) / 100.0,
         t_rig_s=times_s[0],

@@ -96,24 +96,37 @@ def _mean(values: Sequence[float]) -> tuple[float, float]:
 class SettleCriterion:
     """When a point counts as at rest, judged on a window of `window` readings.
 
-    The window's standard deviation in each of E, N, H and the drift from its first half to its
-    second are at most `std_m` and `drift_m`. Given up after `limit_s` of rig time.
+    Across the line of sight, where the station is accurate, the standard deviation and the drift from the
+    window's first half to its second are at most `across_m`; along it, where range noise hides
+    motion, at most `along_m`. Given up after `limit_s` of rig time.
     """
 
     window: int = 3
-    std_m: float = 100e-6
-    drift_m: float = 100e-6
+    across_m: float = 40e-6
+    along_m: float = 2e-3
     limit_s: float = 60.0
 
+    def __post_init__(self) -> None:
+        if self.window < 2:
+            raise ValueError("a window has at least two readings")
 
-def spread_and_drift(readings: Sequence[PolarReading]) -> tuple[float, float]:
-    """Largest standard deviation over E, N, H and the distance between the means of the halves, in metres."""
-    points = [polar_to_cartesian(*to_face_one(r.hz_rad, r.v_rad), r.slope_distance_m) for r in readings]
-    half = max(1, len(points) // 2)
-    spread_m = max(_mean(axis)[1] for axis in zip(*points, strict=True))
-    first, last = points[:half], points[-half:]
-    drift_m = math.dist(
-        [_mean(axis)[0] for axis in zip(*first, strict=True)],
-        [_mean(axis)[0] for axis in zip(*last, strict=True)],
-    )
-    return spread_m, drift_m
+
+def unrest(readings: Sequence[PolarReading]) -> tuple[float, float]:
+    """How far readings of one point are from rest, in metres: across the line of sight and along it.
+
+    The larger of standard deviation and drift between the halves of the readings.
+    """
+    directions = [to_face_one(reading.hz_rad, reading.v_rad) for reading in readings]
+    hz0 = directions[0][0]
+    d_m = [reading.slope_distance_m for reading in readings]
+    across_m = [
+        [d_m[0] * math.sin(v) * math.remainder(hz - hz0, TWO_PI) for hz, v in directions],
+        [d_m[0] * v for _, v in directions],
+    ]
+    return max(_unrest(values) for values in across_m), _unrest(d_m)
+
+
+def _unrest(values: Sequence[float]) -> float:
+    half = max(1, len(values) // 2)
+    drift = abs(_mean(values[:half])[0] - _mean(values[-half:])[0])
+    return max(_mean(values)[1], drift)

@@ -98,7 +98,5 @@ _TABLE: dict[int, _Meaning] = {
 
 def station_error(code: int, call: str, device: str, where: str) -> StationError:
     """The typed error of a return code other than 0."""
-    meaning = _TABLE.get(
-        code, _Meaning(StationError, "unexpected result", "look the code up in the GeoCOM manual")
-    )
+    meaning = _TABLE.get(code, _Meaning(StationError, "unexpected result", "look the code up in the GeoCOM manual"))
     return meaning.kind(device, f"{where}, {call}", f"{meaning.what} (GeoCOM {code})", meaning.remedy, code)

@@ -20,6 +20,7 @@ from drivers.sdo import SdoAccess
 _CIA402 = 402
 _OPERATIONAL = 5
 _FACTOR_TOLERANCE = 1e-9
+_FEWEST_POLLS = 10  # however fast rig time runs
 _TPDO1 = struct.Struct("<Hih")
 _TPDO2 = struct.Struct("<ii")
 _EMERGENCY = struct.Struct("<HB")
@@ -177,9 +178,7 @@ class ServoDrive:
         self._set_pdos()
         self._set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
         self.sdo.write(objects.MODE, cia402.PROFILE_POSITION)
-        self._wait(
-            lambda: self.sdo.read(objects.MODE_DISPLAY) == cia402.PROFILE_POSITION, "profile position mode"
-        )
+        self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == cia402.PROFILE_POSITION, "profile position mode")
         low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
         if low < high:
             self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
@@ -338,18 +337,14 @@ class ServoDrive:
 
     def _compare_factors(self) -> None:
         read = self.sdo.read
-        divisors = [
-            read(e) for e in (objects.FEED_REVOLUTIONS, objects.ENCODER_INCREMENTS, objects.GEAR_MOTOR)
-        ]
+        divisors = [read(e) for e in (objects.FEED_REVOLUTIONS, objects.ENCODER_INCREMENTS, objects.GEAR_MOTOR)]
         if 0 in divisors:
             raise self._mismatch("the factor group holds a zero")
         feed_m = read(objects.FEED) * 1e-6 * read(objects.ENCODER_REVOLUTIONS) * read(objects.GEAR_SHAFT)
         step_m = feed_m / math.prod(divisors)
         wanted_m = self.expected.metres_per_increment
         if abs(step_m - wanted_m) > _FACTOR_TOLERANCE * wanted_m:
-            raise self._mismatch(
-                f"an increment is {step_m:.9g} m by the factor group, {wanted_m:.9g} m is configured"
-            )
+            raise self._mismatch(f"an increment is {step_m:.9g} m by the factor group, {wanted_m:.9g} m is configured")
 
     def _set_pdos(self) -> None:
         required = pdo.required_mappings(self.node_id, self._partner_node_id)
@@ -385,8 +380,10 @@ class ServoDrive:
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
         end_s = self._clock.now_s() + self._state_limit_s
+        polls = 0
         while not condition():
-            if self._clock.now_s() >= end_s:
+            polls += 1
+            if polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
                 raise MotionTimeout(
                     self.name,
                     self.where,

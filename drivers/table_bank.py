@@ -111,9 +111,7 @@ class TableBank:
         data, number = encode_table(image), self.state().idle
         self.drive.sdo.write_bytes(bank_object(number, _IMAGE), data)
         if self.drive.sdo.read_bytes(bank_object(number, _IMAGE)) != data:
-            raise self._bad(
-                f"bank {number} reads back other bytes than were written", "write the table again"
-            )
+            raise self._bad(f"bank {number} reads back other bytes than were written", "write the table again")
         bank = self._bank(number)
         if bank.status is not BankStatus.WHOLE:
             raise self._bad(

@@ -139,9 +139,7 @@ def test_a_call_that_the_model_does_not_know(opened: Open) -> None:
 
 
 def test_a_busy_station_is_asked_again(opened: Open) -> None:
-    session, port = opened(
-        [(b"%R1Q,9028,0:0,0,0", b"%R1P,0,0:1293\r\n"), (b"%R1Q,9028,1:0,0,0", b"%R1P,0,1:0\r\n")]
-    )
+    session, port = opened([(b"%R1Q,9028,0:0,0,0", b"%R1P,0,0:1293\r\n"), (b"%R1Q,9028,1:0,0,0", b"%R1P,0,1:0\r\n")])
     session.command(session.geocom.aut.change_face)
     port.finished()
 

@@ -35,9 +35,7 @@ CONNECT = [
 ]
 
 
-def _reading(
-    n: int, hz: str = "0.5", v: str = "1.5", d: str = "3.0", code: int = 0
-) -> list[tuple[bytes, bytes]]:
+def _reading(n: int, hz: str = "0.5", v: str = "1.5", d: str = "3.0", code: int = 0) -> list[tuple[bytes, bytes]]:
     full = f"%R1P,0,{n + 1}:{code},{hz},{v},0.0,0.0,0.0,0.0,{d},0\r\n".encode()
     return [
         (b"%%R1Q,2008,%d:1,1" % n, b"%%R1P,0,%d:0\r\n" % n),
@@ -156,7 +154,7 @@ def test_settling(make: Make) -> None:
     script = [step for i, d in enumerate(distances) for step in _reading(15 + 2 * i, d=d)]
     tracker, port = make([*CONNECT, *script])
     tracker.connect()
-    readings = tracker.measure(2, settle=SettleCriterion(window=2, std_m=1e-6, drift_m=1e-6, limit_s=1e9))
+    readings = tracker.measure(2, settle=SettleCriterion(window=2, along_m=1e-6, limit_s=1e9))
     assert [r.slope_distance_m for r in readings] == [3.0011, 3.0011]
     port.finished()
 
@@ -164,7 +162,7 @@ def test_settling(make: Make) -> None:
 def test_never_settling(make: Make) -> None:
     tracker, _ = make([*CONNECT, *_reading(15), *_reading(17, d="3.1")])
     tracker.connect()
-    with pytest.raises(NotSettled, match="spread"):
+    with pytest.raises(NotSettled, match="um along"):
         tracker.measure(1, settle=SettleCriterion(window=2, limit_s=0.0))
 
 

@@ -57,9 +57,7 @@ class ModbusPlc:
 
     async def _listen(self) -> None:
         data = SimData(0, count=60, values=0, datatype=DataType.REGISTERS)
-        self._server = ModbusTcpServer(
-            SimDevice(1, simdata=[data], action=self._act), address=("127.0.0.1", self.port)
-        )
+        self._server = ModbusTcpServer(SimDevice(1, simdata=[data], action=self._act), address=("127.0.0.1", self.port))
         await self._server.listen()
 
     async def _act(

@@ -50,9 +50,7 @@ def test_an_absent_node_is_named(rig: Rig) -> None:
         rig.servo(9).connect()
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"vendor": 1}, {"product": 2}, {"serial": 3}, {"metres_per_increment": 2e-8}]
-)
+@pytest.mark.parametrize("wrong", [{"vendor": 1}, {"product": 2}, {"serial": 3}, {"metres_per_increment": 2e-8}])
 def test_another_drive_or_other_units(rig: Rig, wrong: dict[str, float]) -> None:
     with pytest.raises(IdentityMismatch, match="is configured"):
         rig.servo(1, **wrong).connect()
@@ -89,7 +87,7 @@ def test_a_fault_has_its_emergency_in_the_text(rig: Rig) -> None:
     drive.connect()
     rig.drives[1].status = 0x08
     rig.emergency(1, 0x8611)
-    with pytest.raises(DriveFault, match="0x8611 .following error"):
+    with pytest.raises(DriveFault, match=r"0x8611 .following error"):
         drive.enable()
     drive.fault_reset()
     drive.enable()

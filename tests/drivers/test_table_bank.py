@@ -31,8 +31,7 @@ def banks(rig: Rig) -> list[TableBank]:
 
 def _write_both(banks: list[TableBank], generation: int) -> list[Activation]:
     written = [
-        (bank, bank.write_inactive(make_image(node_id=bank.drive.node_id, generation=generation)))
-        for bank in banks
+        (bank, bank.write_inactive(make_image(node_id=bank.drive.node_id, generation=generation))) for bank in banks
     ]
     return [Activation(bank, w.bank, w.crc, w.generation) for bank, w in written]
 

@@ -257,7 +257,7 @@ def derivatives(
 def _solve_free(stiffness: Array, right: Array) -> Array:
     """Solve K dx = b pose by pose; NaN where K is singular (a singular pose has no answer)."""
     try:
-        return np.linalg.solve(stiffness, right[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(stiffness, right[..., None])[..., 0], dtype=np.float64)
     except np.linalg.LinAlgError:
         step = np.full(right.shape, np.nan)
         for i in range(right.shape[0]):

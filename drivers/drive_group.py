@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -13,8 +12,9 @@ from functools import partial
 from drivers import cia402
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
-from drivers.errors import DeviceError, MotionTimeout, NoAnswer, Stopped
+from drivers.errors import DeviceError, MotionTimeout, Stopped
 from drivers.servo_drive import DriveSample, ServoDrive
+from drivers.sync_sampler import SyncSampler
 
 _FEWEST_SAMPLES_AT_REST = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
@@ -60,13 +60,10 @@ class DriveGroup:
         self.rest = rest or RestLimits()
         self._line = drives[0].line
         self._clock = clock or HostClock()
-        self._sync = sync or self._line.send_sync
-        self._pdo_timeout_s = pdo_timeout_s
+        self._sampler = SyncSampler(self.drives, self._clock, sync or self._line.send_sync, pdo_timeout_s)
         self._handshake_limit_s = handshake_limit_s
-        self._sample_lock = threading.Lock()
         self._command_lock = threading.Lock()
         self._move_lock = threading.Lock()
-        self._out_of_step = False
         self._stop_reason: str | None = None
 
     @property
@@ -113,9 +110,15 @@ class DriveGroup:
             raise
 
     def disable(self) -> None:
-        """Take the power off all drives. Raises DriveFault, MotionTimeout."""
+        """Take the power off all drives; one that fails does not spare the others. Raises MotionTimeout."""
+        failures: list[DeviceError] = []
         for drive in self.drives:
-            drive.disable()
+            try:
+                drive.disable()
+            except DeviceError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def fault_reset(self) -> None:
         """Acknowledge the faults of all drives. Raises DriveFault if one stays."""
@@ -127,11 +130,7 @@ class DriveGroup:
 
         Raises NoAnswer naming the drive that is silent, ConnectionFailed.
         """
-        with self._sample_lock:
-            if self._out_of_step:  # a late answer to the SYNC before must not pass for one to the next
-                self._sync_once()
-            t_rig_s, t_host_s = self._sync_once()
-            return [drive.latest(t_rig_s, t_host_s) for drive in self.drives]
+        return self._sampler.sample()
 
     def move_to(
         self,
@@ -163,32 +162,6 @@ class DriveGroup:
             with self._stopping_on_failure():
                 self._start(positions_m)
                 return self._wait_for_rest(positions_m, limit_s)
-
-    def _sync_once(self) -> tuple[float, float]:
-        counts = [list(drive.tpdo_counts) for drive in self.drives]
-        begin_s, t_rig_s = time.monotonic(), self._clock.now_s()
-        self._sync()
-        t_host_s = 0.5 * (begin_s + time.monotonic())
-
-        def silent() -> list[ServoDrive]:
-            return [
-                drive
-                for drive, old in zip(self.drives, counts, strict=True)
-                if any(new == was for new, was in zip(drive.tpdo_counts, old, strict=True))
-            ]
-
-        with self._line.received:
-            self._line.received.wait_for(lambda: self._line.failed or not silent(), self._pdo_timeout_s)
-        self._line.check()
-        self._out_of_step = bool(silent())
-        for drive in silent():
-            raise NoAnswer(
-                drive.name,
-                drive.where,
-                f"no PDO after SYNC, heartbeat {drive.heartbeat().value}",
-                "check power and cable of the drive, then connect again",
-            )
-        return t_rig_s, t_host_s
 
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
         for drive, sample in zip(self.drives, samples, strict=True):

@@ -6,99 +6,24 @@ import math
 import struct
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
 
-from drivers import cia402, objects, pdo
-from drivers.can_line import NMT_PRE_OPERATIONAL, NMT_START, CanLine
+from drivers import cia402, objects
+from drivers.can_line import NMT_START, CanLine
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
-from drivers.errors import ConnectionFailed, DriveFault, IdentityMismatch, MotionTimeout, NoAnswer, StaleData
+from drivers.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
+from drivers.drive_setup import DriveSetup
+from drivers.errors import DriveFault, MotionTimeout, StaleData
 from drivers.objects import DriveObject
 from drivers.sdo import SdoAccess
 
-_CIA402 = 402
+__all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Heartbeat", "ServoDrive"]
+
 _OPERATIONAL = 5
-_FACTOR_TOLERANCE = 1e-9
 _FEWEST_POLLS = 10  # however fast rig time runs
 _TPDO1 = struct.Struct("<Hih")
 _TPDO2 = struct.Struct("<ii")
 _EMERGENCY = struct.Struct("<HB")
-_EMERGENCY_TEXTS = {
-    0x2310: "over-current",
-    0x3210: "over-voltage",
-    0x3220: "under-voltage",
-    0x7305: "encoder 1",
-    0x7306: "encoder 2",
-    0x8120: "CAN passive",
-    0x8130: "heartbeat lost",
-    0x8611: "following error",
-    0xFF10: "partner's command unknown, stale or outside the table's grid",
-}
-
-
-class Heartbeat(Enum):
-    """What the drive's heartbeat tells."""
-
-    NEVER = "never seen"
-    ALIVE = "alive"
-    LATE = "late"
-    LOST = "lost"
-
-
-@dataclass(frozen=True)
-class DriveExpectation:
-    """What has to be at the other end; None is not checked."""
-
-    vendor: int | None = None
-    product: int | None = None
-    metres_per_increment: float = 1e-8
-    serial: int | None = None
-
-
-@dataclass(frozen=True)
-class DriveIdentity:
-    """Identity object 0x1018."""
-
-    vendor: int
-    product: int
-    revision: int
-    serial: int
-
-
-@dataclass(frozen=True)
-class Emergency:
-    """One EMCY message; code 0 says that the error is gone."""
-
-    code: int
-    register: int
-    t_rig_s: float
-
-    def __str__(self) -> str:
-        text = _EMERGENCY_TEXTS.get(self.code, "see the drive's manual")
-        return f"EMCY 0x{self.code:04X} ({text})"
-
-
-@dataclass(frozen=True)
-class DriveSample:
-    """What a drive sent at one SYNC.
-
-    Torque is a fraction of the rated one, the following error demand minus actual.
-    """
-
-    statusword: int
-    position_m: float
-    demand_m: float
-    velocity_m_per_s: float
-    torque_fraction: float
-    following_error_m: float
-    t_rig_s: float
-    t_host_s: float
-
-    @property
-    def state(self) -> State:
-        """State of the drive's state machine."""
-        return cia402.state_of(self.statusword)
 
 
 class ServoDrive:
@@ -172,11 +97,12 @@ class ServoDrive:
         Raises ConnectionFailed naming an absent node and IdentityMismatch for a wrong drive or wrong units.
         """
         self.line.check()
-        self._find()
-        self.identity = self._read_identity()
-        self._compare_factors()
-        self._set_pdos()
-        self._set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
+        setup = DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where)
+        setup.find()
+        self.identity = setup.read_identity(self.expected)
+        setup.compare_factors(self.expected)
+        setup.set_pdos(self._partner_node_id)
+        setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
         self.sdo.write(objects.MODE, cia402.PROFILE_POSITION)
         self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == cia402.PROFILE_POSITION, "profile position mode")
         low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
@@ -185,7 +111,7 @@ class ServoDrive:
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
-        self.restarted = False
+        self.restarted, self._nmt_state = False, None
         self.line.send_nmt(NMT_START, self.node_id)
         self._wait(lambda: self._nmt_state == _OPERATIONAL, "NMT state operational")
         return self.identity
@@ -207,11 +133,29 @@ class ServoDrive:
 
         `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped.
         """
-        self._go(State.OPERATION_ENABLED, cia402.controlword_to_enable, send or self.send_controlword)
+
+        def arrived() -> bool:
+            state = self.state()
+            if state in (State.FAULT, State.FAULT_REACTION):
+                raise self.fault(f"the drive is in {state.value}")
+            controlword = cia402.controlword_to_enable(state)
+            if controlword is not None:
+                (send or self.send_controlword)(controlword)
+            return state is State.OPERATION_ENABLED
+
+        self._wait(arrived, State.OPERATION_ENABLED.value)
 
     def disable(self) -> None:
-        """Take the power off: go to switch on disabled. Raises DriveFault and MotionTimeout."""
-        self._go(State.SWITCH_ON_DISABLED, cia402.controlword_to_disable, self.send_controlword)
+        """Take the power off; a drive in fault has none. Raises MotionTimeout."""
+
+        def arrived() -> bool:
+            state = self.state()
+            controlword = cia402.controlword_to_disable(state)
+            if controlword is not None:
+                self.send_controlword(controlword)
+            return state in (State.SWITCH_ON_DISABLED, State.FAULT, State.NOT_READY)
+
+        self._wait(arrived, "a state without power")
 
     def quick_stop(self) -> None:
         """Stop on the quick stop ramp, at once and without waiting for anything."""
@@ -310,73 +254,6 @@ class ServoDrive:
         last = self.last_emergency()
         because = f", {last}" if last else ""
         return DriveFault(self.name, self.where, what + because, "remove the cause, then reset the fault")
-
-    def _find(self) -> None:
-        try:
-            device_type = self.sdo.read(objects.DEVICE_TYPE)
-        except NoAnswer as error:
-            seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
-            raise ConnectionFailed(
-                self.name,
-                self.where,
-                f"no drive answers with node id {self.node_id} (heartbeats seen: {seen})",
-                "check power, cable, bit rate and the node id in the rig file",
-            ) from error
-        if device_type & 0xFFFF != _CIA402:
-            raise self._mismatch(f"device type 0x{device_type:08X} is no CiA 402 drive")
-
-    def _read_identity(self) -> DriveIdentity:
-        found = DriveIdentity(
-            *(self.sdo.read(e) for e in (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL))
-        )
-        for field in ("vendor", "product", "serial"):
-            wanted = getattr(self.expected, field)
-            if wanted not in (None, getattr(found, field)):
-                raise self._mismatch(f"{field} is 0x{getattr(found, field):X}, 0x{wanted:X} is configured")
-        return found
-
-    def _compare_factors(self) -> None:
-        read = self.sdo.read
-        divisors = [read(e) for e in (objects.FEED_REVOLUTIONS, objects.ENCODER_INCREMENTS, objects.GEAR_MOTOR)]
-        if 0 in divisors:
-            raise self._mismatch("the factor group holds a zero")
-        feed_m = read(objects.FEED) * 1e-6 * read(objects.ENCODER_REVOLUTIONS) * read(objects.GEAR_SHAFT)
-        step_m = feed_m / math.prod(divisors)
-        wanted_m = self.expected.metres_per_increment
-        if abs(step_m - wanted_m) > _FACTOR_TOLERANCE * wanted_m:
-            raise self._mismatch(f"an increment is {step_m:.9g} m by the factor group, {wanted_m:.9g} m is configured")
-
-    def _set_pdos(self) -> None:
-        required = pdo.required_mappings(self.node_id, self._partner_node_id)
-        wrong = pdo.differing(self.sdo, required)
-        if not wrong:
-            return
-        self.line.send_nmt(NMT_PRE_OPERATIONAL, self.node_id)
-        for mapping in wrong:
-            pdo.write_mapping(self.sdo, mapping)
-        if pdo.differing(self.sdo, wrong):
-            raise self._mismatch("the drive does not keep the PDO mapping")
-
-    def _set_and_compare(self, entry: DriveObject, value: int) -> None:
-        self.sdo.write(entry, value)
-        held = self.sdo.read(entry)
-        if held != value:
-            raise self._mismatch(f"{entry}: {value} was written, {held} is read back")
-
-    def _mismatch(self, what: str) -> IdentityMismatch:
-        return IdentityMismatch(self.name, self.where, what, "check drive and rig file against each other")
-
-    def _go(self, target: State, decide: Callable[[State], int | None], send: Callable[[int], None]) -> None:
-        def arrived() -> bool:
-            state = self.state()
-            if state in (State.FAULT, State.FAULT_REACTION):
-                raise self.fault(f"the drive is in {state.value}")
-            controlword = decide(state)
-            if controlword is not None:
-                send(controlword)
-            return state is target
-
-        self._wait(arrived, target.value)
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
         end_s = self._clock.now_s() + self._state_limit_s

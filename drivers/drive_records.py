@@ -1,0 +1,85 @@
+"""What a drive is, what it has to be and what it says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers import cia402
+from drivers.cia402 import State
+
+_EMERGENCY_TEXTS = {
+    0x2310: "over-current",
+    0x3210: "over-voltage",
+    0x3220: "under-voltage",
+    0x7305: "encoder 1",
+    0x7306: "encoder 2",
+    0x8120: "CAN passive",
+    0x8130: "heartbeat lost",
+    0x8611: "following error",
+    0xFF10: "partner's command unknown, stale or outside the table's grid",
+}
+
+
+class Heartbeat(Enum):
+    """What the drive's heartbeat tells."""
+
+    NEVER = "never seen"
+    ALIVE = "alive"
+    LATE = "late"
+    LOST = "lost"
+
+
+@dataclass(frozen=True)
+class DriveExpectation:
+    """What has to be at the other end; None is not checked."""
+
+    vendor: int | None = None
+    product: int | None = None
+    metres_per_increment: float = 1e-8
+    serial: int | None = None
+
+
+@dataclass(frozen=True)
+class DriveIdentity:
+    """Identity object 0x1018."""
+
+    vendor: int
+    product: int
+    revision: int
+    serial: int
+
+
+@dataclass(frozen=True)
+class Emergency:
+    """One EMCY message; code 0 says that the error is gone."""
+
+    code: int
+    register: int
+    t_rig_s: float
+
+    def __str__(self) -> str:
+        text = _EMERGENCY_TEXTS.get(self.code, "see the drive's manual")
+        return f"EMCY 0x{self.code:04X} ({text})"
+
+
+@dataclass(frozen=True)
+class DriveSample:
+    """What a drive sent at one SYNC.
+
+    Torque is a fraction of the rated one, the following error demand minus actual.
+    """
+
+    statusword: int
+    position_m: float
+    demand_m: float
+    velocity_m_per_s: float
+    torque_fraction: float
+    following_error_m: float
+    t_rig_s: float
+    t_host_s: float
+
+    @property
+    def state(self) -> State:
+        """State of the drive's state machine."""
+        return cia402.state_of(self.statusword)

@@ -1,0 +1,87 @@
+"""What is compared and set before a drive may be used."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers import objects, pdo
+from drivers.can_line import NMT_PRE_OPERATIONAL, CanLine
+from drivers.drive_records import DriveExpectation, DriveIdentity
+from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer
+from drivers.objects import DriveObject
+from drivers.sdo import SdoAccess
+
+_CIA402 = 402
+_FACTOR_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class DriveSetup:
+    """The steps of connecting to one node. All raise NoAnswer, SdoRefused and ConnectionFailed."""
+
+    line: CanLine
+    sdo: SdoAccess
+    node_id: int
+    name: str
+    where: str
+
+    def find(self) -> None:
+        """Raise ConnectionFailed if the node is absent, IdentityMismatch if it is no drive."""
+        try:
+            device_type = self.sdo.read(objects.DEVICE_TYPE)
+        except NoAnswer as error:
+            seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
+            raise ConnectionFailed(
+                self.name,
+                self.where,
+                f"no drive answers with node id {self.node_id} (heartbeats seen: {seen})",
+                "check power, cable, bit rate and the node id in the rig file",
+            ) from error
+        if device_type & 0xFFFF != _CIA402:
+            raise self._mismatch(f"device type 0x{device_type:08X} is no CiA 402 drive")
+
+    def read_identity(self, expected: DriveExpectation) -> DriveIdentity:
+        """Who answers. Raises IdentityMismatch."""
+        found = DriveIdentity(
+            *(self.sdo.read(e) for e in (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL))
+        )
+        for field in ("vendor", "product", "serial"):
+            wanted = getattr(expected, field)
+            if wanted not in (None, getattr(found, field)):
+                raise self._mismatch(f"{field} is 0x{getattr(found, field):X}, 0x{wanted:X} is configured")
+        return found
+
+    def compare_factors(self, expected: DriveExpectation) -> None:
+        """Raise IdentityMismatch where the factor group gives other units than are configured."""
+        read = self.sdo.read
+        divisors = [read(e) for e in (objects.FEED_REVOLUTIONS, objects.ENCODER_INCREMENTS, objects.GEAR_MOTOR)]
+        if 0 in divisors:
+            raise self._mismatch("the factor group holds a zero")
+        feed_m = read(objects.FEED) * 1e-6 * read(objects.ENCODER_REVOLUTIONS) * read(objects.GEAR_SHAFT)
+        step_m = feed_m / math.prod(divisors)
+        wanted_m = expected.metres_per_increment
+        if abs(step_m - wanted_m) > _FACTOR_TOLERANCE * wanted_m:
+            raise self._mismatch(f"an increment is {step_m:.9g} m by the factor group, {wanted_m:.9g} m is configured")
+
+    def set_pdos(self, partner_node_id: int | None) -> None:
+        """Read the PDO mapping and write what differs. Raises IdentityMismatch if it is not kept."""
+        required = pdo.required_mappings(self.node_id, partner_node_id)
+        wrong = pdo.differing(self.sdo, required)
+        if not wrong:
+            return
+        self.line.send_nmt(NMT_PRE_OPERATIONAL, self.node_id)
+        for mapping in wrong:
+            pdo.write_mapping(self.sdo, mapping)
+        if pdo.differing(self.sdo, wrong):
+            raise self._mismatch("the drive does not keep the PDO mapping")
+
+    def set_and_compare(self, entry: DriveObject, value: int) -> None:
+        """Write a setting and read it back. Raises IdentityMismatch if it is not kept."""
+        self.sdo.write(entry, value)
+        held = self.sdo.read(entry)
+        if held != value:
+            raise self._mismatch(f"{entry}: {value} was written, {held} is read back")
+
+    def _mismatch(self, what: str) -> IdentityMismatch:
+        return IdentityMismatch(self.name, self.where, what, "check drive and rig file against each other")

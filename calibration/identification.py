@@ -19,7 +19,7 @@ from calibration.observation_model import Frame, Layout, ModelOptions, Observati
 from calibration.toml_file import InputError
 
 Estimator = Literal["map", "least_squares", "tikhonov", "truncated_svd"]
-LEAST_SQUARES_WEIGHT = 1e-3  # of the prior: only keeps null directions from drifting
+LEAST_SQUARES_WEIGHT = 1e-2  # of the tolerances: only keeps null directions from drifting
 
 
 @dataclass(frozen=True)
@@ -136,19 +136,28 @@ class _Problem:
         scaled = self._predict(z).jacobian * self.layout.sigma
         return np.einsum("rij,rju->riu", self.whiten, scaled).reshape(-1, self.layout.size)
 
+    def prior(self, weight: float) -> Array:
+        """Weights (u,) of the priors: `weight` for the machine's tolerances.
+
+        What is known of reflectors, frame, instrument and payload is not regularisation and keeps its weight.
+        """
+        weights = np.ones(self.layout.size)
+        weights[: len(self.layout.parameters)] = weight
+        return weights
+
     def minimise(self, z: Array, free: NDArray[np.intp], weight: float) -> Array:
-        """Levenberg-Marquardt over the unknowns `free`; the prior has the given weight."""
-        full = z.copy()
+        """Levenberg-Marquardt over the unknowns `free`; the tolerances have the given weight."""
+        full, prior = z.copy(), self.prior(weight)[free]
 
         def place(part: Array) -> Array:
             full[free] = part
             return full
 
         def residual(part: Array) -> Array:
-            return np.concatenate([self.residual(place(part)), weight * part])
+            return np.concatenate([self.residual(place(part)), prior * part])
 
         def jacobian(part: Array) -> Array:
-            return np.vstack([self.jacobian(place(part))[:, free], weight * np.eye(len(part))])
+            return np.vstack([self.jacobian(place(part))[:, free], np.diag(prior)])
 
         answer = least_squares(residual, z[free], jac=jacobian, method="lm", xtol=1e-10, ftol=1e-12, max_nfev=60)
         return place(answer.x).copy()
@@ -157,14 +166,15 @@ class _Problem:
         """Prior weight of least generalised cross-validation for the problem linearised at z."""
         jac = self.jacobian(z)
         right = jac @ z - self.residual(z)
-        u, s, _ = np.linalg.svd(jac, full_matrices=False)
-        beta = u.T @ right
-        rest = float(right @ right - beta @ beta)
-        weights = np.logspace(-3.0, 3.0, 121)
-        keep = s[None, :] ** 2 / (s[None, :] ** 2 + weights[:, None] ** 2)
-        misfit = np.sum(((1.0 - keep) * beta) ** 2, axis=1) + rest
-        freedom = len(right) - keep.sum(axis=1)
-        return float(weights[np.argmin(misfit / freedom**2)])
+        normal, moment = jac.T @ jac, jac.T @ right
+        best, least = 1.0, np.inf
+        for weight in np.logspace(-3.0, 3.0, 61):
+            inverse = np.linalg.inv(normal + np.diag(self.prior(weight) ** 2))
+            misfit = right - jac @ (inverse @ moment)
+            score = float(misfit @ misfit) / (len(right) - float(np.trace(inverse @ normal))) ** 2
+            if score < least:
+                best, least = float(weight), score
+        return best
 
     def truncated(self, z: Array) -> Array:
         """Gauss-Newton in the directions whose singular value exceeds 1 (data beat the prior)."""
@@ -182,7 +192,7 @@ class _Problem:
     def result(self, z: Array, weight: float, estimator: Estimator) -> Fit:
         jac = self.jacobian(z)
         residual = self.residual(z)
-        information = jac.T @ jac + weight**2 * np.eye(self.layout.size)
+        information = jac.T @ jac + np.diag(self.prior(weight) ** 2)
         covariance = np.linalg.inv(information)
         spectrum = np.asarray(np.linalg.svd(jac, compute_uv=False), dtype=np.float64)
         effective = float(np.trace(covariance @ (jac.T @ jac)))

@@ -1,0 +1,80 @@
+"""Compensation computed from a perfect identification puts the tool where it is commanded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+
+from calibration.compensation import Load, build_table, corrected_drives, drive_box, predict_poses
+from calibration.identification import identify
+from calibration.observation_model import Visits
+from calibration.report_frame import fit_report_frame
+from tests.calibration.conftest import PLATE_COM_M, TEMPERATURES_C
+
+
+@pytest.fixture(scope="module")
+def known(synthetic):
+    rig = synthetic(7)
+    xy = rig.workspace(40)
+    visits = rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, 400.0], 40))
+    seen = rig.see(visits)
+    report = fit_report_frame(rig.machine, seen.of_visits(visits.payload_kg == 0.0), rig.rough)
+    return rig, report, identify(rig.layout, report.frame, seen)
+
+
+def test_corrected_drives_bring_the_predicted_tool_onto_its_target(known):
+    rig, report, fit = known
+    load = Load(200.0, PLATE_COM_M, TEMPERATURES_C)
+    visits = rig.visits(rig.workspace(50), np.full(50, 200.0))
+    drives = corrected_drives(fit, report, visits.target_m, load)
+    error, _ = report.tool_error(predict_poses(fit, report, load.visits(drives, visits.target_m)), visits.target_m)
+    assert np.abs(error[:, :2]).max() < 1e-9
+
+
+def test_table_brings_the_true_tool_within_microns(known):
+    rig, report, fit = known
+    load = Load(200.0, PLATE_COM_M, TEMPERATURES_C)
+    table = build_table(fit, report, load)
+    visits = rig.visits(rig.workspace(200), np.full(200, 200.0))
+    axes = [table.start_m[a] + table.step_m[a] * np.arange(17) for a in range(2)]
+    correction = [RegularGridInterpolator(axes, table.correction_m[a])(visits.drives_m) for a in range(2)]
+    moved = Visits(
+        visits.drives_m + np.stack(correction, axis=1),
+        visits.target_m,
+        visits.payload_kg,
+        visits.payload_com_m,
+        visits.temperatures_c,
+    )
+
+    def rms(which):
+        points = rig.see(which, noise=False).position_m.reshape(200, 5, 3)[:, :3]
+        error, _ = report.tool_error(report.poses(points, which.target_m), which.target_m)
+        return np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)))
+
+    assert rms(moved) < 4e-6
+    assert rms(visits) > 20e-6
+
+
+def test_interpolation_between_nodes_is_below_a_micron(known):
+    rig, report, fit = known
+    load = Load(0.0, (0.0, 0.0, 0.0), TEMPERATURES_C)
+    table = build_table(fit, report, load)
+    visits = rig.visits(rig.workspace(100), np.zeros(100))
+    exact = corrected_drives(fit, report, visits.target_m, load) - visits.drives_m
+    axes = [table.start_m[a] + table.step_m[a] * np.arange(17) for a in range(2)]
+    for a in range(2):
+        found = RegularGridInterpolator(axes, table.correction_m[a])(visits.drives_m)
+        assert np.sqrt(np.mean((found - exact[:, a]) ** 2)) < 1e-6
+
+
+def test_grid_covers_the_workspace_with_a_margin_and_every_node_is_a_number(known):
+    rig, report, fit = known
+    table = build_table(fit, report, Load(0.0, (0.0, 0.0, 0.0), TEMPERATURES_C))
+    assert table.correction_m.shape == (2, 17, 17)
+    assert np.isfinite(table.correction_m).all()
+    box = drive_box(rig.machine)
+    drives = rig.visits(rig.workspace(500), np.zeros(500)).drives_m
+    assert (drives > box[:, 0] + 0.015).all()
+    assert (drives < box[:, 1] - 0.015).all()
+    assert np.abs(table.correction_m).max() < 2e-3

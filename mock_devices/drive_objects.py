@@ -1,0 +1,148 @@
+"""The object dictionary of a mock drive: what each CiA 402 and compensation object reads and writes.
+
+Objects that are only stored (identity, factors, PDO descriptions) are left to canopen and the EDS.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from mock_devices.compensation import VALUE_RANGE, Refused
+from mock_devices.drive_axis import DriveAxis
+from mock_devices.table_bank import Bank
+
+METRES_PER_INCREMENT = 1.0e-8
+GENERIC_ERROR_BIT = 0x01
+
+_FEED_M = 0.010
+_RATED_TORQUE_NM = 10.0
+_FRICTION_N = 60.0
+_GRAVITY_M_PER_S2 = 9.80665
+
+Readers = dict[tuple[int, int], Callable[[], int | bytes]]
+
+
+class DriveObjects:
+    """Reads and writes by index and sub-index. `load_kg` is the mass that this drive carries."""
+
+    def __init__(
+        self,
+        axis: DriveAxis,
+        now_s: Callable[[], float],
+        load_kg: Callable[[], float],
+        set_heartbeat: Callable[[float], None],
+    ) -> None:
+        self._axis = axis
+        self._now_s = now_s
+        self._load_kg = load_kg
+        self._set_heartbeat = set_heartbeat
+        self._readers = self._make_readers()
+        self._writers = self._make_writers()
+
+    def read(self, index: int, subindex: int) -> int | bytes | None:
+        """Value of an object, None if it is not one of these."""
+        reader = self._readers.get((index, subindex))
+        return None if reader is None else reader()
+
+    def write(self, index: int, subindex: int, value: Any) -> None:
+        """Act on a written value. Raises Refused."""
+        writer = self._writers.get((index, subindex))
+        if writer is not None:
+            writer(value)
+
+    def _make_readers(self) -> Readers:
+        axis, limits, comp, now = self._axis, self._axis.limits, self._axis.compensation, self._now_s
+        readers: Readers = {
+            (0x1001, 0): lambda: GENERIC_ERROR_BIT if axis.error_code else 0,
+            (0x603F, 0): lambda: axis.error_code,
+            (0x6040, 0): lambda: axis.controlword,
+            (0x6041, 0): axis.statusword,
+            (0x6062, 0): lambda: round(axis.demand_inc()),
+            (0x6063, 0): lambda: round(axis.encoder_inc(now())),
+            (0x6064, 0): lambda: round(axis.actual_inc()),
+            (0x6065, 0): lambda: limits.following_error_window_inc,
+            (0x606C, 0): lambda: round(axis.motion.command(now())[1]),
+            (0x6077, 0): self._torque_permille,
+            (0x607A, 0): lambda: axis.target_inc,
+            (0x607D, 1): lambda: limits.low_inc,
+            (0x607D, 2): lambda: limits.high_inc,
+            (0x6081, 0): lambda: limits.speed,
+            (0x6083, 0): lambda: limits.acceleration,
+            (0x6084, 0): lambda: limits.deceleration,
+            (0x6085, 0): lambda: limits.quick_stop_deceleration,
+            (0x60F4, 0): lambda: round(axis.motion.lag(now())),
+            (0x2100, 1): lambda: comp.mode,
+            (0x2100, 3): lambda: comp.active_bank,
+            (0x2100, 4): lambda: comp.table.crc if comp.table else 0,
+            (0x2100, 5): lambda: comp.table.generation if comp.table else 0,
+            (0x2100, 6): lambda: int(comp.valid),
+            (0x2100, 7): lambda: comp.payload_g,
+            (0x2100, 8): lambda: comp.partner.command_inc or 0,
+        }
+        for number, bank in comp.banks.items():
+            readers |= _bank_readers(0x2100 + number, bank)
+        return readers
+
+    def _make_writers(self) -> dict[tuple[int, int], Callable[[Any], None]]:
+        axis, comp = self._axis, self._axis.compensation
+        return {
+            (0x1017, 0): lambda ms: self._set_heartbeat(ms * 1.0e-3),
+            (0x6040, 0): axis.control,
+            (0x6060, 0): _only_profile_position,
+            (0x6065, 0): self._limit_setter("following_error_window_inc"),
+            (0x607A, 0): axis.set_target,
+            (0x607D, 1): self._limit_setter("low_inc"),
+            (0x607D, 2): self._limit_setter("high_inc"),
+            (0x6081, 0): self._limit_setter("speed"),
+            (0x6083, 0): self._limit_setter("acceleration"),
+            (0x6084, 0): self._limit_setter("deceleration"),
+            (0x6085, 0): self._limit_setter("quick_stop_deceleration"),
+            (0x2100, 1): lambda mode: comp.set_mode(mode, axis.powered),
+            (0x2100, 2): lambda bank: comp.activate(bank, axis.powered),
+            (0x2100, 7): self._set_payload,
+            (0x2100, 8): comp.partner.hear,
+            (0x2101, 1): lambda image: comp.write_bank(1, image),
+            (0x2102, 1): lambda image: comp.write_bank(2, image),
+        }
+
+    def _limit_setter(self, name: str) -> Callable[[int], None]:
+        positive = name not in ("low_inc", "high_inc")
+
+        def write(value: int) -> None:
+            if positive and value <= 0:
+                raise Refused(VALUE_RANGE)
+            setattr(self._axis.limits, name, value)
+
+        return write
+
+    def _set_payload(self, payload_g: int) -> None:
+        self._axis.compensation.payload_g = payload_g
+        self._axis.watch_motion()
+
+    def _torque_permille(self) -> int:
+        """Share of the weight, friction and acceleration, through a ball screw."""
+        if not self._axis.powered:
+            return 0
+        _, velocity, acceleration = self._axis.motion.command(self._now_s())
+        load_kg = self._load_kg()
+        force_n = load_kg * (_GRAVITY_M_PER_S2 + acceleration * METRES_PER_INCREMENT)
+        force_n += math.copysign(_FRICTION_N, velocity) if velocity else 0.0
+        torque_nm = force_n * _FEED_M / (2.0 * math.pi)
+        return max(-32768, min(32767, round(1000.0 * torque_nm / _RATED_TORQUE_NM)))
+
+
+def _bank_readers(index: int, bank: Bank) -> Readers:
+    return {
+        (index, 1): lambda: bank.image,
+        (index, 2): lambda: bank.crc,
+        (index, 3): lambda: bank.table.generation if bank.table else 0,
+        (index, 4): lambda: bank.table.payload_g if bank.table else 0,
+        (index, 5): lambda: int(bank.status),
+    }
+
+
+def _only_profile_position(mode: int) -> None:
+    if mode != 1:
+        raise Refused(VALUE_RANGE)

@@ -1,0 +1,251 @@
+"""A servo drive on a CAN bus: canopen's LocalNode around `DriveAxis`, by our own EDS.
+
+Adds what LocalNode lacks and this rig needs: SYNC consumer with TPDOs, RPDOs (operational only), heartbeat
+on the rig clock, boot-up after a reset, no SDO when stopped. Not modelled: SDO block transfer, heartbeat
+consumer 0x1016, error history 0x1003, storing of parameters, LSS, bus errors.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from importlib import resources
+from typing import Any
+
+import can
+import canopen
+from canopen.objectdictionary import ObjectDictionary, eds
+from canopen.sdo.exceptions import SdoAbortedError
+
+from mock_devices.clock import RigClock
+from mock_devices.compensation import Compensation, Refused
+from mock_devices.drive_axis import AxisLimits, DriveAxis
+from mock_devices.drive_objects import GENERIC_ERROR_BIT, METRES_PER_INCREMENT, DriveObjects
+from mock_devices.node_services import Heartbeat, NmtSlave, NmtState
+from mock_devices.pdo import Mapping, read_mapping
+from mock_devices.plant import SetPoint
+
+_NOTIFIER_CYCLE_S = 0.05
+_RPDO_LENGTH_ERROR = 0x8210
+
+_log = logging.getLogger(__name__)
+
+
+class DriveServer:
+    """One drive at `node_id`. It owns `bus` and shuts it down in `close`.
+
+    `machine_id` is that of table images, `load_kg` tells the mass that this drive carries. Positions in metres are
+    encoder positions; the drive starts under its brake at `start_m`.
+    """
+
+    def __init__(
+        self,
+        node_id: int,
+        axis_name: str,
+        bus: can.BusABC,
+        clock: RigClock,
+        *,
+        partner_node_id: int,
+        machine_id: bytes,
+        travel_m: tuple[float, float],
+        start_m: float,
+        load_kg: Callable[[], float] = lambda: 0.0,
+    ) -> None:
+        self.node_id, self.axis_name = node_id, axis_name
+        self._lock = threading.RLock()
+        self._closed = False
+        low_inc, high_inc = (_increments(limit) for limit in travel_m)
+        self.compensation = Compensation(node_id, machine_id)
+        self.axis = DriveAxis(
+            clock.now_s,
+            AxisLimits(low_inc, high_inc),
+            self.compensation,
+            start_m / METRES_PER_INCREMENT,
+            self._send_emergency,
+        )
+        self._node = _Node(node_id, _dictionary(node_id), self._stored)
+        self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
+        self._node.data_store[0x1401] = {1: (0x280 + partner_node_id).to_bytes(4, "little")}
+        self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
+        self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
+        self._heartbeat = Heartbeat(clock, self._send_state)
+        self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start)
+        self._nmt = NmtSlave(
+            node_id, send=self._send_heartbeat, changed=self._nmt_changed, reset=self._nmt_reset
+        )
+        self._tpdos: list[Mapping] = []
+        self._rpdos: list[Mapping] = []
+        self._syncs = 0
+        self._network = canopen.Network(bus)
+        self._network.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
+        self._connect()
+
+    # What the plant asks.
+
+    def encoder_m(self, t_s: float) -> float:
+        """Where the drive stands at rig time `t_s`, compensation included, free of lag's rounding."""
+        with self._lock:
+            return self.axis.encoder_inc(t_s) * METRES_PER_INCREMENT
+
+    def set_point(self, t_s: float) -> SetPoint:
+        """The set-point that was followed at `t_s`."""
+        with self._lock:
+            return self.axis.motion.set_point(t_s)
+
+    def is_moving(self, t_s: float) -> bool:
+        """Whether a motion is under way at `t_s`."""
+        with self._lock:
+            return self.axis.motion.is_moving(t_s)
+
+    # What tests and the rig may do.
+
+    def inject_fault(self, code: int = 0x2310) -> None:
+        """Let a fault happen, e.g. 0x2310 overcurrent."""
+        with self._lock:
+            self.axis.fault(code)
+
+    def power_cycle(self) -> None:
+        """Switch the drive off and on again: boot-up, banks kept, payload unknown, mode 0."""
+        with self._lock:
+            self._nmt.on_command(bytes([129, self.node_id]))
+
+    def close(self) -> None:
+        """Leave the bus. May be called again."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+        self._heartbeat.stop()
+        self._network.disconnect()
+
+    def _connect(self) -> None:
+        self._network.connect()
+        self._network.add_node(self._node)
+        self._network.unsubscribe(self._node.sdo.rx_cobid, self._node.sdo.on_request)
+        self._network.subscribe(self._node.sdo.rx_cobid, self._on_sdo)
+        self._network.subscribe(0x000, lambda _id, data, _t: self._on_nmt(bytes(data)))
+        self._network.subscribe(0x080, lambda _id, _data, _t: self._on_sync())
+        self._describe_pdos()
+        self._nmt.boot_up()
+
+    # Frames from the bus.
+
+    def _on_sdo(self, cob_id: int, data: bytearray, timestamp: float) -> None:
+        if self._nmt.state is not NmtState.STOPPED and len(data) == 8:
+            self._node.sdo.on_request(cob_id, data, timestamp)  # type: ignore[no-untyped-call]
+
+    def _on_nmt(self, data: bytes) -> None:
+        with self._lock:
+            self._nmt.on_command(data)
+
+    def _on_sync(self) -> None:
+        with self._lock:
+            self.axis.sync()
+            self._syncs += 1
+            if self._nmt.state is not NmtState.OPERATIONAL:
+                return
+            due = [m for m in self._tpdos if m.on_sync and self._syncs % m.transmission_type == 0]
+            frames = [(m.cob_id, m.pack(self._node.get_data)) for m in due]
+        for cob_id, data in frames:
+            self._send(cob_id, data)
+
+    def _on_rpdo(self, cob_id: int, data: bytearray, _timestamp: float) -> None:
+        with self._lock:
+            if self._nmt.state is not NmtState.OPERATIONAL:
+                return
+            for mapping in (m for m in self._rpdos if m.enabled and m.cob_id == cob_id):
+                try:
+                    objects = mapping.unpack(bytes(data))
+                except ValueError:
+                    self._send_emergency(_RPDO_LENGTH_ERROR)
+                    continue
+                for index, sub, value in objects:
+                    try:
+                        self._node.set_data(index, sub, value)
+                    except SdoAbortedError as error:
+                        _log.info("%s: RPDO value refused: %s", self.axis_name, error)
+
+    def _describe_pdos(self) -> None:
+        """Read the PDO mappings from the dictionary and listen for what they name."""
+        read = self._node.get_data
+        for mapping in self._rpdos:
+            if self._on_rpdo in self._network.subscribers.get(mapping.cob_id, []):
+                self._network.unsubscribe(mapping.cob_id, self._on_rpdo)
+        self._rpdos = [read_mapping(read, 0x1400 + i, 0x1600 + i) for i in range(2)]
+        self._tpdos = [read_mapping(read, 0x1800 + i, 0x1A00 + i) for i in range(2)]
+        for mapping in self._rpdos:
+            if mapping.enabled:
+                self._network.subscribe(mapping.cob_id, self._on_rpdo)
+
+    # Frames to the bus.
+
+    def _send(self, cob_id: int, data: bytes) -> None:
+        if not self._closed:
+            try:
+                self._network.send_message(cob_id, data)
+            except (can.CanError, RuntimeError) as error:
+                _log.info("%s: frame not sent: %s", self.axis_name, error)
+
+    def _send_emergency(self, code: int) -> None:
+        register = GENERIC_ERROR_BIT if code else 0
+        self._send(0x080 + self.node_id, code.to_bytes(2, "little") + bytes([register]) + bytes(5))
+
+    def _send_heartbeat(self, data: bytes) -> None:
+        self._send(0x700 + self.node_id, data)
+
+    def _send_state(self) -> None:
+        self._send_heartbeat(bytes([self._nmt.state]))
+
+    # NMT.
+
+    def _nmt_changed(self, before: NmtState) -> None:
+        if before is NmtState.OPERATIONAL:
+            self.axis.quick_stop()
+
+    def _nmt_reset(self, whole_node: bool) -> None:
+        self._heartbeat.stop()
+        self._node.data_store.pop(0x1017, None)
+        if whole_node:
+            self.axis.boot()
+
+    # The object dictionary.
+
+    def _stored(self, index: int) -> None:
+        if 0x1400 <= index < 0x1C00:
+            with self._lock:
+                self._describe_pdos()
+
+    def _read(self, *, index: int, subindex: int, od: Any) -> int | bytes | None:
+        with self._lock:
+            return self._objects.read(index, subindex)
+
+    def _write(self, *, index: int, subindex: int, od: Any, data: bytes) -> None:
+        with self._lock:
+            try:
+                self._objects.write(index, subindex, od.decode_raw(bytes(data)))
+            except Refused as refusal:
+                raise SdoAbortedError(refusal.abort_code) from None
+
+
+class _Node(canopen.LocalNode):
+    """LocalNode without its host-time heartbeat, telling what was stored."""
+
+    def __init__(self, node_id: int, dictionary: ObjectDictionary, stored: Callable[[int], None]) -> None:
+        super().__init__(node_id, dictionary)
+        self._write_callbacks.clear()
+        self._stored = stored
+
+    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        super().set_data(index, subindex, data, check_writable)
+        self._stored(index)
+
+
+def _dictionary(node_id: int) -> ObjectDictionary:
+    with resources.files("mock_devices").joinpath("mock_drive.eds").open("r", encoding="ascii") as file:
+        dictionary: ObjectDictionary = eds.import_eds(file, node_id)  # type: ignore[no-untyped-call]
+    return dictionary
+
+
+def _increments(position_m: float) -> int:
+    return round(position_m / METRES_PER_INCREMENT)

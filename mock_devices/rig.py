@@ -1,0 +1,132 @@
+"""The whole mock rig: one plant, one clock, and the three servers in front of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import can
+
+from mock_devices.clock import RigClock
+from mock_devices.machine_file import MachineFile
+from mock_devices.mock_drive import DriveServer
+from mock_devices.plant import Plant
+from mock_devices.plc_server import PlcServer
+from mock_devices.settings import MockSettings
+from mock_devices.socketcand_server import SocketCandServer
+from mock_devices.station import Station
+from mock_devices.table_bank import machine_id_of
+from mock_devices.tracker_server import PtyTrackerServer, TcpTrackerServer, TrackerServer
+
+
+class MockRig:
+    """Starts everything when made; `close`, or leaving the context, stops it.
+
+    `bus_factory` gives each drive (and each socketcand client) a bus on the one CAN line; the rig shuts them down.
+    Node ids default to 1, 2, ... in the order of the machine file. Ports 0 are free ones; without
+    `socketcand_port` there is no socketcand server.
+    """
+
+    def __init__(
+        self,
+        machine_path: str | Path,
+        settings: MockSettings,
+        clock: RigClock,
+        bus_factory: Callable[[], can.BusABC],
+        *,
+        station: Literal["pty", "tcp"] = "pty",
+        station_port: int = 0,
+        plc_port: int = 0,
+        socketcand_port: int | None = None,
+        host: str = "127.0.0.1",
+        node_ids: tuple[int, ...] | None = None,
+    ) -> None:
+        self.plant = Plant(machine_path, settings, clock)
+        sliders = self.plant.nominal.sliders
+        nodes = node_ids or tuple(range(1, len(sliders) + 1))
+        if len(nodes) != len(sliders) or len(nodes) != 2:
+            raise ValueError("a mock rig has two drives: each corrects for one partner")
+        self._started = ExitStack()
+        try:
+            drives = []
+            for index, node_id in enumerate(nodes):
+                drive = self._drive(index, node_id, nodes[1 - index], bus_factory(), clock)
+                self._started.callback(drive.close)
+                drives.append(drive)
+            self.drives: tuple[DriveServer, ...] = tuple(drives)
+            self.plant.attach(self.drives)
+            self.plc = PlcServer(self.plant, host, plc_port)
+            self._started.callback(self.plc.close)
+            responder = Station(self.plant)
+            self.tracker: TrackerServer = (
+                PtyTrackerServer(responder)
+                if station == "pty"
+                else TcpTrackerServer(responder, host, station_port)
+            )
+            self._started.callback(self.tracker.close)
+            self.socketcand: SocketCandServer | None = None
+            if socketcand_port is not None:
+                self.socketcand = SocketCandServer(bus_factory, host, socketcand_port)
+                self._started.callback(self.socketcand.close)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def station_url(self) -> str:
+        """Path of the pty, or `socket://host:port`."""
+        return self.tracker.url
+
+    @property
+    def plc_address(self) -> tuple[str, int]:
+        """Host and port of the PLC."""
+        return self.plc.address
+
+    @property
+    def socketcand_address(self) -> tuple[str, int]:
+        """Host and port of the socketcand server. Raises ValueError without one."""
+        if self.socketcand is None:
+            raise ValueError("this mock rig serves no socketcand")
+        return self.socketcand.address
+
+    def close(self) -> None:
+        """Stop all servers, the last one first. May be called again."""
+        self._started.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _drive(
+        self, index: int, node_id: int, partner: int, bus: can.BusABC, clock: RigClock
+    ) -> DriveServer:
+        machine = self.plant.nominal
+        count = len(machine.sliders)
+        return DriveServer(
+            node_id,
+            machine.sliders[index].name,
+            bus,
+            clock,
+            partner_node_id=partner,
+            machine_id=machine_id_of(machine.name),
+            travel_m=machine.sliders[index].travel_m,
+            start_m=home_m(machine, index),
+            load_kg=lambda: self.plant.moving_mass_kg() / count,
+        )
+
+
+def home_m(machine: MachineFile, drive: int) -> float:
+    """Drive coordinate of pose zero by the nominal geometry, kept within the travel."""
+    slider = machine.sliders[drive]
+    strut = next(s for s in machine.struts if s.drive == drive)
+    w = (strut.platform_joint - strut.base_joint) * slider.axis.conjugate()  # along and across the axis
+    half = (strut.length_m**2 - w.imag**2) ** 0.5
+    low, high = slider.travel_m
+    return min(max(w.real + slider.branch * half, low), high)

@@ -13,12 +13,13 @@ from drivers import cia402
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
 from drivers.errors import DeviceError, MotionTimeout, Stopped
-from drivers.servo_drive import DriveSample, ServoDrive
+from drivers.servo_drive import DriveSample, Emergency, ServoDrive
 from drivers.sync_sampler import SyncSampler
 
 _FEWEST_SAMPLES_AT_REST = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
 _CLOCK_GRAIN_S = 1e-9
+_FAULTY = (State.FAULT, State.FAULT_REACTION)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,9 @@ class DriveGroup:
     """Moves all drives together, samples them at SYNC and stops them as one.
 
     `pdo_timeout_s` is host time; the rest is rig time. `sync` sends SYNC (default: the drives' line does).
-    `stop_all` and `sample` may be called from any thread at any time; one move at a time.
+    `stop_all` and `sample` may be called from any thread at any time; one move at a time. A move is polled every
+    `poll_period_s`, far from its end every `cruise_period_s`; an EMCY of one drive stops all without waiting
+    for the next poll.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class DriveGroup:
         sync: Callable[[], None] | None = None,
         rest: RestLimits | None = None,
         poll_period_s: float = 0.05,
+        cruise_period_s: float = 0.2,
         pdo_timeout_s: float = 1.0,
         handshake_limit_s: float = 1.0,
     ) -> None:
@@ -57,6 +61,7 @@ class DriveGroup:
             raise ValueError("a group is one or more drives on one CAN line")
         self.drives = tuple(drives)
         self.poll_period_s = poll_period_s
+        self.cruise_period_s = max(cruise_period_s, poll_period_s)
         self.rest = rest or RestLimits()
         self._line = drives[0].line
         self._clock = clock or HostClock()
@@ -65,6 +70,9 @@ class DriveGroup:
         self._command_lock = threading.Lock()
         self._move_lock = threading.Lock()
         self._stop_reason: str | None = None
+        self._moving = False
+        for drive in self.drives:
+            drive.on_emergency = partial(self._on_emergency, drive)
 
     @property
     def stop_reason(self) -> str | None:
@@ -161,12 +169,16 @@ class DriveGroup:
             self._write_targets(positions_m, velocity_m_per_s, acceleration_m_per_s2)
             with self._stopping_on_failure():
                 self._start(positions_m)
-                return self._wait_for_rest(positions_m, limit_s)
+                return self._wait_for_rest(positions_m, velocity_m_per_s, limit_s)
 
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
-        for drive, sample in zip(self.drives, samples, strict=True):
+        pairs = list(zip(self.drives, samples, strict=True))
+        pairs.sort(
+            key=lambda pair: (pair[1].state not in _FAULTY, pair[0].last_emergency() is None)
+        )  # the guilty first
+        for drive, sample in pairs:
             drive.check()
-            if sample.state in (State.FAULT, State.FAULT_REACTION):
+            if sample.state in _FAULTY:
                 raise drive.fault("the drive is in fault")
             if sample.state is not State.OPERATION_ENABLED:
                 self._raise_if_stopped()
@@ -200,7 +212,11 @@ class DriveGroup:
         self._wait(acknowledged, targets_m, self._handshake_limit_s, "set-point not acknowledged")
         self._send_all(cia402.ENABLE_OPERATION)
 
-    def _wait_for_rest(self, targets_m: Sequence[float], limit_s: float) -> list[DriveSample]:
+    def _wait_for_rest(self, targets_m: Sequence[float], velocity_m_per_s: float, limit_s: float) -> list[DriveSample]:
+        def pause_s(samples: list[DriveSample]) -> float:
+            left_s = _farthest_m(samples, targets_m) / velocity_m_per_s
+            return min(max(0.5 * left_s, self.poll_period_s), self.cruise_period_s)
+
         def at_rest(sample: DriveSample, target_m: float) -> bool:
             return bool(
                 sample.statusword & cia402.TARGET_REACHED
@@ -217,6 +233,7 @@ class DriveGroup:
             "not at rest on the target",
             self.rest.hold_s,
             _FEWEST_SAMPLES_AT_REST,
+            pause_s,
         )
 
     def _wait(
@@ -227,6 +244,7 @@ class DriveGroup:
         what: str,
         hold_s: float = 0.0,
         fewest: int = 1,
+        pause_s: Callable[[list[DriveSample]], float] | None = None,
     ) -> list[DriveSample]:
         """Sample until all drives have been ready for `hold_s` and for `fewest` samples in a row."""
         end_s = self._clock.now_s() + limit_s
@@ -246,7 +264,7 @@ class DriveGroup:
             polls += 1
             if waiting and polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
                 raise _too_late(*waiting[0], what, limit_s)
-            self._clock.sleep_s(self.poll_period_s)
+            self._clock.sleep_s(pause_s(samples) if pause_s else self.poll_period_s)
             self._raise_if_stopped()
 
     def _send(self, drive: ServoDrive, controlword: int) -> None:
@@ -281,18 +299,31 @@ class DriveGroup:
     @contextmanager
     def _stopping_on_failure(self) -> Iterator[None]:
         """Whatever ends a move early stops all drives."""
+        self._moving = True
         try:
             yield
         except BaseException as error:
             with suppress(DeviceError):
                 self.stop_all(str(error) or type(error).__name__)
             raise
+        finally:
+            self._moving = False
+
+    def _on_emergency(self, drive: ServoDrive, emergency: Emergency) -> None:
+        """Called from the line's receiving thread: sending controlwords is all that is done here."""
+        if self._moving and emergency.is_error:
+            with self._command_lock, suppress(DeviceError):
+                for each in self.drives:
+                    each.quick_stop()
 
 
 def _longest_s(samples: Sequence[DriveSample], targets_m: Sequence[float], velocity_m_per_s: float) -> float:
     """A generous limit for a move, from its distance."""
-    longest_m = max(abs(target - sample.demand_m) for sample, target in zip(samples, targets_m, strict=True))
-    return 15.0 + 1.5 * longest_m / velocity_m_per_s
+    return 15.0 + 1.5 * _farthest_m(samples, targets_m) / velocity_m_per_s
+
+
+def _farthest_m(samples: Sequence[DriveSample], targets_m: Sequence[float]) -> float:
+    return max(abs(target - sample.demand_m) for sample, target in zip(samples, targets_m, strict=True))
 
 
 def _put_back(drive: ServoDrive, target_m: float) -> None:

@@ -58,6 +58,11 @@ class Emergency:
     register: int
     t_rig_s: float
 
+    @property
+    def is_error(self) -> bool:
+        """False for the message that says that all is well again."""
+        return self.code & 0xFF00 != 0
+
     def __str__(self) -> str:
         text = _EMERGENCY_TEXTS.get(self.code, "see the drive's manual")
         return f"EMCY 0x{self.code:04X} ({text})"

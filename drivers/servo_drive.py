@@ -63,6 +63,7 @@ class ServoDrive:
         self.rated_torque_n_m = math.nan
         self.target_m = math.nan
         self.emergencies: deque[Emergency] = deque(maxlen=100)
+        self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
         self.tpdo_counts = [0, 0]
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
@@ -247,7 +248,7 @@ class ServoDrive:
     def last_emergency(self) -> Emergency | None:
         """The last emergency unless the drive has reported since that the error is gone."""
         emergencies = tuple(self.emergencies)
-        return emergencies[-1] if emergencies and emergencies[-1].code & 0xFF00 else None
+        return emergencies[-1] if emergencies and emergencies[-1].is_error else None
 
     def fault(self, what: str) -> DriveFault:
         """A DriveFault with the last emergency in its text."""
@@ -281,7 +282,10 @@ class ServoDrive:
     def _on_emergency(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
         if len(data) >= _EMERGENCY.size:
             code, register = _EMERGENCY.unpack_from(data)
-            self.emergencies.append(Emergency(code, register, self._clock.now_s()))
+            emergency = Emergency(code, register, self._clock.now_s())
+            self.emergencies.append(emergency)
+            if self.on_emergency is not None:
+                self.on_emergency(emergency)
 
     def _on_tpdo1(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
         self._keep(0, data, _TPDO1.size)

@@ -17,6 +17,7 @@ from typing import Any
 
 import serial
 from geocompy.communication import Connection
+from geocompy.data import Byte
 from geocompy.geo import GeoCom
 from geocompy.geo.aut import GeoComAUT
 from geocompy.geo.bap import GeoComBAP
@@ -160,6 +161,20 @@ class QuietGeoCom(GeoCom):
         self.tmc = GeoComTMC(self)
 
 
+class Real(Byte):
+    """A parameter with all its digits.
+
+    geocompy writes floats with six decimals, which turns a wavelength of 658 nm into 1 um; `Byte` is the one kind
+    of parameter that it writes as it is.
+    """
+
+    def __init__(self, value: float) -> None:
+        self._digits = f"{value:.15f}".rstrip("0")
+
+    def __str__(self) -> str:
+        return self._digits + "0" if self._digits.endswith(".") else self._digits
+
+
 class GeoComSession:
     """Calls to one station, one at a time, from any thread.
 
@@ -193,6 +208,11 @@ class GeoComSession:
             raise ConnectionFailed(device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE) from error
         self._line = SerialLine(port, clock, reply_timeout_s)
         self.geocom = QuietGeoCom(self._line)
+
+    def call(self, rpc: int, *parameters: float) -> Callable[[], GeoComResponse[Any]]:
+        """A call without values in its answer, floats written with all their digits, for `ask` and `command`."""
+        written = [Real(p) if isinstance(p, float) else p for p in parameters]
+        return lambda: self.geocom.request(rpc, written)
 
     @property
     def last_time(self) -> ExchangeTime:

@@ -41,6 +41,7 @@ __all__ = [
     "to_face_one",
 ]
 
+_TURN, _FINE_ADJUST, _SET_ATMOSPHERE, _SET_PRISM_CONSTANT = 9027, 9037, 2028, 2024
 _DIGITS = 15
 _LONGEST_DISTANCE_M = 1000.0
 _WAIT_S = 5
@@ -83,7 +84,7 @@ class LaserTracker:
         self.name = name
         self.port_url = port_url
         self.identity: StationIdentity | None = None
-        self.prism_constant_m = prism_constant_m
+        self.prism_constant_m = float(prism_constant_m)
         self.ppm = 0.0
         self._clock = clock or HostClock()
         self._session: GeoComSession | None = None
@@ -141,10 +142,10 @@ class LaserTracker:
         plausible = -40.0 <= temperature_c <= 70.0 and 500.0 <= pressure_hpa <= 1100.0 and 0.0 <= humidity <= 1.0
         if not plausible:
             raise ValueError(f"no such air: {temperature_c} degC, {pressure_hpa} hPa, humidity {humidity}")
-        session, tmc = self._open(), self._open().geocom.tmc
+        session = self._open()
         wet_c = wet_bulb_c(temperature_c, pressure_hpa, humidity)
-        asked = (self._wavelength, pressure_hpa, temperature_c, wet_c)
-        session.ask(lambda: tmc.set_atmospheric_corrections(*asked), values=False)
+        asked = (self._wavelength, float(pressure_hpa), float(temperature_c), wet_c)
+        session.ask(session.call(_SET_ATMOSPHERE, *asked), values=False)
         taken = self._read_atmosphere()
         if any(abs(a - b) > 1e-3 for a, b in zip(asked[1:], taken[1:], strict=True)):
             raise self._not_taken("atmosphere", asked, taken)
@@ -159,10 +160,10 @@ class LaserTracker:
         """
         if not all(math.isfinite(value) for value in (hz_rad, v_rad, window_rad)):
             raise ValueError("a direction must be finite")
-        session, aut = self._open(), self._open().geocom.aut
+        session = self._open()
         hz, v = hz_rad % TWO_PI, v_rad % TWO_PI
-        session.command(lambda: aut.turn_to(hz, v, Position.NORMAL, ATR.POSITION))
-        session.command(lambda: aut.fine_adjust(window_rad, window_rad))
+        session.command(session.call(_TURN, hz, v, Position.NORMAL.value, ATR.POSITION.value, 0))
+        session.command(session.call(_FINE_ADJUST, float(window_rad), float(window_rad), 0))
 
     def change_face(self, window_rad: float = 0.01) -> None:
         """Turn to the other face (9028) and aim finely at the same reflector."""
@@ -293,7 +294,7 @@ class LaserTracker:
         if prism is not None:
             self._set("prism type", prism, lambda: bap.set_prism_type(prism), bap.get_prism_type)
         constant_m = self.prism_constant_m
-        self._open().ask(lambda: tmc.set_prism_correction(constant_m), values=False)
+        self._open().ask(self._open().call(_SET_PRISM_CONSTANT, constant_m), values=False)
         taken_m = self._open().ask(tmc.get_prism_correction)
         if not abs(taken_m - constant_m) < 1e-6:
             raise self._not_taken("prism constant", constant_m, taken_m)

@@ -21,6 +21,7 @@ from drivers.errors import (
 )
 from drivers.geocom import GeoComSession, QuietGeoCom
 
+SHORT_S = 0.2  # where an answer is lost on purpose; elsewhere a loaded machine gets its time
 Open = Callable[..., tuple[GeoComSession, ScriptedPort]]
 
 
@@ -29,7 +30,7 @@ def opened() -> Iterator[Open]:
     sessions: list[GeoComSession] = []
     ports: list[ScriptedPort] = []
 
-    def make(script: list[tuple[bytes, bytes]]) -> tuple[GeoComSession, ScriptedPort]:
+    def make(script: list[tuple[bytes, bytes]], timeout_s: float = 5.0) -> tuple[GeoComSession, ScriptedPort]:
         port = ScriptedPort(script)
         ports.append(port)
         session = GeoComSession(
@@ -62,7 +63,7 @@ def test_an_answer_comes_back(opened: Open) -> None:
 
 
 def test_a_lost_answer_is_asked_for_again(opened: Open) -> None:
-    session, port = opened([(b"%R1Q,5003,0:", b""), (b"%R1Q,5003,1:", b"%R1P,0,1:0,7\r\n")])
+    session, port = opened([(b"%R1Q,5003,0:", b""), (b"%R1Q,5003,1:", b"%R1P,0,1:0,7\r\n")], SHORT_S)
     assert _serial_number(session) == 7
     port.finished()
 
@@ -73,7 +74,8 @@ def test_two_lost_answers_are_an_error_and_the_session_goes_on(opened: Open) -> 
             (b"%R1Q,5003,0:", b""),
             (b"%R1Q,5003,1:", b""),
             (b"%R1Q,5003,2:", b"%R1P,0,0:0,1\r\n%R1P,0,1:0,2\r\n%R1P,0,2:0,3\r\n"),
-        ]
+        ],
+        SHORT_S,
     )
     with pytest.raises(NoAnswer, match="no answer"):
         _serial_number(session)
@@ -82,7 +84,7 @@ def test_two_lost_answers_are_an_error_and_the_session_goes_on(opened: Open) -> 
 
 
 def test_a_command_is_never_sent_twice(opened: Open) -> None:
-    session, port = opened([(b"%R1Q,9028,0:0,0,0", b"")])
+    session, port = opened([(b"%R1Q,9028,0:0,0,0", b"")], SHORT_S)
     with pytest.raises(NoAnswer):
         session.command(session.geocom.aut.change_face)
     port.finished()
@@ -100,7 +102,7 @@ def test_a_command_is_never_sent_twice(opened: Open) -> None:
     ],
 )
 def test_garbled_then_good(opened: Open, garbage: bytes) -> None:
-    session, port = opened([(b"%R1Q,5003,0:", garbage), (b"%R1Q,5003,1:", b"%R1P,0,1:0,5\r\n")])
+    session, port = opened([(b"%R1Q,5003,0:", garbage), (b"%R1Q,5003,1:", b"%R1P,0,1:0,5\r\n")], SHORT_S)
     assert _serial_number(session) == 5
     port.finished()
 

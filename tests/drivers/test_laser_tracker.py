@@ -47,13 +47,15 @@ def _reading(n: int, hz: str = "0.5", v: str = "1.5", d: str = "3.0", code: int 
 def make() -> Iterator[Make]:
     opened: list[tuple[LaserTracker, ScriptedPort]] = []
 
-    def build(script: list[tuple[bytes, bytes]], **settings: object) -> tuple[LaserTracker, ScriptedPort]:
+    def build(
+        script: list[tuple[bytes, bytes]], timeout_s: float = 5.0, **settings: object
+    ) -> tuple[LaserTracker, ScriptedPort]:
         port = ScriptedPort(script)
         tracker = LaserTracker(
             port.url,
             CountingClock(),
-            reply_timeout_s=0.05,
-            motion_timeout_s=0.05,
+            reply_timeout_s=timeout_s,
+            motion_timeout_s=timeout_s,
             **settings,  # type: ignore[arg-type]
         )
         opened.append((tracker, port))
@@ -86,7 +88,7 @@ def test_a_precision_that_is_not_taken(make: Make) -> None:
 
 
 def test_silence_and_nonsense(make: Make) -> None:
-    silent, _ = make([(b"%R1Q,0,0:", b""), (b"%R1Q,0,1:", b"")])
+    silent, _ = make([(b"%R1Q,0,0:", b""), (b"%R1Q,0,1:", b"")], 0.1)
     with pytest.raises(NoAnswer):
         silent.connect()
     babbler, _ = make([(b"%R1Q,0,0:", b"what?\r\n"), (b"%R1Q,0,1:", b"what?\r\n")])
@@ -115,7 +117,7 @@ def test_measure(make: Make) -> None:
 def test_a_lost_reading_is_fetched_again_not_measured_again(make: Make) -> None:
     lost = [(b"%R1Q,2008,15:1,1", b"%R1P,0,15:0\r\n"), (b"%R1Q,2167,16:5000,1", b"")]
     again = [(b"%R1Q,2167,17:5000,1", b"%R1P,0,17:0,0.5,1.5,0,0,0,0,3.0,0\r\n")]
-    tracker, port = make([*CONNECT, *lost, *again])
+    tracker, port = make([*CONNECT, *lost, *again], 0.2)
     tracker.connect()
     assert tracker.measure()[0].slope_distance_m == 3.0
     port.finished()
@@ -171,7 +173,7 @@ def test_atmosphere(make: Make) -> None:
     tracker, _ = make(
         [
             *CONNECT,
-            (b"%R1Q,2028,15:0.000001,990.0,21.0,14.701505", b"%R1P,0,15:0\r\n"),
+            (b"%R1Q,2028,15:0.000000658,990.0,21.0,14.608669444089756", b"%R1P,0,15:0\r\n"),
             (b"%R1Q,2029,16:", taken),
         ]
     )

@@ -1,0 +1,168 @@
+"""Contract of the drivers with the whole mock rig, over every kind of transport that a test machine has."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import can
+import pytest
+
+import calibration
+from drivers.can_line import CanLine
+from drivers.drive_group import DriveGroup
+from drivers.errors import NoAnswer, ProtocolError, TargetNotFound
+from drivers.laser_tracker import LaserTracker, SettleCriterion, average, cartesian_to_polar
+from drivers.plc import Plc
+from drivers.servo_drive import DriveExpectation, ServoDrive
+from drivers.socketcand import open_bus
+from mock_devices.rig import MockRig
+from mock_devices.settings import MockSettings
+from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
+from pkm_rig.embedded_bus import EmbeddedBus
+
+MACHINE = Path(calibration.__file__).parent / "machines" / "planar4.toml"
+FLOOR_NEST_M = (-0.80, -1.10, 0.10)
+_channels = itertools.count()
+
+
+@dataclass
+class Bench:
+    clock: RigClock
+    mock: MockRig
+    new_bus: Callable[[], can.BusABC]
+
+
+def _start(stack: ExitStack, clock: RigClock, *, tcp: bool = False, socketcand: bool = False) -> Bench:
+    channel = f"mock rig {next(_channels)}"
+
+    def bus() -> can.BusABC:
+        return EmbeddedBus(channel, clock)
+
+    stack.callback(clock.close)
+    mock = stack.enter_context(
+        MockRig(
+            MACHINE,
+            MockSettings(),
+            clock,
+            bus,
+            station="tcp" if tcp else "pty",
+            socketcand_port=0 if socketcand else None,
+        )
+    )
+    if not socketcand:
+        return Bench(clock, mock, bus)
+    host, port = mock.socketcand_address
+    return Bench(clock, mock, lambda: open_bus("socketcand", "can0", host, port))
+
+
+@pytest.fixture(params=["one process", "sockets"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """Virtual time, a pty and an in-process bus; or scaled time, TCP and socketcand."""
+    with ExitStack() as stack:
+        if request.param == "one process":
+            made = _start(stack, VirtualClock())
+        else:
+            made = _start(stack, ScaledClock(50.0), tcp=True, socketcand=True)
+        with made.clock.activity():
+            yield made
+
+
+@pytest.fixture
+def tracker(bench: Bench) -> Iterator[LaserTracker]:
+    tracker = LaserTracker(bench.mock.station_url, bench.clock)
+    yield tracker
+    tracker.close()
+
+
+def _direction(settings: MockSettings, point_m: tuple[float, float, float]) -> tuple[float, float]:
+    """Where the station sees a point of the machine: north is -z, east x, up y."""
+    dx, dy, dz = (p - s for p, s in zip(point_m, settings.station_position_m, strict=True))
+    hz, v, _ = cartesian_to_polar(dx, -dz, dy)
+    return hz, v
+
+
+def test_connecting_to_the_station(tracker: LaserTracker) -> None:
+    identity = tracker.connect()
+    assert identity.serial > 0
+    assert tracker.prism_constant_m == 0.0
+    assert abs(tracker.set_atmosphere(21.0, 990.0, 0.5)) < 100.0
+
+
+def test_measuring_a_floor_nest(bench: Bench, tracker: LaserTracker) -> None:
+    tracker.connect()
+    tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)
+    began_s = bench.clock.now_s()
+    readings = tracker.measure(4, two_face=True, settle=SettleCriterion(across_m=100e-6))
+    assert [reading.face for reading in readings] == [1] * 4 + [2] * 4
+    mean = average(readings)
+    expected_m = math.dist(FLOOR_NEST_M, MockSettings().station_position_m)
+    assert mean.slope_distance_m == pytest.approx(expected_m, abs=0.02)
+    assert mean.s_hz_rad < 50e-6
+    assert began_s < mean.t_rig_s < bench.clock.now_s()
+    assert all(reading.u_t_s >= 0.0 for reading in readings)
+
+
+def test_nothing_there(tracker: LaserTracker) -> None:
+    tracker.connect()
+    with pytest.raises(TargetNotFound, match="8710"):
+        tracker.point_and_aim(2.0, 1.0)
+
+
+def test_a_bad_line_to_the_station(bench: Bench) -> None:
+    tracker = LaserTracker(bench.mock.station_url, bench.clock, reply_timeout_s=0.2, motion_timeout_s=1.0)
+    tracker.connect()
+    spoil = itertools.cycle([None, b"R1P,0,", b"?"])
+    bench.mock.tracker.tamper = lambda _answer: next(spoil)
+    with pytest.raises((NoAnswer, ProtocolError)):
+        tracker.read_face()
+    bench.mock.tracker.tamper = None
+    assert tracker.read_face() == 1
+    tracker.close()
+
+
+def test_two_drives(bench: Bench) -> None:
+    slow = bench.clock.time_scale if isinstance(bench.clock, ScaledClock) else 1.0
+    with CanLine(bench.new_bus(), "bus") as line:
+        drives = [
+            ServoDrive(
+                line,
+                node,
+                f"q{node}",
+                bench.clock,
+                DriveExpectation(),
+                partner_node_id=3 - node,
+                heartbeat_ms=round(500 * slow),
+                heartbeat_late_s=slow,
+                heartbeat_lost_s=5.0 * slow,
+                state_limit_s=3.0 * slow,
+            )
+            for node in (1, 2)
+        ]
+        for drive in drives:
+            drive.connect()
+        group = DriveGroup(drives, bench.clock)
+        start_m = [sample.position_m for sample in group.sample()]
+        group.enable()
+        target_m = [start_m[0] + 0.05, start_m[1] - 0.05]
+        samples = group.move_to(target_m, 0.1, 1.0)
+        assert [s.position_m for s in samples] == pytest.approx(target_m, abs=1e-6)
+        group.disable()
+
+
+def test_the_plc(bench: Bench) -> None:
+    slow = bench.clock.time_scale if isinstance(bench.clock, ScaledClock) else 1.0
+    host, port = bench.mock.plc_address
+    plc = Plc(host, port, clock=bench.clock, heartbeat_limit_s=slow)
+    try:
+        state = plc.connect()
+        state.require_safe()
+        assert state.payload == 0
+        assert 0.0 < state.humidity < 1.0
+        assert set(state.temperatures_c) == {"air", "struts", "columns", "base", "platform"}
+    finally:
+        plc.close()

@@ -93,7 +93,10 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
     column = np.searchsorted(smrs, seen.smr[rows])
     target = seen.visits.target_m[seen.visit[rows]]
     turn = rotation_matrix(target[:, 3:])
-    whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance_m2[rows]))
+    # The machine's own errors exceed the station's angle noise by far. Weighed by that noise alone, they would be
+    # traded against the loosely measured range: a tilted frame.
+    error_m = machine.file.tolerances.strut_length_m
+    whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance_m2[rows] + error_m**2 * np.eye(3)))
     sigma = machine.file.tolerances.smr_position_m / np.sqrt(3.0)
 
     def unpack(x: Array) -> tuple[Frame, Array]:
@@ -105,7 +108,21 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
         error = np.einsum("rij,rj->ri", whiten, frame.to_station(point) - seen.position_m[rows])
         return np.concatenate([error.ravel(), x[6:]])
 
-    answer = least_squares(residual, np.zeros(6 + nominal.size), method="trf", x_scale="jac", xtol=1e-12)
+    def jacobian(x: Array) -> Array:
+        frame, mounting = unpack(x)
+        lever = np.einsum("rij,rj->ri", turn, mounting[column])
+        out = np.zeros((len(column), 3, x.size))
+        out[:, :, :3] = -skew((target[:, :3] + lever) @ frame.rotation.T)
+        out[:, :, 3:6] = np.eye(3)
+        first = 6 + 3 * column[:, None] + np.arange(3)
+        np.put_along_axis(out, first[:, None, :], sigma * frame.rotation @ turn, axis=2)
+        white = np.einsum("rij,rjx->rix", whiten, out).reshape(-1, x.size)
+        return np.vstack([white, np.eye(x.size)[6:]])
+
+    # Rotation and translation of a frame 3 m away are strongly correlated: exact derivatives, tight limits.
+    answer = least_squares(
+        residual, np.zeros(6 + nominal.size), jac=jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
     frame, mounting = unpack(answer.x)
     return ReportFrame(machine, frame, smrs, mounting)
 

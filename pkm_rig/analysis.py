@@ -17,7 +17,7 @@ from calibration.parameters import ParameterSet
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame
 from pkm_rig.figures import Figures, figures, free_axes, scale_part
-from pkm_rig.reduction import Reduction, reduce
+from pkm_rig.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 from pkm_rig.schedule import nominal_drives
 
 LEAST_PAYLOAD_U = 1e-4
@@ -52,10 +52,10 @@ def calibration_part(recording: Recording) -> Recording:
     A later verification must not change what was identified before it.
     """
     phase = np.asarray(recording["phase"])
-    rows = phase == "calibration"
+    rows = phase == CALIBRATION
     if not np.any(rows):
         return recording
-    last = recording["nest_check"][rows].max() + 1
+    last = last_calibration_check(recording)
     keep = rows | (phase == "repeatability") | ((phase == "nests") & (recording["nest_check"] <= last))
     return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
 

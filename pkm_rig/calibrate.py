@@ -204,7 +204,7 @@ def judge(
     campaign: str, identified: Calibration, recording: Recording, written: tuple[Written, ...], former: str
 ) -> Outcome:
     """Figures and verdict of a campaign that was verified: a function of what is stored."""
-    reduction = reduce(recording)
+    reduction = reduce(recording, identified.reduction)
     floor = noise_floor(reduction)
     if floor is None:
         raise InputError(f"campaign {campaign}: no pose was visited three times, so there is no noise floor")

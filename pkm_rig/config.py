@@ -57,6 +57,7 @@ class CampaignSettings(Section):
     loaded_payload: int = Field(ge=0, default=2)
     repeated_poses: int = Field(ge=2, default=20)
     readings_per_smr: int = Field(ge=1, le=20, default=1)
+    readings_per_nest: int = Field(ge=1, le=20, default=3)
     two_face: bool = False
     speeds_m_per_s: tuple[float, float] = (0.5, 0.25)
     acceleration_m_per_s2: float = Field(gt=0.0, default=2.0)

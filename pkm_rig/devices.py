@@ -273,7 +273,9 @@ class StationDevice:
         settle = None
         if context.fresh_arrival:
             settle = SettleCriterion(window=SETTLE_READINGS, across_m=SETTLED_ACROSS_M, limit_s=SETTLE_LIMIT_S)
-        readings = rig.station.measure(settings.readings_per_smr, two_face=settings.two_face, settle=settle)
+        on_floor = rig.machine.smr(self._smr).on == "floor"
+        count = settings.readings_per_nest if on_floor else settings.readings_per_smr
+        readings = rig.station.measure(count, two_face=settings.two_face, settle=settle)
         context.fresh_arrival = False
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))

@@ -38,7 +38,7 @@ def nis(filter_: KalmanFilter, z: Array, noise: Array) -> float:
 
 @dataclass(frozen=True)
 class Drift:
-    """Small rigid motion of the station's frame at some times (t,), relative to the mean of the nest checks.
+    """Small rigid motion of the station's frame at some times (t,), relative to the calibration's nest checks.
 
     state (t, 6): translation in m and rotation vector in rad about `centre_m`; covariance (t, 6, 6).
     rejected: rows of the nest readings that the gate refused.
@@ -72,14 +72,16 @@ def follow_drift(
     covariance_m2: Array,
     stated: AccuracyEntry,
     at_s: Array,
+    reference: NDArray[np.bool_],
 ) -> Drift:
     """Follow the frame through the nests and smooth (Rauch-Tung-Striebel).
 
     t_s (n,) ascending; nest (n,): which nest; position_m (n, 3), covariance_m2 (n, 3, 3); at_s (t,): times
-    at which the drift is wanted. A random walk with the station's stated drift.
+    at which the drift is wanted; reference (n,): readings whose median place is where drift is zero, so that later
+    readings do not move the frame of earlier ones. A random walk with the station's stated drift.
     """
     which, row = np.unique(nest, return_inverse=True)
-    mean = np.stack([np.median(position_m[nest == w], axis=0) for w in which])
+    mean = np.stack([np.median(position_m[(nest == w) & reference], axis=0) for w in which])
     centre = mean.mean(axis=0)
     times = np.concatenate([t_s, at_s])
     order = np.argsort(times, kind="stable")

@@ -81,20 +81,26 @@ def station_frame(position_m: tuple[float, float, float], heading_rad: float) ->
     return Frame(turn, -turn @ np.asarray(position_m))
 
 
-def reduce(recording: Recording) -> Reduction:
-    """Make a recording ready; InputError in one line if it cannot be."""
+def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
+    """Make a recording ready; InputError in one line if it cannot be.
+
+    With a `basis` (the reduction that was identified) its range constant and report frame are kept: figures before
+    and after are stated in one frame.
+    """
     dropped = {}
     usable = between_good_checks(recording)
     dropped["failed nest check"] = int(np.count_nonzero(~usable))
     recording = Recording(recording.file, recording.machine, {n: c[usable] for n, c in recording.columns.items()})
-    constant, constant_u = _range_constant(recording)
+    constant, constant_u = (
+        _range_constant(recording) if basis is None else (basis.range_constant_m, basis.range_constant_u_m)
+    )
     position, covariance, refused = _without_drift(recording, constant)
     dropped["nest outlier"] = refused
     observations, info = _observations(recording, position, covariance)
     zero = (info.phase == CALIBRATION) & (observations.visits.payload_kg == 0.0)
     if not np.any(zero):
         raise InputError(f"recording {recording.file.campaign}: no calibration readings without payload")
-    report = _robust_frame(recording, observations.of_visits(zero))
+    report = basis.report if basis else _robust_frame(recording, observations.of_visits(zero))
     poses = filter_poses(report, observations)
     dropped["innovation gate"] = int(np.count_nonzero(~poses.accepted))
     keep = poses.accepted
@@ -144,6 +150,12 @@ def between_good_checks(recording: Recording) -> NDArray[np.bool_]:
     return np.where(is_nest, opened, opened & closed)
 
 
+def last_calibration_check(recording: Recording) -> float:
+    """Number of the nest check that closes the calibration; infinity without a calibration."""
+    rows = np.asarray(recording["phase"]) == CALIBRATION
+    return float(recording["nest_check"][rows].max()) + 1.0 if np.any(rows) else float("inf")
+
+
 def _range_constant(recording: Recording) -> tuple[float, float]:
     stated = recording.file.station.accuracy
     scale_u = stated.range_scale_u * 3.0
@@ -176,7 +188,8 @@ def _without_drift(recording: Recording, constant: float) -> tuple[Array, Array,
     rows = rows[np.argsort(t[rows], kind="stable")]
     _, nest = np.unique(np.asarray(recording["smr"])[rows], return_inverse=True)
     stated = recording.file.station.accuracy
-    drift = follow_drift(t[rows], nest, position[rows], covariance[rows], stated, t)
+    calibrating = recording["nest_check"][rows] <= last_calibration_check(recording)
+    drift = follow_drift(t[rows], nest, position[rows], covariance[rows], stated, t, calibrating)
     position, covariance = drift.remove(position, covariance)
     return position, covariance, len(drift.rejected)
 

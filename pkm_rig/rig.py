@@ -216,7 +216,7 @@ class Rig:
                 f"{drive.name}_actual_m": sample.position_m,
                 f"{drive.name}_following_error_m": sample.following_error_m,
                 f"{drive.name}_velocity_m_per_s": sample.velocity_m_per_s,
-                f"{drive.name}_torque_ratio": sample.torque_ratio,
+                f"{drive.name}_torque_ratio": sample.torque_fraction,
             }
         payload = state.payload
         mass_kg = self.payload_mass_kg(payload)

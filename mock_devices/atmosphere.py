@@ -8,9 +8,7 @@ _ABSOLUTE_ZERO_C = -273.15
 _PSYCHROMETER_PER_K = 6.62e-4
 
 
-def ppm(
-    dry_c: float, pressure_hpa: float, *, humidity: float | None = None, wet_c: float | None = None
-) -> float:
+def ppm(dry_c: float, pressure_hpa: float, *, humidity: float | None = None, wet_c: float | None = None) -> float:
     """Correction in ppm for dry temperature, pressure and either relative humidity (0 to 1) or wet bulb."""
     if humidity is None:
         humidity = 0.6 if wet_c is None else _humidity(dry_c, wet_c, pressure_hpa)

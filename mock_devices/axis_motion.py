@@ -91,9 +91,7 @@ class AxisMotion:
             return
         position = last.profile.target
         encoder = position + _correction(last.table, position, partner_inc)
-        self._append(
-            _Segment(last.end_s, rest(position), last.table, last.set_point, braked_at_inc=encoder)
-        )
+        self._append(_Segment(last.end_s, rest(position), last.table, last.set_point, braked_at_inc=encoder))
 
     def go(self, t_s: float, target_inc: int, dynamics: Dynamics, *, at_once: bool) -> None:
         """Follow a new set-point now, or after the motion under way."""

@@ -102,9 +102,7 @@ class DriveAxis:
         t_s = self._now_s()
         if self.powered:
             return self.motion.command(t_s)[0] - self.motion.lag(t_s)
-        return command_for(
-            self.encoder_inc(t_s), self.compensation.applied, self.compensation.partner.command_inc
-        )
+        return command_for(self.encoder_inc(t_s), self.compensation.applied, self.compensation.partner.command_inc)
 
     def demand_inc(self) -> float:
         """Object 0x6062: the command; where the axis stands if the motor is off."""

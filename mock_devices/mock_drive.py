@@ -71,9 +71,7 @@ class DriveServer:
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
         self._heartbeat = Heartbeat(clock, self._send_state)
         self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start)
-        self._nmt = NmtSlave(
-            node_id, send=self._send_heartbeat, changed=self._nmt_changed, reset=self._nmt_reset
-        )
+        self._nmt = NmtSlave(node_id, send=self._send_heartbeat, changed=self._nmt_changed, reset=self._nmt_reset)
         self._tpdos: list[Mapping] = []
         self._rpdos: list[Mapping] = []
         self._syncs = 0

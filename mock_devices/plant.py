@@ -136,6 +136,4 @@ class Plant:
         key = (smr, *targets, visit, reading)
         hz, v, distance = generator(self.settings.seed, "reading", *key).standard_normal(3)
         sd = self.settings.instrument
-        return ReadingNoise(
-            float(sd.angle_sd_rad * hz), float(sd.angle_sd_rad * v), float(sd.range_sd_m * distance)
-        )
+        return ReadingNoise(float(sd.angle_sd_rad * hz), float(sd.angle_sd_rad * v), float(sd.range_sd_m * distance))

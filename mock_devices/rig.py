@@ -62,9 +62,7 @@ class MockRig:
             self._started.callback(self.plc.close)
             responder = Station(self.plant)
             self.tracker: TrackerServer = (
-                PtyTrackerServer(responder)
-                if station == "pty"
-                else TcpTrackerServer(responder, host, station_port)
+                PtyTrackerServer(responder) if station == "pty" else TcpTrackerServer(responder, host, station_port)
             )
             self._started.callback(self.tracker.close)
             self.socketcand: SocketCandServer | None = None
@@ -104,9 +102,7 @@ class MockRig:
     ) -> None:
         self.close()
 
-    def _drive(
-        self, index: int, node_id: int, partner: int, bus: can.BusABC, clock: RigClock
-    ) -> DriveServer:
+    def _drive(self, index: int, node_id: int, partner: int, bus: can.BusABC, clock: RigClock) -> DriveServer:
         machine = self.plant.nominal
         count = len(machine.sliders)
         return DriveServer(

@@ -64,9 +64,7 @@ class Station:
         if not self._on and request.rpc != _SWITCH_ON:
             return format_answer(COM_OFF, request.transaction, OK, checked=request.checked)
         code, values = self._execute(request)
-        return format_answer(
-            0, request.transaction, code, values, decimals=self._decimals, checked=request.checked
-        )
+        return format_answer(0, request.transaction, code, values, decimals=self._decimals, checked=request.checked)
 
     def _execute(self, request: Request) -> tuple[int, Values]:
         call = self._calls.get(request.rpc)

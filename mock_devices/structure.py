@@ -58,9 +58,7 @@ def energy_j(pose: PlanarPose, members: list[Member], weights: list[Weight], gra
     return total - sum(w.mass_kg * _dot(gravity, pose.place(w.centre)) for w in weights)
 
 
-def equilibrium(
-    members: list[Member], weights: list[Weight], gravity: complex, start: PlanarPose
-) -> PlanarPose:
+def equilibrium(members: list[Member], weights: list[Weight], gravity: complex, start: PlanarPose) -> PlanarPose:
     """The pose at rest nearest to `start`; raises NoEquilibrium."""
     p, angle = start.p, start.rz_rad
     for _ in range(_MOST_STEPS):

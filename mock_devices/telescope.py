@@ -111,8 +111,7 @@ class Telescope:
         inside = [
             s
             for s in seen
-            if abs(hz_difference(s.polar.hz_rad, hz)) <= 0.5 * width_rad
-            and abs(s.polar.v_rad - v) <= 0.5 * height_rad
+            if abs(hz_difference(s.polar.hz_rad, hz)) <= 0.5 * width_rad and abs(s.polar.v_rad - v) <= 0.5 * height_rad
         ]
         if not inside:
             raise AimError(NO_TARGET)

@@ -50,9 +50,7 @@ class Thermal:
         noise = generator(settings.seed, "temperature sensors")
         # A sine of random phase with amplitude a has the standard deviation a / sqrt(2); three of them add up.
         amplitude = settings.temperature_sensor_sd_k * math.sqrt(2.0 * 3.0)
-        self._sensor_noise = {
-            name: SlowSignal(noise, amplitude, 40.0, 400.0) for name in (*SENSORS, "air")
-        }
+        self._sensor_noise = {name: SlowSignal(noise, amplitude, 40.0, 400.0) for name in (*SENSORS, "air")}
 
     def part_c(self, name: str, t_s: float) -> float:
         """True temperature of a part."""

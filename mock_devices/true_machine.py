@@ -114,8 +114,7 @@ def draw_machine(file: MachineFile, settings: MockSettings) -> TrueMachine:
     )
     tilts = uniform("axis tilt", scale * width.axis_tilt_rad, sliders)
     tilted = tuple(
-        replace(slider, axis=slider.axis * cmath.exp(1j * float(tilts[i])))
-        for i, slider in enumerate(file.sliders)
+        replace(slider, axis=slider.axis * cmath.exp(1j * float(tilts[i]))) for i, slider in enumerate(file.sliders)
     )
     scales = 1.0 + uniform("drive scale", scale * width.drive_scale, sliders)
     expanding = {

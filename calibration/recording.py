@@ -99,6 +99,7 @@ class AccuracyEntry(Section):
     range_constant_u_m: float = Field(gt=0.0)
     range_scale_u: float = Field(ge=0.0)
     drift_rad_per_sqrt_h: float = Field(gt=0.0, default=3.0e-6)
+    drift_of_level_rad_per_sqrt_h: float = Field(gt=0.0, default=1.0e-6)
     drift_m_per_sqrt_h: float = Field(gt=0.0, default=1.0e-5)
 
     def stated(self) -> StationAccuracy:

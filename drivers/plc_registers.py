@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from drivers.errors import InterlockOpen, PlcError, StaleData
 
@@ -55,12 +56,12 @@ class RegisterMap:
         if self.count > _MOST_WORDS:
             raise ValueError(f"the PLC's values span {self.count} registers, one request holds {_MOST_WORDS}")
 
-    @property
+    @cached_property
     def first(self) -> int:
         """First register of the block that holds all values."""
         return min(self._addresses())
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of registers of that block."""
         return max(self._addresses()) + 2 - self.first

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import can
@@ -24,11 +25,24 @@ class EmbeddedBus(VirtualBus):
         super().__init__(channel=channel, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame to every other bus of the channel; each copy holds the clock."""
+        """Send a frame to every other bus of the channel; each receiver holds the clock.
+
+        Receivers share one frame, which nobody changes: copying it for each takes longer than the rest.
+        """
+        self._check_if_open()
+        del timeout  # the queues are not bounded
+        frame = can.Message(
+            timestamp=time.time(),
+            arbitration_id=msg.arbitration_id,
+            is_extended_id=msg.is_extended_id,
+            is_remote_frame=msg.is_remote_frame,
+            data=msg.data,
+            channel=self.channel_id,
+        )
         for bus_queue in list(self.channel):
             if bus_queue is not self.queue:
                 self._clock.hold()
-        super().send(msg, timeout)
+                bus_queue.put(frame)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self._put_down()

@@ -22,6 +22,8 @@ from calibration.report_frame import ReportFrame, compose
 GATE_PROBABILITY = 0.9999
 START_SD_M = 1.0e-3
 START_SD_RAD = 3.0e-3
+FIRST_DRIFT_SD = 1.0e-8  # m and rad: drift is counted from the first nest reading
+FIRST_NEST_SD_M = 1.0e-3
 
 
 def innovation_gate(dim: int) -> float:
@@ -38,30 +40,29 @@ def nis(filter_: KalmanFilter, z: Array, noise: Array) -> float:
 
 @dataclass(frozen=True)
 class Drift:
-    """Small rigid motion of the station's frame at some times (t,), relative to the calibration's nest checks.
+    """Small rigid motion of the station's frame at some times (t,), since the first nest reading.
 
-    state (t, 6): translation in m and rotation vector in rad about `centre_m`; covariance (t, 6, 6).
+    state (t, 6): translation in m and rotation vector in rad about the station; covariance (t, 6, 6).
     rejected: rows of the nest readings that the gate refused.
     """
 
-    centre_m: Array
     state: Array
     covariance: Array
     rejected: NDArray[np.intp]
 
     def remove(self, points_m: Array, covariances_m2: Array) -> tuple[Array, Array]:
         """Points (t, 3) without drift, the drift's covariance added to theirs."""
-        h = _drift_design(points_m, self.centre_m)
+        h = _drift_design(points_m)
         shift = np.einsum("tij,tj->ti", h, self.state)
         added = h @ self.covariance @ h.transpose(0, 2, 1)
         return points_m - shift, covariances_m2 + added
 
 
-def _drift_design(points_m: Array, centre_m: Array) -> Array:
+def _drift_design(points_m: Array) -> Array:
     """(t, 3, 6): shift of points with the drift state."""
     out = np.empty((len(points_m), 3, 6))
     out[:, :, :3] = np.eye(3)
-    out[:, :, 3:] = -skew(points_m - centre_m)
+    out[:, :, 3:] = -skew(points_m)
     return out
 
 
@@ -72,37 +73,43 @@ def follow_drift(
     covariance_m2: Array,
     stated: AccuracyEntry,
     at_s: Array,
-    reference: NDArray[np.bool_],
 ) -> Drift:
     """Follow the frame through the nests and smooth (Rauch-Tung-Striebel).
 
     t_s (n,) ascending; nest (n,): which nest; position_m (n, 3), covariance_m2 (n, 3, 3); at_s (t,): times
-    at which the drift is wanted; reference (n,): readings whose median place is where drift is zero, so that later
-    readings do not move the frame of earlier ones. A random walk with the station's stated drift.
+    at which the drift is wanted. The drift is a random walk with the station's stated strength, zero at the
+    first reading; where the nests stand is unknown and part of the state, so that the gauge is explicit and later
+    readings do not shift the frame of earlier ones.
     """
     which, row = np.unique(nest, return_inverse=True)
-    mean = np.stack([np.median(position_m[(nest == w) & reference], axis=0) for w in which])
-    centre = mean.mean(axis=0)
+    first = np.stack([position_m[nest == w][0] for w in which])
+    size = 6 + 3 * len(which)
+    design = np.zeros((len(t_s), 3, size))
+    design[:, :, :6] = _drift_design(first[row])
+    own = 6 + 3 * row[:, None] + np.arange(3)
+    np.put_along_axis(design, own[:, None, :], np.broadcast_to(np.eye(3), (len(t_s), 3, 3)), axis=2)
+    walk = np.zeros((size, size))
+    walk[:3, :3] = np.eye(3) * stated.drift_m_per_sqrt_h**2 / 3600.0
+    level, direction = stated.drift_of_level_rad_per_sqrt_h, stated.drift_rad_per_sqrt_h
+    walk[3:6, 3:6] = np.diag([level, level, direction]) ** 2 / 3600.0
+
     times = np.concatenate([t_s, at_s])
     order = np.argsort(times, kind="stable")
-    design = _drift_design(mean[row], centre)
-    walk = np.diag([stated.drift_m_per_sqrt_h**2] * 3 + [stated.drift_rad_per_sqrt_h**2] * 3) / 3600.0
-
-    kf = KalmanFilter(dim_x=6, dim_z=3)
-    kf.x = np.zeros(6)
-    kf.P = np.diag([(5.0 * stated.drift_m_per_sqrt_h) ** 2] * 3 + [(5.0 * stated.drift_rad_per_sqrt_h) ** 2] * 3)
-    kf.F = np.eye(6)
+    kf = KalmanFilter(dim_x=size, dim_z=3)
+    kf.x = np.zeros(size)
+    kf.P = np.diag([FIRST_DRIFT_SD**2] * 6 + [FIRST_NEST_SD_M**2] * (size - 6))
+    kf.F = np.eye(size)
     states, covariances, process = [], [], []
     rejected = []
-    last = times[order[0]]
+    last = t_s[0]
     for k in order:
-        kf.Q = walk * (times[k] - last) + 1e-20 * np.eye(6)
+        kf.Q = walk * abs(times[k] - last) + 1e-22 * np.eye(size)
         last = times[k]
         process.append(kf.Q)
         kf.predict()
         if k < len(t_s):
             kf.H = design[k]
-            error = position_m[k] - mean[row[k]]
+            error = position_m[k] - first[row[k]]
             if nis(kf, error, covariance_m2[k]) <= innovation_gate(3):
                 kf.update(error, R=covariance_m2[k])
             else:
@@ -113,7 +120,7 @@ def follow_drift(
     place = np.empty(len(times), dtype=np.intp)
     place[order] = np.arange(len(times))
     wanted = place[len(t_s) :]
-    return Drift(centre, x[wanted], p[wanted], np.array(rejected, dtype=np.intp))
+    return Drift(x[wanted, :6], p[wanted, :6, :6], np.array(rejected, dtype=np.intp))
 
 
 @dataclass(frozen=True)

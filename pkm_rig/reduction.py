@@ -188,8 +188,7 @@ def _without_drift(recording: Recording, constant: float) -> tuple[Array, Array,
     rows = rows[np.argsort(t[rows], kind="stable")]
     _, nest = np.unique(np.asarray(recording["smr"])[rows], return_inverse=True)
     stated = recording.file.station.accuracy
-    calibrating = recording["nest_check"][rows] <= last_calibration_check(recording)
-    drift = follow_drift(t[rows], nest, position[rows], covariance[rows], stated, t, calibrating)
+    drift = follow_drift(t[rows], nest, position[rows], covariance[rows], stated, t)
     position, covariance = drift.remove(position, covariance)
     return position, covariance, len(drift.rejected)
 

@@ -299,7 +299,7 @@ def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: floa
         clock,
         expected,
         partner_node_id=partner,
-        heartbeat_ms=min(60_000, round(500 * slow)),
+        heartbeat_ms=min(60_000, round(1000 * slow)),
         heartbeat_late_s=file.limits.heartbeat_s * slow,
         heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
         state_limit_s=3.0 * slow,

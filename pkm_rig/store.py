@@ -82,7 +82,12 @@ class Store:
                             "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
                         )
         except OSError as error:
-            raise StoreError(f"store {path}: {error.strerror}; choose a place that can be written") from error
+            raise InputError(f"store {path}: {error.strerror}; choose a place that can be written") from error
+
+    def limit_pages(self, pages: int) -> None:
+        """Let the file grow to so many pages of 4096 bytes at most: a quota, and a way to try a full disk."""
+        with self._engine.connect() as connection:
+            connection.exec_driver_sql(f"PRAGMA max_page_count={pages}")
 
     def close(self) -> None:
         """Close all connections."""
@@ -91,16 +96,19 @@ class Store:
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
         with self._writing() as connection:
-            if connection.execute(sa.select(_campaigns.c.id).where(_campaigns.c.id == file.campaign)).first():
-                raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
-            connection.execute(
-                _campaigns.insert().values(
-                    id=file.campaign,
-                    created=file.created,
-                    description=file.model_dump_json(),
-                    machine=machine_text,
-                )
+            self._insert_campaign(connection, file, machine_text)
+
+    def _insert_campaign(self, connection: sa.Connection, file: RecordingFile, machine_text: str) -> None:
+        if connection.execute(sa.select(_campaigns.c.id).where(_campaigns.c.id == file.campaign)).first():
+            raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
+        connection.execute(
+            _campaigns.insert().values(
+                id=file.campaign,
+                created=file.created,
+                description=file.model_dump_json(),
+                machine=machine_text,
             )
+        )
 
     def add_reading(self, campaign: str, uid: str, sequence: int, data: Mapping[str, float | str]) -> None:
         """Insert one reading, durable when this returns. NaN and infinities are refused."""
@@ -158,7 +166,6 @@ class Store:
 
     def add_recording(self, recording: Recording) -> None:
         """Import a recording as a campaign, all or nothing."""
-        self.add_campaign(recording.file, recording.machine.text)
         rows = []
         for i in range(len(recording)):
             data = {name: _plain(column[i]) for name, column in recording.columns.items()}
@@ -173,6 +180,7 @@ class Store:
                 }
             )
         with self._writing() as connection:
+            self._insert_campaign(connection, recording.file, recording.machine.text)
             connection.execute(_readings.insert(), rows)
         self.add_event(recording.file.campaign, "imported", {"readings": len(rows)})
 

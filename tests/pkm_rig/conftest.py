@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import pytest
+
+from pkm_rig.config import embedded_rig_path, load_rig
+from pkm_rig.mock_rig import embedded
+from pkm_rig.rig import connected
+
+SHORT = {
+    "calibration_poses": 12,
+    "repeated_poses": 4,
+    "repeatability_visits": 3,
+    "readings_per_nest": 1,
+    "warm_up_rate_k_per_h": 20.0,
+    "nest_every_visits": 8,
+}
+
+
+def short_rig_file(seed: int = 5, **changes: object):
+    """The embedded rig with a short campaign; `changes` go into its campaign section."""
+    file, machine = load_rig(embedded_rig_path())
+    campaign = file.campaign.model_copy(update={**SHORT, **changes})
+    mock = file.mock.model_copy(update={"seed": seed})
+    return file.model_copy(update={"campaign": campaign, "mock": mock}), machine
+
+
+@contextmanager
+def mock_and_rig(file, machine):
+    """A started embedded mock rig and the connected rig on it."""
+    with (
+        embedded(file, embedded_rig_path()) as mock,
+        mock.clock.activity(),
+        connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+    ):
+        yield mock.mock, rig
+
+
+@pytest.fixture
+def short_rig():
+    file, machine = short_rig_file()
+    with mock_and_rig(file, machine) as both:
+        yield both

@@ -1,0 +1,133 @@
+"""The main job on a short campaign, over the real protocols of the embedded mock rig."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import jsonschema
+import numpy as np
+import pytest
+
+from calibration.recording import read_folder, write_folder
+from pkm_rig import calibrate as job
+from pkm_rig import stages
+from pkm_rig.output import outcome_json
+from pkm_rig.report import short_table, write_report
+from pkm_rig.store import Store
+from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+
+
+def silent(*_):
+    return None
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """One short calibration and what it left behind."""
+    out = tmp_path_factory.mktemp("short")
+    file, machine = short_rig_file(seed=4)
+    store = Store(out / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+        outcome = job.calibrate(rig, store, silent, silent)
+        states = [bank.state() for bank in rig.banks]
+        trip = rig.supervisor.trip
+        drives = [(drive.compensation.mode, drive.compensation.active_bank) for drive in mock.drives]
+    yield outcome, store, out, states, trip, drives
+    store.close()
+
+
+def test_error_falls_and_the_tables_stay(run):
+    outcome, _, _, states, _, drives = run
+    assert outcome.accepted
+    for verified in outcome.verified:
+        assert verified.after.position_rms_m < 0.6 * verified.before.position_rms_m
+        assert "the tables stay" in verified.decision.rule
+    assert [v.payload_kg for v in outcome.verified] == [0.0, 200.0]
+    assert all(state.on and state.valid and state.payload_kg == 200.0 for state in states)
+    assert all(mode == 1 and bank in (1, 2) for mode, bank in drives)
+
+
+def test_a_clean_campaign_trips_nothing(run):
+    assert run[4] is None
+
+
+def test_every_planned_reading_is_in_the_store_once(run):
+    outcome, store, *_ = run
+    recording = store.recording(outcome.campaign)
+    assert len(set(recording["uid"].tolist())) == len(recording)
+    np.testing.assert_array_equal(recording["sequence"], np.arange(len(recording)))
+    kinds = [event.kind for event in store.events(outcome.campaign)]
+    assert kinds.count("finished") == kinds.count("started")
+    assert {"identified", "activated", "accepted"} <= set(kinds)
+    phases = set(np.asarray(recording["phase"]).tolist())
+    assert phases == {"repeatability", "nests", "calibration", "verification_before", "verification_after"}
+    assert set(np.unique(recording["left_direction"])) == {-1.0, 1.0}
+
+
+def test_200_kg_was_never_calibrated(run):
+    recording = run[0].reduction.recording
+    calibrated = np.asarray(recording["phase"]) == "calibration"
+    assert set(recording["payload_mass_kg"][calibrated].tolist()) == {0.0, 400.0}
+
+
+def test_json_fits_the_schema(run, request):
+    schema = json.loads((request.config.rootpath / "docs" / "result.schema.json").read_text())
+    outcome, store, out, *_ = run
+    result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
+    jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
+    found = stages.identify(store.recording(outcome.campaign), "map")
+    jsonschema.validate(
+        json.loads(json.dumps(found, allow_nan=False)), {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]}
+    )
+
+
+def test_report_is_one_file_without_outside_requests(run):
+    outcome, _, out, *_ = run
+    path = out / "report.html"
+    write_report(outcome, path)
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", text)
+    assert "@import" not in text
+    assert "url(" not in text
+    assert text.count('src="data:image/png;base64,') >= 9
+    for verified in outcome.verified:
+        assert verified.decision.rule.replace(">", "&gt;") in text
+    assert "not an accredited certificate" in text.lower()
+
+
+def test_a_recording_folder_gives_the_same_result_as_the_store(run):
+    outcome, store, out, *_ = run
+    recording = store.recording(outcome.campaign)
+    write_folder(recording, out / "export")
+    again = read_folder(out / "export")
+    for name, column in recording.columns.items():
+        np.testing.assert_array_equal(column, again.columns[name], err_msg=name)
+    assert stages.identify(again, "map") == stages.identify(recording, "map")
+    other = Store(out / "other.sqlite")
+    other.add_recording(again)
+    assert stages.identify(other.recording(outcome.campaign), "map") == stages.identify(recording, "map")
+    other.close()
+
+
+def test_the_outcome_can_be_rebuilt_from_the_store(run):
+    outcome, store, *_ = run
+    again = stages.stored_outcome(store, outcome.campaign)
+    assert short_table(again) == short_table(outcome)
+
+
+def test_a_machine_without_errors_is_refused_and_the_former_state_comes_back(tmp_path):
+    file, machine = short_rig_file(seed=6)
+    file = file.model_copy(update={"mock": file.mock.model_copy(update={"error_scale": 0.0})})
+    # Without payload and with stiff nominal geometry there is next to nothing to correct.
+    campaign = file.campaign.model_copy(update={"verification_payloads": (0,)})
+    file = file.model_copy(update={"campaign": campaign})
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+        outcome = job.calibrate(rig, store, silent, silent)
+        modes = [drive.compensation.mode for drive in mock.drives]
+    assert not outcome.accepted
+    assert "former tables come back" in outcome.verified[0].decision.rule
+    assert modes == [0, 0]
+    assert store.events(outcome.campaign, "refused")
+    store.close()

@@ -1,0 +1,168 @@
+"""Commands as a user types them: what they print and how they end."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import sys
+from contextlib import closing
+from dataclasses import dataclass
+
+import pytest
+
+from calibration.recording import write_folder
+from pkm_rig.cli import main
+from pkm_rig.config import embedded_rig_path
+from pkm_rig.store import Store
+from tests.pkm_rig.plant_recording import record
+
+
+@dataclass
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """One command, in this process."""
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["pkm-rig", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return Done(int(ended.value.code or 0), printed.out, printed.err)
+
+    return command
+
+
+def last_line(done):
+    return done.stderr.strip().splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "folder"
+    write_folder(record(4, calibration_poses=12, repeated_poses=4), path)
+    return path
+
+
+@pytest.fixture
+def rig_file(tmp_path):
+    def write(*changes):
+        text = embedded_rig_path().read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path = tmp_path / "rig.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_identify_import_list_show_export_and_compensate(run, folder, tmp_path):
+    found = json.loads(run("identify", folder, "--json").stdout)
+    assert found["calibration"] == "plant-4"
+    assert json.loads(run("import", folder, "--out", tmp_path, "--json").stdout)["campaign"] == "plant-4"
+    assert json.loads(run("identify", "plant-4", "--out", tmp_path, "--json").stdout) == found
+    listed = json.loads(run("list", "--out", tmp_path, "--json").stdout)["campaigns"]
+    assert [row["campaign"] for row in listed] == ["plant-4"]
+    assert "imported" in run("show", "plant-4", "--out", tmp_path).stdout
+    assert run("export", "plant-4", tmp_path / "again", "--out", tmp_path).returncode == 0
+    assert (tmp_path / "again" / "readings.csv").read_bytes() == (folder / "readings.csv").read_bytes()
+    table = json.loads(run("compensate", folder, "--payload", 1, "--out", tmp_path, "--json").stdout)
+    assert table["payload_kg"] == 200.0
+    assert 1e-6 < table["largest_correction_m"]["left"] < 1e-3
+
+
+def test_identify_says_what_it_found_in_words(run, folder):
+    done = run("identify", folder)
+    assert done.returncode == 0
+    assert "held-out poses" in done.stdout
+    assert re.search(r"\d+ of \d+ directions decided by the data", done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "complaint"),
+    [
+        (("identify", "nowhere"), 2, "no recording folder"),
+        (("identify", "{folder}", "--estimator", "magic"), 2, "least_squares"),
+        (("compensate", "{folder}", "--payload", "9"), 2, "payload 9"),
+        (("show", "nothing", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
+        (("report", "nothing", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
+        (("check", "--rig", "missing.toml"), 2, "check the path"),
+        (("import", "missing"), 2, "check the path"),
+        (("calibrate", "--colour"), 2, ""),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(run, arguments, status, complaint, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run(*(str(a).format(folder=folder, tmp=tmp_path) for a in arguments))
+    assert done.returncode == status, done.stderr
+    assert complaint in last_line(done)
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+def test_unknown_key_in_the_rig_file(run, rig_file, tmp_path):
+    done = run("calibrate", "--rig", rig_file(("[can]", "[can]\nspeed = 1")), "--out", tmp_path)
+    assert done.returncode == 2
+    assert "unknown key 'can.speed'" in last_line(done)
+
+
+def test_a_wrong_node_id_is_a_device_error(run, rig_file):
+    done = run("check", "--rig", rig_file(("node_id = 2", "node_id = 7")))
+    assert done.returncode == 3
+    assert "7" in last_line(done)
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_device_is_named_with_status_3(run, rig_file):
+    port = free_port()
+    nothing_there = (
+        ('interface = "embedded"', f'interface = "socketcand"\nport = {port}'),
+        ("port = 0", f"port = {port}"),
+        ('port = "" ', f'port = "socket://127.0.0.1:{port}" '),
+    )
+    done = run("check", "--rig", rig_file(*nothing_there))
+    assert done.returncode == 3
+    assert str(port) in last_line(done)
+    assert "Traceback" not in done.stderr
+
+
+def test_a_full_disk_ends_the_campaign_with_status_3_and_keeps_the_readings(run, tmp_path, rig_file, monkeypatch):
+    rig = rig_file(("[nuisance]", "[campaign]\nwarm_up_rate_k_per_h = 20.0\n[nuisance]"))
+    opened = Store.__init__
+
+    def small(self, path):
+        opened(self, path)
+        self.limit_pages(40)
+
+    monkeypatch.setattr(Store, "__init__", small)
+    done = run("measure", "--rig", rig, "--out", tmp_path)
+    monkeypatch.undo()
+    assert done.returncode == 3, done.stderr
+    assert "free space" in last_line(done)
+    assert "Traceback" not in done.stderr
+    with closing(Store(tmp_path / "pkm-rig.sqlite")) as store:
+        campaign, _, _, readings, _ = store.campaigns()[0]
+        assert readings > 5
+        assert len(store.recording(campaign)) == readings
+
+
+def test_a_station_with_a_poor_place_is_refused_before_anything_moves(run, rig_file, tmp_path):
+    rig = rig_file(("position_m = [0.0, 0.3, 3.2]", "position_m = [2.9, 0.3, 1.2]"))
+    done = run("calibrate", "--rig", rig, "--out", tmp_path)
+    assert done.returncode == 1
+    assert "in-plane uncertainty" in last_line(done)

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import pytest
+
+from calibration.toml_file import InputError
+from pkm_rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig import register_map
+
+
+@pytest.fixture
+def text():
+    return embedded_rig_path().read_text(encoding="utf-8")
+
+
+def load(tmp_path, text):
+    path = tmp_path / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("[can]", "[can]\nbaud = 5", "unknown key 'can.baud'"),
+        ("node_id = 1", "node_id = 300", "drives.0.node_id"),
+        ("node_id = 1", "node_id = 2", "same node_id"),
+        ('name = "left"', 'name = "north"', "do not match the machine's"),
+        ('machine = "planar4"', 'machine = "planar5"', "known: planar4"),
+        ('machine = "planar4"', 'machine = "missing.toml"', "check the path"),
+        ('nests = ["N1", "N2"]', 'nests = ["N1", "P1"]', "not a floor nest"),
+        ('nests = ["N1", "N2"]', 'nests = ["N1", "N9"]', "no SMR 'N9'"),
+        ("angle_sd_rad = 2.4e-6", "angle_sd_rad = nan", "angle_sd_rad"),
+        ("angle_sd_rad = 2.4e-6", "angle_sd_rad = -1.0", "angle_sd_rad"),
+        ("[nuisance]", "[campaign]\nloaded_payload = 7\n[nuisance]", "payload 7"),
+        ("[nuisance]", "[campaign]\nverification_poses = 10\n[nuisance]", "verification_poses"),
+        ("mass_kg = 0.0", "mass_kg = 1.0", "first one must be no payload"),
+        ('rig = "embedded-mock"', 'rig = "embedded-mock', "not TOML"),
+    ],
+)
+def test_bad_rig_files_are_one_clear_line(tmp_path, text, old, new, complaint):
+    assert old in text
+    with pytest.raises(InputError, match=complaint) as caught:
+        load(tmp_path, text.replace(old, new, 1))
+    assert "\n" not in str(caught.value)
+    assert "rig.toml" in str(caught.value) or "machine" in str(caught.value) or "missing.toml" in str(caught.value)
+
+
+def test_the_example_is_fit(request):
+    file, machine = load_rig(request.config.rootpath / "examples" / "mock-rig.toml")
+    assert file.time_scale == 60.0
+    assert machine.name == "planar4"
+
+
+def test_registers_can_be_moved_and_unknown_ones_are_named(tmp_path, text):
+    file, _ = load(tmp_path, text.replace("port = 0", "port = 0\nregisters = { payload = 40, air_temperature_c = 20 }"))
+    registers = register_map(file)
+    assert registers.payload == 40
+    assert registers.temperatures_c["air"].address == 20
+    file, _ = load(tmp_path, text.replace("port = 0", "port = 0\nregisters = { wind = 40 }"))
+    with pytest.raises(InputError, match="wind"):
+        register_map(file)

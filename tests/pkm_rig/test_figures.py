@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.machine import load_machine, shipped_machine
+from pkm_rig.figures import Figures, decide, figures
+
+
+def made(rms, u):
+    return Figures(rms, 2 * rms, 0.0, u, 0.0, 30)
+
+
+def test_rms_and_maximum_are_of_the_free_coordinates():
+    machine = load_machine(shipped_machine("planar4"))
+    position = np.array([[3e-6, 4e-6, 1.0], [0.0, 0.0, 1.0]])
+    rotation = np.array([[1.0, 1.0, 6e-6], [1.0, 1.0, 8e-6]])
+    found = figures(machine, position, rotation, 0.0, 0.0)
+    assert found.position_rms_m == pytest.approx(5e-6 / np.sqrt(2.0))
+    assert found.position_max_m == pytest.approx(5e-6)
+    assert found.orientation_rms_rad == pytest.approx(np.sqrt(50.0) * 1e-6)
+
+
+def test_uncertainty_of_an_rms_matches_its_scatter():
+    machine = load_machine(shipped_machine("planar4"))
+    rng = np.random.default_rng(7)
+    rms, stated = [], []
+    for _ in range(400):
+        found = figures(machine, rng.normal(0.0, 5e-6, (30, 3)), np.zeros((30, 3)), 0.0, 0.0)
+        rms.append(found.position_rms_m)
+        stated.append(found.u_position_rms_m)
+    assert np.mean(stated) == pytest.approx(np.std(rms), rel=0.12)
+
+
+def test_scale_does_not_average_out():
+    machine = load_machine(shipped_machine("planar4"))
+    found = figures(machine, np.full((50, 3), 1e-6), np.zeros((50, 3)), 3e-6, 0.3)
+    assert found.u_position_rms_m == pytest.approx(0.9e-6)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "accepted"),
+    [(made(40e-6, 2e-6), made(6e-6, 0.5e-6), True), (made(8e-6, 1e-6), made(6e-6, 0.5e-6), False)],
+)
+def test_tables_stay_only_if_the_error_falls_by_more_than_its_uncertainty(before, after, accepted):
+    decision = decide(before, after)
+    assert decision.accepted is accepted
+    assert ("the tables stay" in decision.rule) is accepted
+
+
+def test_a_rise_is_never_accepted():
+    assert not decide(made(6e-6, 0.0), made(6e-6, 0.0)).accepted
+    assert not decide(made(6e-6, 1e-7), made(60e-6, 1e-7)).accepted

@@ -1,0 +1,107 @@
+"""Reduction and identification on recordings of the independent plant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.toml_file import InputError
+from pkm_rig.analysis import identify_recording, model_comparison
+from pkm_rig.figures import noise_floor
+from pkm_rig.reduction import between_good_checks, nest_shift, reduce
+from tests.pkm_rig.plant_recording import plant_of, record
+
+SIZE = {"calibration_poses": 24, "repeated_poses": 8, "nest_every_visits": 6}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record(4, **SIZE)
+
+
+@pytest.fixture(scope="module")
+def reduction(recording):
+    return reduce(recording)
+
+
+def test_range_constant_is_found_within_its_uncertainty():
+    deviations = []
+    for seed in range(1, 13):
+        plant, _ = plant_of(seed)
+        found = reduce(record(seed, calibration_poses=6, repeated_poses=2, nest_every_visits=3))
+        deviations.append((found.range_constant_m - plant.truth.range_constant_m) / found.range_constant_u_m)
+    # 12 deviations in units of their uncertainty: the RMS of a normal sample lies within 0.5 and 1.6 (99.9 %).
+    assert 0.45 < np.sqrt(np.mean(np.square(deviations))) < 1.7
+
+
+def test_nothing_is_dropped_from_a_clean_recording(reduction):
+    assert reduction.dropped == {"failed nest check": 0, "nest outlier": 0, "innovation gate": 0}
+    assert reduction.poses.measured.all()
+
+
+def test_noise_floor_agrees_with_the_stated_accuracy(reduction):
+    floor = noise_floor(reduction)
+    assert floor is not None
+    stated = np.sqrt(np.mean(np.trace(reduction.poses.covariance[:, :2, :2], axis1=1, axis2=2)))
+    # 24 degrees of freedom in two coordinates: within 35 % (99.9 %), the covariance includes the drift's.
+    assert 0.6 * stated < floor.position_rms_m < 1.35 * stated
+
+
+def test_a_bumped_station_takes_out_the_readings_since_the_last_good_check(recording):
+    total = int(recording["nest_check"].max())
+    bumped = record(4, bump_m=3e-4, bump_at_check=total, **SIZE)
+    _, shifts = nest_shift(bumped)
+    assert shifts[-1] > 2.5e-4
+    assert (shifts[:-1] < bumped.file.nest_limit_m).all()
+    keep = between_good_checks(bumped)
+    last_good = bumped["nest_check"] == total - 1
+    nests = np.asarray(bumped["phase"]) == "nests"
+    assert not keep[last_good & ~nests].any()
+    assert keep[last_good & nests].all()
+    assert keep[bumped["nest_check"] < total - 1].all()
+    assert reduce(bumped).dropped["failed nest check"] == np.count_nonzero(~keep)
+
+
+def test_one_wild_reading_is_gated_wherever_it_stands_in_its_visit():
+    for smr in ("P1", "P2", "P3"):
+
+        def spoil(row, smr=smr):
+            if row["phase"] == "calibration" and row["smr"] == smr and row["visit"] == 7.0:
+                row["x_m"] += 4e-4
+
+        found = reduce(record(4, spoil=spoil, **SIZE))
+        assert found.dropped["innovation gate"] == 1
+        kept = found.observations.smr[found.observations.visit == 7]
+        assert found.recording.machine.smrs.index(found.recording.machine.smr(smr)) not in kept
+
+
+def test_prediction_at_an_unmeasured_payload_reaches_the_floor_and_beats_one_rigid_geometry(recording):
+    calibration = identify_recording(recording)
+    full = reduce(recording, calibration.reduction)
+    floor = noise_floor(full)
+    found = model_comparison(calibration, full, 1)
+    assert found["deformation_aware"].position_rms_m < 1.4 * floor.position_rms_m
+    for name in ("leave_out_link", "equal_weight_closure"):
+        assert found[name].position_rms_m > found["deformation_aware"].position_rms_m
+
+
+def test_later_readings_do_not_change_what_was_identified(recording):
+    alone = recording.rows("calibration", "nests")
+    last = alone["nest_check"][np.asarray(alone["phase"]) == "calibration"].max() + 1
+    keep = alone["nest_check"] <= last
+    from dataclasses import replace  # noqa: PLC0415
+
+    alone = replace(alone, columns={n: c[keep] for n, c in alone.columns.items()})
+    np.testing.assert_array_equal(
+        identify_recording(alone, baselines=False).fit.unknowns,
+        identify_recording(recording, baselines=False).fit.unknowns,
+    )
+
+
+def test_a_recording_without_an_unloaded_calibration_is_refused(recording):
+    from dataclasses import replace  # noqa: PLC0415
+
+    keep = recording["payload"] > 0
+    loaded = replace(recording, columns={n: c[keep] for n, c in recording.columns.items()})
+    with pytest.raises(InputError, match="without payload"):
+        reduce(loaded)

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import sqlite3
+
+import pytest
+
+from calibration.toml_file import InputError
+from pkm_rig.store import Store, StoreError
+from tests.pkm_rig.plant_recording import record
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record(3, calibration_poses=6, repeated_poses=2)
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store(tmp_path / "deep" / "store.sqlite")
+    yield store
+    store.close()
+
+
+def test_what_goes_in_comes_out(store, recording):
+    store.add_recording(recording)
+    again = store.recording(recording.file.campaign)
+    assert again.file == recording.file
+    assert all((again.columns[n] == recording.columns[n]).all() for n in recording.columns)
+    assert store.campaigns()[0][3] == len(recording)
+
+
+def test_a_reading_is_on_disk_when_the_call_returns(store, recording):
+    store.add_campaign(recording.file, recording.machine.text)
+    store.add_reading(recording.file.campaign, "a", 0, {"value": 0.1})
+    other = sqlite3.connect(store.path)
+    assert other.execute("SELECT data FROM readings").fetchall() == [('{"value": 0.1}',)]
+    assert other.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    other.close()
+
+
+def test_the_record_is_append_only(store, recording):
+    store.add_campaign(recording.file, recording.machine.text)
+    store.add_reading(recording.file.campaign, "a", 0, {"value": 0.1})
+    other = sqlite3.connect(store.path)
+    for statement in ("UPDATE readings SET data = '{}'", "DELETE FROM readings", "DELETE FROM campaigns"):
+        with pytest.raises(sqlite3.IntegrityError, match="append-only"):
+            other.execute(statement)
+    other.close()
+
+
+def test_an_import_is_whole_or_not_at_all(store, recording):
+    store.add_recording(recording)
+    with pytest.raises(InputError, match="already"):
+        store.add_recording(recording)
+    assert store.campaigns()[0][3] == len(recording)
+
+
+def test_nan_is_refused(store, recording):
+    store.add_campaign(recording.file, recording.machine.text)
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        store.add_reading(recording.file.campaign, "a", 0, {"value": float("nan")})
+
+
+def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path, recording):
+    store = Store(tmp_path / "store.sqlite")
+    store.add_campaign(recording.file, recording.machine.text)
+    store.limit_pages(40)
+    written = 0
+    with pytest.raises(StoreError, match="full") as caught:
+        for written in range(10_000):
+            store.add_reading(recording.file.campaign, f"u{written}", written, {"filler": "x" * 500})
+    assert "\n" not in str(caught.value)
+    assert written > 10
+    assert store.campaigns()[0][3] == written
+    store.close()
+
+
+def test_unknown_campaigns_and_unwritable_places_are_named(store, tmp_path):
+    with pytest.raises(InputError, match="pkm-rig list"):
+        store.recording("nothing")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="choose a place"):
+        Store(tmp_path / "file" / "store.sqlite")

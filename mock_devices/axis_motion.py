@@ -59,7 +59,7 @@ class AxisMotion:
         """What the encoder counts, for the partner's command that the drive knows."""
         segment = self._at(t_s)
         if segment.braked_at_inc is not None:
-            return segment.braked_at_inc
+            return segment.braked_at_inc - segment.profile.lag(t_s - segment.start_s)
         position = segment.profile.at(t_s - segment.start_s)[0]
         return position + _correction(segment.table, position, partner_inc) - self.lag(t_s)
 
@@ -89,9 +89,10 @@ class AxisMotion:
         last = self._chain[-1]
         if last.braked_at_inc is not None:
             return
-        position = last.profile.target
+        position, start_s = last.profile.target, max(t_s, last.end_s)
         encoder = position + _correction(last.table, position, partner_inc)
-        self._append(_Segment(last.end_s, rest(position), last.table, last.set_point, braked_at_inc=encoder))
+        settling = rest(position, last.profile.lag(start_s - last.start_s))
+        self._append(_Segment(start_s, settling, last.table, last.set_point, braked_at_inc=encoder))
 
     def go(self, t_s: float, target_inc: int, dynamics: Dynamics, *, at_once: bool) -> None:
         """Follow a new set-point now, or after the motion under way."""

@@ -153,11 +153,11 @@ class PlcServer:
 
     async def _shut_down(self) -> None:
         if self._server is not None:
+            # A client that is being let in while the listener closes would keep its socket open for ever.
+            await asyncio.sleep(0)
+            await _end_others(grace_s=1.0)
             await self._server.shutdown()  # type: ignore[no-untyped-call]
-        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-        for task in others:
-            task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        await _end_others(grace_s=0.0)
 
     async def _action(
         self,
@@ -179,3 +179,15 @@ class PlcServer:
 async def _nobody(*_args: Any) -> ExcCodes:
     """There is no unit with this id."""
     return ExcCodes.GATEWAY_NO_RESPONSE
+
+
+async def _end_others(grace_s: float) -> None:
+    """Let the loop's other tasks end, and cancel those that do not."""
+    await asyncio.sleep(0)
+    others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+    if others:
+        await asyncio.wait(others, timeout=grace_s)
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
+    await asyncio.sleep(0)

@@ -55,9 +55,9 @@ class Profile:
         return self.phases[-1]
 
 
-def rest(x: float) -> Profile:
-    """Standing still."""
-    return Profile((), x, 0.0, 0.0)
+def rest(x: float, lag: float = 0.0) -> Profile:
+    """Standing still, with what is left of the lag of the motion before."""
+    return Profile((), x, 0.0, lag)
 
 
 def move(

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import can
+import hypothesis
 import pytest
 
 from mock_devices.machine_file import read_machine_file
@@ -18,6 +19,10 @@ from pkm_rig.embedded_bus import EmbeddedBus
 sys.path.insert(0, str(Path(__file__).parent))  # for `images` and `standing`
 
 from standing import StandingPlant
+
+# Host time says nothing about a test, and every run shall try the same cases.
+hypothesis.settings.register_profile("mock_devices", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("mock_devices")
 
 _channels = itertools.count()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from images import MACHINE_ID, image
 
@@ -265,7 +265,8 @@ def test_what_the_bank_refuses_and_when(axis):
             comp.set_mode(value, powered=False)
 
 
-@settings(max_examples=60)
+@settings(max_examples=100)
+@example([(208, 32_000_000, 1.0), (2, 32_000_000, 0.0625), (0, 32_000_000, 0.0)])
 @given(
     st.lists(st.tuples(st.integers(0, 0x1FF), st.integers(32_000_000, 170_000_000), st.floats(0.0, 2.0)), max_size=12)
 )

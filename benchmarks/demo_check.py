@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import io
 import json
+import multiprocessing
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -30,7 +31,7 @@ from pkm_rig.config import embedded_rig_path, load_rig
 from pkm_rig.mock_rig import embedded
 from pkm_rig.reduction import Reduction
 from pkm_rig.rig import connected
-from pkm_rig.session import open_store
+from pkm_rig.session import one_core, open_store
 
 SEEDS = tuple(range(1, 21))
 
@@ -206,7 +207,8 @@ def line_of(row: dict[str, Any]) -> str:
 
 
 def _quiet_run(seed: int, out: Path) -> dict[str, Any]:
-    with contextlib.redirect_stdout(io.StringIO()):
+    worker = multiprocessing.current_process()._identity[0]  # type: ignore[attr-defined]
+    with one_core(worker), contextlib.redirect_stdout(io.StringIO()):
         return run_seed(seed, out)
 
 

@@ -32,7 +32,7 @@ class RigClock(Protocol):
         ...
 
     def call_at(self, t_s: float, callback: Callable[[], None]) -> Callable[[], None]:
-        """Call back once at rig time `t_s`, from a thread of the clock; returns a function that cancels."""
+        """Call back once at rig time `t_s`, from the clock's or a sleeping thread; returns a function that cancels."""
         ...
 
     def activity(self) -> AbstractContextManager[None]:
@@ -89,7 +89,12 @@ class VirtualClock:
             self._push(self._now_s + duration_s, event)
             self._sleepers += 1
             self._running -= 1
-            self._advance()
+            callback = self._advance(inline=True)
+        while callback is not None:  # a thread that is about to sleep has time for what is due before it wakes
+            _run(callback)
+            with self._lock:
+                self._running -= 1
+                callback = self._advance(inline=True)
         assert event.wake is not None
         event.wake.wait()
 
@@ -134,8 +139,12 @@ class VirtualClock:
     def _push(self, t_s: float, event: _Event) -> None:
         heapq.heappush(self._events, (t_s, next(self._order), event))
 
-    def _advance(self) -> None:
-        """Wake the earliest events while nobody runs. Called with the lock held."""
+    def _advance(self, *, inline: bool = False) -> _Event | None:
+        """Wake the earliest events while nobody runs. Called with the lock held.
+
+        A due callback goes to the dispatcher, or with `inline` back to the caller, who then runs it and
+        calls again: that spares two changes of thread.
+        """
         while self._running <= 0 and self._sleepers > 0 and self._events:
             t_s, _, event = heapq.heappop(self._events)
             if event.cancelled:
@@ -145,8 +154,11 @@ class VirtualClock:
             if event.wake is not None:
                 self._sleepers -= 1
                 event.wake.set()
+            elif inline:
+                return event
             else:
                 self._due.put(event)
+        return None
 
     def _dispatch(self) -> None:
         while (event := self._due.get()) is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from calibration.recording import Recording, read_folder
@@ -18,6 +19,24 @@ STORE_NAME = "pkm-rig.sqlite"
 
 
 @contextmanager
+def one_core(choice: int = 0) -> Iterator[None]:
+    """Keep this thread, and those it starts, on one core.
+
+    In virtual time one thread acts at a time. Spread over cores, they spend a third of the run waking one
+    another; `choice` keeps processes that run side by side apart.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {sorted(before)[choice % len(before)]})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+@contextmanager
 def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None = None) -> Iterator[Rig]:
     """A connected, supervised rig; without a path the embedded mock rig over its real protocols.
 
@@ -29,6 +48,7 @@ def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None
         if seed is not None and file.mock is not None:
             file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
         with (
+            nullcontext() if real_time else one_core(os.getpid()),
             embedded(file, path, real_time=real_time) as mock,
             mock.clock.activity(),
             connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,

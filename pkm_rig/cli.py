@@ -227,18 +227,29 @@ def import_folder(
         results.print(f"campaign {recording.file.campaign}: {len(recording)} readings", soft_wrap=True)
 
 
+class Interrupted(BaseException):
+    """SIGINT or SIGTERM: everything unwinds, so the drives are stopped and left without power."""
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise Interrupted
+
+
 def main() -> None:
     """Run a command; every expected failure is one line on stderr and an exit status (docs/commands.md)."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, _interrupt)
     try:
         app(standalone_mode=True)
+    except Interrupted:
+        _end(DEVICE, "interrupted; the drives were stopped, what was read is kept")
     except InputError as error:
         _end(BAD_INPUT, str(error))
     except CampaignRefused as error:
         _end(REFUSED, str(error))
     except (DeviceError, StoreError) as error:
         _end(DEVICE, str(error))
-    except KeyboardInterrupt:
-        _end(DEVICE, "interrupted; the drives were stopped, what was read is kept")
     except Exception as error:
         messages.print(traceback.format_exc(), style="dim", markup=False)
         _end(

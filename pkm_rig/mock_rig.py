@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 import can
-from mock_devices.rig import MockRig
 
+from calibration.toml_file import InputError
+from mock_devices.rig import MockRig
 from mock_devices.settings import InstrumentProfile, MockSettings, Payload
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.config import MockSection, RigFile, machine_path
@@ -87,21 +88,42 @@ def served(file: RigFile, rig_path: Path) -> Iterator[MockRig]:
         return EmbeddedBus(channel, clock)
 
     port = file.station.port
+    if not port:
+        raise InputError(
+            "rig file: station.port is empty; give a path for the mock's terminal or socket://127.0.0.1:PORT"
+        )
     over_tcp = port.startswith("socket://")
     try:
-        with MockRig(
-            machine_path(file, rig_path),
-            settings_of(file),
-            clock,
-            bus,
-            station="tcp" if over_tcp else "pty",
-            station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
-            plc_port=file.plc.port,
-            socketcand_port=file.can.port,
-        ) as mock:
+        with (
+            MockRig(
+                machine_path(file, rig_path),
+                settings_of(file),
+                clock,
+                bus,
+                station="tcp" if over_tcp else "pty",
+                station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
+                plc_port=file.plc.port,
+                socketcand_port=file.can.port,
+            ) as mock,
+            nullcontext() if over_tcp else _linked(Path(port), Path(mock.station_url)),
+        ):
             yield mock
     finally:
         clock.close()
+
+
+@contextmanager
+def _linked(link: Path, terminal: Path) -> Iterator[None]:
+    """Make the mock's pseudo-terminal reachable under the rig file's name; only a link is ever replaced."""
+    if link.is_symlink():
+        link.unlink()
+    if link.exists() or not link.parent.is_dir():
+        raise InputError(f"station port {link}: cannot be made a link to the mock's terminal; name another path")
+    link.symlink_to(terminal)
+    try:
+        yield
+    finally:
+        link.unlink(missing_ok=True)
 
 
 def how_to_connect(file: RigFile, mock: MockRig) -> list[str]:
@@ -109,7 +131,7 @@ def how_to_connect(file: RigFile, mock: MockRig) -> list[str]:
     host, port = mock.plc_address
     bus_host, bus_port = mock.socketcand_address
     return [
-        f"station: GeoCOM on {mock.station_url}",
+        f"station: GeoCOM on {file.station.port or mock.station_url}",
         f"drives:  CANopen nodes {', '.join(str(d.node_id) for d in file.drives)} "
         f"on socketcand {bus_host}:{bus_port}, channel {file.can.channel}",
         f"PLC:     Modbus TCP {host}:{port}, unit {file.plc.unit}",

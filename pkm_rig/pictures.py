@@ -39,7 +39,7 @@ def error_maps(maps: ErrorMap, title: str) -> Figure:
             maps.target_m[:, 0], maps.target_m[:, 1], errors[:, 0], errors[:, 1],
             color=colour, angles="xy", scale_units="xy", scale=key_m / 0.06, width=0.004,
         )  # fmt: skip
-        axes.quiverkey(quiver, 0.84, 1.05, key_m, f"{key_m * 1e6:g} um", labelpos="E")
+        axes.quiverkey(quiver, 0.80, 1.04, key_m, f"{key_m * 1e6:g} um", labelpos="E")
         rms = float(np.sqrt(np.mean(length**2)))
         axes.set_title(f"{name}: {rms * 1e6:.1f} um RMS", loc="left", fontsize=10)
         axes.set_xlabel("x / m")
@@ -47,7 +47,7 @@ def error_maps(maps: ErrorMap, title: str) -> Figure:
         axes.set_aspect("equal")
         axes.margins(0.14)
     figure.suptitle(title, fontsize=11)
-    figure.tight_layout()
+    figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
     return figure
 
 

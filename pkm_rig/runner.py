@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import secrets
 from collections.abc import Callable, Iterator
@@ -42,6 +43,7 @@ class Runner:
             first_nests={},
         )
         self._engine = RunEngine({}, context_managers=[])
+        self._engine.log.logger.addHandler(logging.NullHandler())  # causes are raised, not logged with tracebacks
         self._engine.subscribe(self._keep, "event")
         self._failure: BaseException | None = None
 
@@ -71,13 +73,21 @@ class Runner:
         except BaseException as error:
             cause = self._cause(error)
             with contextlib.suppress(DeviceError):
-                self.rig.stop(str(cause))
+                self.rig.stop(str(cause) or "interrupted")
+            self._end_plan()
             with contextlib.suppress(StoreError):
-                self.store.add_event(self.campaign, "failed", {"plan": purpose, "reason": str(cause)})
+                reason = str(cause) or type(cause).__name__
+                self.store.add_event(self.campaign, "failed", {"plan": purpose, "reason": reason})
             if cause is error:
                 raise
             raise cause from error
         self.store.add_event(self.campaign, "finished", {"plan": purpose})
+
+    def _end_plan(self) -> None:
+        """An interrupt reaches this thread while the engine's loop goes on: end its plan before anything else."""
+        if self._engine.state != "idle":
+            with contextlib.suppress(Exception):
+                self._engine.abort("the campaign ended")
 
     def _keep(self, _name: str, document: dict[str, Any]) -> None:
         """Store a reading; the engine goes on only when it is on disk."""

@@ -42,9 +42,7 @@ def test_truth_lies_within_the_posterior(fits):
     for rig, _, _, fit in fits:
         n = len(rig.layout.parameters)
         error = fit.theta - rig.truth[:n]
-        values, vectors = np.linalg.eigh(
-            fit.covariance[:n, :n] / np.outer(rig.layout.sigma[:n], rig.layout.sigma[:n])
-        )
+        values, vectors = np.linalg.eigh(fit.covariance[:n, :n] / np.outer(rig.layout.sigma[:n], rig.layout.sigma[:n]))
         sharp = values < 0.3  # directions that the data decide, not the prior
         z = (vectors.T @ (error / rig.layout.sigma[:n]))[sharp] / np.sqrt(values[sharp])
         squares, count = squares + float(z @ z), count + int(sharp.sum())

@@ -69,9 +69,7 @@ def record(seed: int, *, bump_m: float = 0.0, bump_at_check: int = 10**6, spoil=
         row |= {"uid": f"{len(rows)}", "phase": phase, "smr": smr, "sequence": float(len(rows))}
         row |= {"visit": float(state["visit"]), "nest_check": float(state["check"]), "t_rig_s": state["t"]}
         row |= dict(zip(("x_m", "y_m", "z_m"), point.tolist(), strict=True))
-        row |= {
-            f"cov_{'xyz'[i]}{'xyz'[j]}_m2": float(covariance[i, j]) for i in range(3) for j in range(i, 3)
-        }
+        row |= {f"cov_{'xyz'[i]}{'xyz'[j]}_m2": float(covariance[i, j]) for i in range(3) for j in range(i, 3)}
         row |= {"samples": 1.0, "payload": float(payload), "payload_mass_kg": header.payloads[payload].mass_kg}
         row |= {"left_actual_m": drives[0], "right_actual_m": drives[1]}
         row |= {f"{name}_temperature_c": plant.thermal.part_c(name, state["t"]) for name in header.sensors}

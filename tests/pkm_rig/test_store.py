@@ -66,9 +66,14 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path, recording)
     store.add_campaign(recording.file, recording.machine.text)
     store.limit_pages(40)
     written = 0
-    with pytest.raises(StoreError, match="full") as caught:
+
+    def fill():
+        nonlocal written
         for written in range(10_000):
             store.add_reading(recording.file.campaign, f"u{written}", written, {"filler": "x" * 500})
+
+    with pytest.raises(StoreError, match="full") as caught:
+        fill()
     assert "\n" not in str(caught.value)
     assert written > 10
     assert store.campaigns()[0][3] == written

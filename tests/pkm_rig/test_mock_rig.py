@@ -1,0 +1,61 @@
+"""A mock rig on real transports: pseudo-terminal, socketcand and Modbus TCP, in scaled time."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from calibration.toml_file import InputError
+from pkm_rig.clock import ScaledClock
+from pkm_rig.config import load_rig
+from pkm_rig.mock_rig import how_to_connect, served
+from pkm_rig.rig import connected
+from pkm_rig.stages import check
+
+
+def free_ports(count):
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [probe.getsockname()[1] for probe in probes]
+
+
+@pytest.fixture
+def rig_path(tmp_path, request):
+    """The example rig on free ports."""
+    can_port, plc_port = free_ports(2)
+    text = (request.config.rootpath / "examples" / "mock-rig.toml").read_text(encoding="utf-8")
+    text = text.replace("29536", str(can_port)).replace("15020", str(plc_port))
+    path = tmp_path / "rig.toml"
+    path.write_text(text.replace("/tmp/pkm-rig-station", str(tmp_path / "station")), encoding="utf-8")
+    return path
+
+
+def test_the_example_rig_is_served_checked_and_moved_over_real_transports(rig_path, tmp_path):
+    file, machine = load_rig(rig_path)
+    with served(file, rig_path) as mock:
+        lines = how_to_connect(file, mock)
+        assert str(tmp_path / "station") in lines[0]
+        assert str(file.can.port) in lines[1]
+        assert str(file.plc.port) in lines[2]
+        clock = ScaledClock(file.time_scale)
+        with connected(file, machine, clock) as rig:
+            assert check(rig)["problems"] == []
+            rig.enable()
+            rig.move(np.array([1.15, 1.10]), 0.2)
+            np.testing.assert_allclose(rig.positions_m(), [1.15, 1.10], atol=1e-7)
+        clock.close()
+        assert not any(drive.axis.powered for drive in mock.drives)
+    assert not (tmp_path / "station").is_symlink()
+
+
+def test_a_file_in_the_place_of_the_terminals_link_is_not_touched(rig_path, tmp_path):
+    (tmp_path / "station").write_text("mine")
+    file, _ = load_rig(rig_path)
+    with pytest.raises(InputError, match="another path"), served(file, rig_path):
+        pass
+    assert (tmp_path / "station").read_text() == "mine"

@@ -55,7 +55,6 @@ class CampaignSettings(Section):
     seed: int = 1
     calibration_poses: int = Field(ge=6, default=40)
     loaded_payload: int = Field(ge=0, default=2)
-    repeated_poses: int = Field(ge=2, default=20)
     readings_per_smr: int = Field(ge=1, le=20, default=1)
     readings_per_nest: int = Field(ge=1, le=20, default=5)
     two_face: bool = False

@@ -44,16 +44,17 @@ class Block:
 def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
     """Blocks without, with and again without payload, poses in random order within each.
 
-    The first `repeated_poses` targets are visited twice in each unloaded block from the same side, for the
-    noise floor; the others from one side in the first and from the other in the last block.
+    Without payload every target is visited three times from the same side, for the noise floor: once in each of the
+    two blocks, half of the targets again in the first and half in the last. With payload it is
+    approached from the other side. Sides alternate from target to target.
     """
     targets = calibration_targets(machine, settings)
     numbers = list(range(len(targets)))
-    repeated, single = numbers[: settings.repeated_poses], numbers[settings.repeated_poses :]
+    half = len(numbers) // 2
     side = {n: 1 if n % 2 else -1 for n in numbers}
-    first = [(n, side[n]) for n in repeated * 2] + [(n, side[n]) for n in single]
+    first = [(n, side[n]) for n in numbers + numbers[:half]]
     loaded = [(n, -side[n]) for n in numbers]
-    last = [(n, side[n]) for n in repeated * 2] + [(n, -side[n]) for n in single]
+    last = [(n, side[n]) for n in numbers + numbers[half:]]
     rng = np.random.default_rng([settings.seed, ORDER_STREAM])
     passes: dict[int, int] = {}
     return tuple(

@@ -10,7 +10,6 @@ from pkm_rig.rig import connected
 
 SHORT = {
     "calibration_poses": 12,
-    "repeated_poses": 4,
     "repeatability_visits": 3,
     "readings_per_nest": 1,
     "warm_up_rate_k_per_h": 20.0,

@@ -9,6 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from calibration.machine import load_machine, shipped_machine
 from calibration.recording import read_folder, write_folder
 from pkm_rig import calibrate as job
 from pkm_rig import stages
@@ -117,11 +118,13 @@ def test_the_outcome_can_be_rebuilt_from_the_store(run):
 
 
 def test_a_machine_without_errors_is_refused_and_the_former_state_comes_back(tmp_path):
-    file, machine = short_rig_file(seed=6)
-    file = file.model_copy(update={"mock": file.mock.model_copy(update={"error_scale": 0.0})})
-    # Without payload and with stiff nominal geometry there is next to nothing to correct.
-    campaign = file.campaign.model_copy(update={"verification_payloads": (0,)})
-    file = file.model_copy(update={"campaign": campaign})
+    # No geometric errors, no expansion, no payload at the verification: next to nothing to correct.
+    text = shipped_machine("planar4").read_text(encoding="utf-8")
+    (tmp_path / "cold.toml").write_text(re.sub(r"(coefficient_per_k|u_per_k) = \S+", r"\1 = 0.0", text))
+    file, _ = short_rig_file(seed=6, verification_payloads=(0,))
+    mock_section = file.mock.model_copy(update={"error_scale": 0.0})
+    file = file.model_copy(update={"mock": mock_section, "machine": str(tmp_path / "cold.toml")})
+    machine = load_machine(tmp_path / "cold.toml")
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
         outcome = job.calibrate(rig, store, silent, silent)

@@ -47,7 +47,7 @@ def last_line(done):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "folder"
-    write_folder(record(4, calibration_poses=12, repeated_poses=4), path)
+    write_folder(record(4, calibration_poses=12), path)
     return path
 
 

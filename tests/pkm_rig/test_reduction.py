@@ -11,7 +11,7 @@ from pkm_rig.figures import noise_floor
 from pkm_rig.reduction import between_good_checks, nest_shift, reduce
 from tests.pkm_rig.plant_recording import plant_of, record
 
-SIZE = {"calibration_poses": 24, "repeated_poses": 8, "nest_every_visits": 6}
+SIZE = {"calibration_poses": 24, "nest_every_visits": 6}
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def test_range_constant_is_found_within_its_uncertainty():
     deviations = []
     for seed in range(1, 13):
         plant, _ = plant_of(seed)
-        found = reduce(record(seed, calibration_poses=6, repeated_poses=2, nest_every_visits=3))
+        found = reduce(record(seed, calibration_poses=6, nest_every_visits=3))
         deviations.append((found.range_constant_m - plant.truth.range_constant_m) / found.range_constant_u_m)
     # 12 deviations in units of their uncertainty: the RMS of a normal sample lies within 0.5 and 1.6 (99.9 %).
     assert 0.45 < np.sqrt(np.mean(np.square(deviations))) < 1.7
@@ -43,7 +43,7 @@ def test_noise_floor_agrees_with_the_stated_accuracy(reduction):
     floor = noise_floor(reduction)
     assert floor is not None
     stated = np.sqrt(np.mean(np.trace(reduction.poses.covariance[:, :2, :2], axis1=1, axis2=2)))
-    # 24 degrees of freedom in two coordinates: within 35 % (99.9 %), the covariance includes the drift's.
+    # 48 degrees of freedom in two coordinates: within 35 % (99.99 %), the covariance includes the drift's.
     assert 0.6 * stated < floor.position_rms_m < 1.35 * stated
 
 

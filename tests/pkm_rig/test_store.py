@@ -11,7 +11,7 @@ from tests.pkm_rig.plant_recording import record
 
 @pytest.fixture(scope="module")
 def recording():
-    return record(3, calibration_poses=6, repeated_poses=2)
+    return record(3, calibration_poses=6)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import asyncio
 import math
 import threading
 import time
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, TypeVar
 
@@ -106,10 +106,13 @@ class Plc:
             times = (0.5 * (begin_rig_s + now_s), t_host_s)
             return decode(self.map, words, fresh, times, self.name, self.where)
 
-    def request_payload(self, number: int, limit_s: float = 600.0) -> PlcState:
+    def request_payload(
+        self, number: int, limit_s: float = 600.0, watch: Callable[[], None] = lambda: None
+    ) -> PlcState:
         """Ask for a payload and wait until it is on; returns the state with it.
 
-        Written once. Raises PlcError if refused or not done in `limit_s` of rig time.
+        Written once. `watch` is called between polls and may raise. Raises PlcError if refused or not done
+        in `limit_s` of rig time.
         """
         if not 0 <= number < 0xFFFF:
             raise ValueError(f"no such payload: {number}")
@@ -121,6 +124,7 @@ class Plc:
         while not self._done(sequence, number):
             if self._clock.now_s() >= end_s:
                 raise self._error(f"payload {number} is not on after {limit_s:g} s", "ask the operator")
+            watch()
             self._clock.sleep_s(self._poll_period_s)
         state = self.read()
         if state.payload != number:
@@ -154,8 +158,10 @@ class Plc:
             self._clock.sleep_s(self._poll_period_s)
 
     def _read_words(self, address: int, count: int) -> list[int]:
-        reply = self._io(self._read_registers(address, count), address)
-        return list(reply.registers)
+        words = list(self._io(self._read_registers(address, count), address).registers)
+        if len(words) != count:
+            raise self._error(f"{len(words)} registers answered, {count} asked for", "check the register map")
+        return words
 
     def _write_words(self, address: int, words: list[int]) -> None:
         self._io(self._write_registers(address, words), address)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bluesky.plan_stubs as bps
+import numpy as np
 
 from calibration.compensation import CompensationTable
 from calibration.recording import Recording
@@ -24,7 +25,7 @@ from pkm_rig.figures import Decision, Figures, decide, noise_floor, visit_figure
 from pkm_rig.plans import CampaignRefused, Plan, calibration, prepare, verification
 from pkm_rig.reduction import Reduction, reduce
 from pkm_rig.rig import Rig, in_plane_u_m
-from pkm_rig.runner import Runner, describe_campaign, new_campaign_id, running
+from pkm_rig.runner import Runner, describe_campaign, new_campaign_id, running, settings_event
 from pkm_rig.schedule import Block, calibration_blocks, verification_block
 from pkm_rig.store import Store, now_text
 
@@ -87,13 +88,17 @@ def check_rig(rig: Rig) -> list[str]:
 
 
 def measure(rig: Rig, store: Store, say: Say, progress: Progress) -> str:
-    """Prepare and measure a calibration campaign, compensation off; returns its id.
+    """Prepare and measure a calibration campaign, compensation off meanwhile; returns its id.
 
     Every reading is in the store as soon as it is taken. Raises DeviceError, CampaignRefused, StoreError.
     """
     campaign, blocks, total = _open_campaign(rig, store, say, verify=False)
-    with running(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner:
+    with (
+        running(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
+        former_tables(rig) as former,
+    ):
         _measure(runner, blocks)
+        former.restore()
     return campaign
 
 
@@ -131,7 +136,7 @@ def verify(rig: Rig, store: Store, campaign: str, say: Say, progress: Progress) 
         running(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
         former_tables(rig) as former,
     ):
-        runner.resume(identified.reduction.recording)
+        runner.resume(store.recording(campaign))
         rig.enable()
         return _verify(runner, identified, former, say)
 
@@ -144,6 +149,7 @@ def _open_campaign(rig: Rig, store: Store, say: Say, *, verify: bool) -> tuple[s
     total = planned_readings(rig, blocks, verify=verify)
     campaign = new_campaign_id(rig.file.rig)
     store.add_campaign(describe_campaign(rig, campaign, now_text()), rig.machine.text)
+    store.add_event(campaign, "settings", settings_event(rig))
     say(f"campaign {campaign}: {total} readings planned")
     return campaign, blocks, total
 
@@ -176,6 +182,7 @@ def _measure(runner: Runner, blocks: Sequence[Block]) -> None:
 
 def _verify(runner: Runner, identified: Calibration, former: FormerTables, say: Say) -> Outcome:
     rig, store, campaign = runner.rig, runner.store, runner.campaign
+    store.add_event(campaign, "verifying", {"first_sequence": runner.stage.context.sequence})
     written = []
     payloads = rig.file.campaign.verification_payloads
     for payload in payloads:
@@ -192,12 +199,23 @@ def _verify(runner: Runner, identified: Calibration, former: FormerTables, say: 
         store.add_event(campaign, "activated", activated)
         written.append(Written(table, payload, drives))
         runner.run(verification(runner.stage, block, "verification_after"), "verification after")
-    outcome = judge(campaign, identified, store.recording(campaign), tuple(written), former.description)
+    recording = last_attempt(store, campaign)
+    outcome = judge(campaign, identified, recording, tuple(written), former.description)
     if not outcome.accepted:
         say(f"the result is refused; back to {former.description}")
         former.restore()
     _record_verdict(store, outcome)
     return outcome
+
+
+def last_attempt(store: Store, campaign: str) -> Recording:
+    """A campaign's recording without the readings of a verification that was begun before and broke off."""
+    recording = store.recording(campaign)
+    attempts = store.events(campaign, "verifying")
+    first = attempts[-1].data["first_sequence"] if attempts else 0
+    phase = np.asarray(recording["phase"]).astype(str)
+    keep = (recording["sequence"] >= first) | ~np.char.startswith(phase, "verification")
+    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
 
 
 def judge(

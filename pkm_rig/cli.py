@@ -21,7 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from calibration.recording import read_folder, write_folder
+from calibration.recording_folder import read_folder, write_folder
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
@@ -189,7 +189,10 @@ def report(campaign: Annotated[str, typer.Argument()], out: OutOption = Path("ru
     """Write the report of a verified campaign anew."""
     with open_store(out) as store:
         outcome = stages.stored_outcome(store, campaign)
-    path = _report(outcome, out)
+    try:
+        path = _report(outcome, out)
+    except OSError as error:
+        raise InputError(f"report: {error}; choose another --out") from error
     if json:
         print_json(outcome_json(outcome, path))
     else:
@@ -232,6 +235,8 @@ class Interrupted(BaseException):
 
 
 def _interrupt(_number: int, _frame: object) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):  # one is enough: leaving safely must not be interrupted
+        signal.signal(number, signal.SIG_IGN)
     raise Interrupted
 
 
@@ -293,11 +298,19 @@ def _report(outcome: Outcome, out: Path) -> Path:
 
 
 def _finish(outcome: Outcome, out: Path, json: bool) -> None:
-    path = _report(outcome, out)
+    path, failure = None, None
+    try:
+        path = _report(outcome, out)
+    except OSError as error:  # the result stands, whatever becomes of its report
+        failure = error
     if json:
         print_json(outcome_json(outcome, path))
     else:
         print_outcome(outcome, path)
+    if failure is not None:
+        _end(
+            DEVICE, f"report: {failure}; the result is in the store, write it with `pkm-rig report {outcome.campaign}`"
+        )
     if not outcome.accepted:
         _end(REFUSED, "the tables were refused; see the report for residuals and conditions")
 

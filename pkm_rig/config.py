@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from calibration.compensation import GRID_MARGIN_M
 from calibration.machine import Machine, load_machine, shipped_machine
-from calibration.recording import LengthEntry, NuisanceEntry, PayloadEntry, StationEntry
+from calibration.recording_header import LengthEntry, Name, NuisanceEntry, PayloadEntry, StationEntry
 from calibration.toml_file import InputError, Section, read_toml
+
+Speed = Annotated[float, Field(gt=0.0, le=2.0)]
+Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
+PayloadNumber = Annotated[int, Field(ge=0)]
 
 
 class StationConnection(StationEntry):
@@ -52,16 +57,16 @@ class PlcConnection(Section):
 class CampaignSettings(Section):
     """What a campaign measures; durations in rig time."""
 
-    seed: int = 1
+    seed: int = Field(ge=0, default=1)
     calibration_poses: int = Field(ge=6, default=40)
-    loaded_payload: int = Field(ge=0, default=2)
+    loaded_payload: int = Field(ge=1, default=2)
     readings_per_smr: int = Field(ge=1, le=20, default=1)
     readings_per_nest: int = Field(ge=1, le=20, default=5)
     two_face: bool = False
-    speeds_m_per_s: tuple[float, float] = (0.5, 0.25)
-    acceleration_m_per_s2: float = Field(gt=0.0, default=2.0)
-    approach_m: float = Field(gt=0.0, default=0.010)
-    dwells_s: tuple[float, float] = (2.0, 4.0)
+    speeds_m_per_s: tuple[Speed, Speed] = (0.5, 0.25)
+    acceleration_m_per_s2: float = Field(gt=0.0, le=50.0, default=2.0)
+    approach_m: float = Field(gt=0.0, lt=GRID_MARGIN_M, default=0.010)
+    dwells_s: tuple[Dwell, Dwell] = (2.0, 4.0)
     warm_up_max_s: float = Field(ge=0.0, default=1800.0)
     warm_up_step_s: float = Field(gt=0.0, default=60.0)
     warm_up_rate_k_per_h: float = Field(gt=0.0, default=1.2)
@@ -70,7 +75,7 @@ class CampaignSettings(Section):
     nest_every_visits: int = Field(ge=1, default=5)
     nest_limit_m: float = Field(gt=0.0, default=80e-6)
     verification_poses: int = Field(ge=30, default=30)
-    verification_payloads: tuple[int, ...] = (0, 1)
+    verification_payloads: tuple[PayloadNumber, ...] = Field(min_length=1, default=(0, 1))
     payload_timeout_s: float = Field(gt=0.0, default=3600.0)
 
 
@@ -91,20 +96,20 @@ class Limits(Section):
 class MockSection(Section):
     """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise."""
 
-    seed: int = 1
+    seed: int = Field(ge=0, default=1)
     error_scale: float = Field(ge=0.0, default=1.0)
 
 
 class RigFile(Section):
     """The whole rig file."""
 
-    rig: str
+    rig: Name
     machine: str
     time_scale: float | None = Field(gt=0.0, default=None)
     station: StationConnection
     nest_length: LengthEntry | None = None
     can: CanConnection
-    drives: tuple[DriveEntry, ...] = Field(min_length=1)
+    drives: tuple[DriveEntry, DriveEntry]
     plc: PlcConnection
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1)
     nuisance: NuisanceEntry = NuisanceEntry()
@@ -117,6 +122,9 @@ class RigFile(Section):
         wanted = {*self.campaign.verification_payloads, self.campaign.loaded_payload}
         if max(wanted) >= len(self.payloads):
             raise ValueError(f"campaign: payload {max(wanted)} is not in [[payloads]] (0 is no payload)")
+        masses = [p.mass_kg for p in self.payloads]
+        if len(set(masses)) != len(masses):
+            raise ValueError("payloads: two have the same mass, by which the drives tell their tables apart")
         if self.payloads[0].mass_kg != 0.0:
             raise ValueError("payloads: the first one must be no payload (mass_kg = 0)")
         if len({d.node_id for d in self.drives}) != len(self.drives):

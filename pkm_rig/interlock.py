@@ -9,9 +9,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 
 from drivers.drive_group import DriveGroup
-from drivers.errors import DeviceError, InterlockOpen
+from drivers.errors import DeviceError, InterlockOpen, StaleData
 from drivers.plc import Plc
 from drivers.plc_registers import PlcState
 from pkm_rig.clock import RigClock
@@ -19,6 +20,7 @@ from pkm_rig.clock import RigClock
 REST_PERIOD_S = 0.5
 MOTION_PERIOD_S = 0.05
 LEAST_HOST_PERIOD_S = 0.01
+STALE_POLLS = 6  # polls that may be missed before a value counts as old
 
 
 class Supervisor:
@@ -49,7 +51,7 @@ class Supervisor:
         self._state: PlcState | None = None
         self._payload: int | None = None
         self._trip: DeviceError | None = None
-        self._watchers: list[Callable[[DeviceError], None]] = []
+        self._loading = False
         self.polls = 0
 
     @property
@@ -69,10 +71,6 @@ class Supervisor:
         """Poll no more."""
         self._running = False
 
-    def watch(self, callback: Callable[[DeviceError], None]) -> None:
-        """Be called, from the polling thread, when something stops the drives."""
-        self._watchers.append(callback)
-
     def state(self) -> PlcState:
         """The PLC's values of the last poll; raises the trip, so that no stale value is ever used."""
         self.require_good()
@@ -85,18 +83,39 @@ class Supervisor:
             raise self._trip
         if self._state is None:
             raise InterlockOpen("PLC", "supervision", "nothing read yet", "start supervision first")
+        age_s = self._clock.now_s() - self._state.t_rig_s
+        if age_s > STALE_POLLS * self._period_s():
+            raise StaleData("PLC", "supervision", f"last read {age_s:.1f} s ago", "check the PLC's connection")
 
     @contextmanager
     def motion(self) -> Iterator[None]:
         """A motion: interlocks are read afresh before it and polled fast during it."""
         self._poll()
         self.require_good()
+        if self._payload is None:
+            raise InterlockOpen("PLC", "payload", "it is being changed", "wait until the PLC reports it")
         self._moving = True
         self._schedule()
         try:
             yield
         finally:
             self._moving = False
+
+    @contextmanager
+    def loading(self) -> Iterator[None]:
+        """The payload is being changed; the caller has taken the power off the drives.
+
+        Interlocks may be open meanwhile, heartbeats must be alive.
+        """
+        self._loading = True
+        try:
+            yield
+        finally:
+            self._loading = False
+
+    def interlocks_good(self) -> bool:
+        """Whether all interlocks were good at the last poll; raises the trip."""
+        return not self.state().open_interlocks()
 
     def _schedule(self) -> None:
         """Start a new chain of polls; one that is under way ends at its next tick."""
@@ -122,11 +141,20 @@ class Supervisor:
                 self._check()
             except DeviceError as error:
                 self._stop_all(error)
+            except Exception as error:  # whatever it is: supervision must not end in silence
+                self._stop_all(
+                    DeviceError(
+                        "supervision", "poll", f"{type(error).__name__}: {error}", "report it; then start again"
+                    )
+                )
 
     def _check(self) -> None:
         self.polls += 1
         state = self._plc.read()
-        state.require_safe()
+        if self._loading:  # the drives are without power: whoever loads the platform may open the guard
+            replace(state, interlocks={}).require_safe()
+        else:
+            state.require_safe()
         missing = [name for name in self._required if name not in state.interlocks]
         if missing:
             raise InterlockOpen("PLC", "register map", f"no interlock '{missing[0]}'", "correct the rig file")
@@ -143,5 +171,3 @@ class Supervisor:
         self._trip = error
         with suppress(DeviceError):
             self._drives.stop_all(str(error))
-        for watcher in self._watchers:
-            watcher(error)

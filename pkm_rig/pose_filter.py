@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from calibration.equilibrium import skew
 from calibration.machine import Array
 from calibration.observation_model import Observations
-from calibration.recording import AccuracyEntry
+from calibration.recording_header import AccuracyEntry
 from calibration.report_frame import ReportFrame, compose
 
 GATE_PROBABILITY = 0.9999

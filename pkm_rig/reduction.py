@@ -90,6 +90,9 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     dropped = {}
     usable = between_good_checks(recording)
     dropped["failed nest check"] = int(np.count_nonzero(~usable))
+    flagged = usable & (recording["flags"] > 0.0)
+    dropped["flagged by the station"] = int(np.count_nonzero(flagged))
+    usable &= ~flagged
     recording = Recording(recording.file, recording.machine, {n: c[usable] for n, c in recording.columns.items()})
     constant, constant_u = (
         _range_constant(recording) if basis is None else (basis.range_constant_m, basis.range_constant_u_m)
@@ -158,7 +161,7 @@ def last_calibration_check(recording: Recording) -> float:
 
 def _range_constant(recording: Recording) -> tuple[float, float]:
     stated = recording.file.station.accuracy
-    scale_u = stated.range_scale_u * 3.0
+    scale_u = stated.range_scale_u * float(np.mean(np.linalg.norm(recording.positions_m, axis=1)))
     length = recording.file.nest_length
     nests = recording.rows("nests")
     names = np.asarray(nests["smr"])

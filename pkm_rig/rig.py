@@ -33,8 +33,10 @@ from pkm_rig.interlock import Supervisor
 from pkm_rig.reduction import station_frame
 
 POLL_PERIOD_S = 0.05
-LEAST_HOST_POLL_S = 0.005
+LEAST_HOST_POLL_S = 0.002
 PLC_POLL_S = 1.0
+GUARD_S = 1.0  # host time in which an answer has to come
+EMBEDDED_GUARD_S = 20.0  # in one process a busy computer is no fault of the rig
 PART_SENSORS = ("struts", "columns", "base", "platform")
 
 
@@ -96,12 +98,23 @@ class Rig:
     # --- payload
 
     def change_payload(self, number: int) -> None:
-        """Ask for a payload and wait until the PLC reports it."""
+        """Ask for a payload and wait until the PLC reports it and all interlocks are good again.
+
+        The drives are without power meanwhile, so that whoever loads the platform may open the guard.
+        """
         if self.supervisor.state().payload == number:
             return
-        self.plc.request_payload(number, self.file.campaign.payload_timeout_s)
-        while self.supervisor.state().payload != number:
-            self.clock.sleep_s(PLC_POLL_S)
+        self.drives.disable()
+        end_s = self.clock.now_s() + self.file.campaign.payload_timeout_s
+        with self.supervisor.loading():
+            self.plc.request_payload(number, self.file.campaign.payload_timeout_s, watch=self.supervisor.require_good)
+            while self.supervisor.state().payload != number or not self.supervisor.interlocks_good():
+                if self.clock.now_s() > end_s:
+                    raise PlcError(
+                        "PLC", "interlocks", "not all good again after the payload was changed", "close the guard"
+                    )
+                self.clock.sleep_s(PLC_POLL_S)
+        self.enable()
 
     def payload_mass_kg(self, number: int | None) -> float | None:
         """Mass of a payload of the rig's list; None while it is unknown."""
@@ -145,22 +158,31 @@ class Rig:
         Leaves the drives without power. A table becomes active whole and read back, on all drives or on
         none: after any failure compensation is off everywhere and the cause is raised.
         """
-        self.drives.disable()
-        self._compensation_off()
+        try:
+            self.drives.disable()
+        finally:
+            self._compensation_off()
         if images is None:
             return
         try:
             self._activate(images)
-        except DeviceError:
+        except BaseException:
             with contextlib.suppress(DeviceError):
                 self._compensation_off()
             raise
         self.compensation = images[0].generation
 
     def _compensation_off(self) -> None:
+        """Off on every drive that can be reached; raises the first failure afterwards."""
         self.compensation = 0
+        failures: list[DeviceError] = []
         for bank in self.banks:
-            bank.set_mode(False)
+            try:
+                bank.set_mode(False)
+            except DeviceError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
 
     def _activate(self, images: Sequence[TableImage]) -> None:
         written = [bank.write_inactive(image) for bank, image in zip(self.banks, images, strict=True)]
@@ -247,9 +269,18 @@ def connected(
     `bus_factory` replaces the bus of the rig file (embedded rig, tests).
     """
     slow = file.time_scale or 1.0
+    guard_s = EMBEDDED_GUARD_S if file.can.interface == "embedded" else GUARD_S
     with ExitStack() as stack:
-        plc = Plc(file.plc.host, file.plc.port, file.plc.unit, register_map(file), clock,
-                  heartbeat_limit_s=file.limits.plc_heartbeat_s * slow, poll_period_s=PLC_POLL_S)  # fmt: skip
+        plc = Plc(
+            file.plc.host,
+            file.plc.port,
+            file.plc.unit,
+            register_map(file),
+            clock,
+            heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
+            poll_period_s=PLC_POLL_S,
+            reply_timeout_s=guard_s,
+        )
         stack.callback(plc.close)
         plc.connect()
         bus = bus_factory() if bus_factory else open_bus(
@@ -257,11 +288,13 @@ def connected(
         )  # fmt: skip
         line = CanLine(bus)
         stack.callback(line.close)
-        drives = [_drive(file, i, line, clock, slow) for i in range(len(file.drives))]
+        drives = [_drive(file, i, line, clock, slow, guard_s) for i in range(len(file.drives))]
         for drive in drives:
             stack.callback(drive.close)
             drive.connect()
-        group = DriveGroup(drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow))
+        group = DriveGroup(
+            drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
+        )
         banks = [TableBank(drive) for drive in drives]
         station = LaserTracker(
             file.station.port,
@@ -286,7 +319,7 @@ def _leave_safe(rig: Rig) -> None:
         rig.drives.disable()
 
 
-def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float) -> ServoDrive:
+def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float, guard_s: float) -> ServoDrive:
     entry = file.drives[index]
     partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
     expected = DriveExpectation(
@@ -303,6 +336,7 @@ def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: floa
         heartbeat_late_s=file.limits.heartbeat_s * slow,
         heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
         state_limit_s=3.0 * slow,
+        sdo_timeout_s=guard_s,
     )
 
 

@@ -15,7 +15,8 @@ import bluesky.preprocessors as bpp
 from bluesky import RunEngine
 
 import pkm_rig
-from calibration.recording import Recording, RecordingFile, StationEntry
+from calibration.recording import Recording
+from calibration.recording_header import RecordingFile, StationEntry
 from drivers.errors import DeviceError
 from pkm_rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
 from pkm_rig.plans import CampaignRefused, Plan, Stage
@@ -50,8 +51,11 @@ class Runner:
     def close(self) -> None:
         """End the worker and the engine's loop."""
         self._worker.close()
-        loop = self._engine.loop
+        loop, thread = self._engine.loop, self._engine._th  # the engine has no close of its own
         loop.call_soon_threadsafe(loop.stop)
+        thread.join(timeout=10.0)
+        if not thread.is_alive():
+            loop.close()
 
     def resume(self, recording: Recording) -> None:
         """Go on with a stored campaign: its numbers, and its first nest check as the reference."""
@@ -105,13 +109,15 @@ class Runner:
         if self._failure is not None:
             return self._failure
         seen: BaseException | None = error
+        deepest = error
         while seen is not None:
             if isinstance(seen, EXPECTED):
                 return seen
             inner: Any = seen.args[0] if seen.args else None
             status_error = inner.exception() if hasattr(inner, "exception") else None
+            deepest = status_error or deepest
             seen = seen.__cause__ or status_error or seen.__context__
-        return error
+        return deepest
 
 
 @contextmanager
@@ -122,6 +128,16 @@ def running(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str]
         yield runner
     finally:
         runner.close()
+
+
+def settings_event(rig: Rig) -> dict[str, Any]:
+    """The rig file as it was used, seeds included, and who answered on each line: for traceability."""
+    station = rig.station.identity
+    return {
+        "rig_file": rig.file.model_dump(mode="json", exclude={"mock"}),
+        "station": None if station is None else {"name": station.name, "serial": station.serial},
+        "drives": {d.name: None if d.identity is None else d.identity.serial for d in rig.drives.drives},
+    }
 
 
 def new_campaign_id(rig_name: str) -> str:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from calibration.recording import Recording, read_folder
+from calibration.recording import Recording
+from calibration.recording_folder import read_folder
 from calibration.toml_file import InputError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import embedded_rig_path, load_rig

@@ -15,7 +15,7 @@ from calibration.identification import Estimator
 from calibration.recording import Recording
 from calibration.toml_file import InputError
 from pkm_rig.analysis import Calibration, identify_recording, pose_u
-from pkm_rig.calibrate import Outcome, Written, check_rig, identified_summary, judge
+from pkm_rig.calibrate import Outcome, Written, check_rig, identified_summary, judge, last_attempt
 from pkm_rig.figures import figures
 from pkm_rig.output import results
 from pkm_rig.reduction import CALIBRATION
@@ -159,7 +159,7 @@ def compensate(recording: Recording, payload: int, out: Path) -> dict[str, Any]:
 
 def stored_outcome(store: Store, campaign: str) -> Outcome:
     """Rebuild the outcome of a verified campaign from the store."""
-    recording = store.recording(campaign)
+    recording = last_attempt(store, campaign)
     activated = store.events(campaign, "activated")
     verdicts = store.events(campaign, "accepted") + store.events(campaign, "refused")
     if not activated or not verdicts:
@@ -171,7 +171,7 @@ def stored_outcome(store: Store, campaign: str) -> Outcome:
             event.data["payload"],
             event.data["tables"],
         )
-        for event in activated
+        for event in activated[-len({e.data["payload"] for e in activated}) :]
     )
     former = verdicts[-1].data.get("restored") or "the former tables"
     return judge(campaign, identified, recording, written, former)

@@ -15,10 +15,11 @@ from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import event
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.machine import parse_machine
-from calibration.recording import Recording, RecordingFile, make_recording
+from calibration.recording import Recording, make_recording
+from calibration.recording_header import RecordingFile
 from calibration.toml_file import InputError
 
 _metadata = sa.MetaData()
@@ -34,8 +35,8 @@ _campaigns = sa.Table(
 _readings = sa.Table(
     "readings",
     _metadata,
+    sa.Column("campaign", sa.ForeignKey("campaigns.id"), primary_key=True),
     sa.Column("uid", sa.String, primary_key=True),
-    sa.Column("campaign", sa.ForeignKey("campaigns.id"), nullable=False, index=True),
     sa.Column("sequence", sa.Integer, nullable=False),
     sa.Column("data", sa.Text, nullable=False),
 )
@@ -189,8 +190,12 @@ class Store:
         try:
             with self._engine.begin() as connection:
                 yield connection
+        except IntegrityError as error:
+            raise InputError(f"store {self.path}: {error.orig}; a reading's uid must be unique") from error
         except SQLAlchemyError as error:
             cause = getattr(error, "orig", None) or error
+            if "not a database" in str(cause):
+                raise InputError(f"store {self.path}: {cause}; choose another folder") from error
             raise StoreError(f"store {self.path}: {cause}; free space or choose another place") from error
 
     @contextmanager

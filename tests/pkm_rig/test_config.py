@@ -47,7 +47,7 @@ def test_bad_rig_files_are_one_clear_line(tmp_path, text, old, new, complaint):
 
 def test_the_example_is_fit(request):
     file, machine = load_rig(request.config.rootpath / "examples" / "mock-rig.toml")
-    assert file.time_scale == 60.0
+    assert file.time_scale == 40.0
     assert machine.name == "planar4"
 
 

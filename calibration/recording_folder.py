@@ -1,0 +1,141 @@
+"""Recording folders: recording.toml, machine.toml and readings.csv, written to round-trip and read with care.
+
+docs/recording.md defines the format. A folder is hostile input: data only, bounded in size, checked.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from calibration.machine import parse_machine
+from calibration.recording import TEXT_COLUMNS, Recording, column_names, make_recording
+from calibration.recording_header import RecordingFile
+from calibration.toml_file import InputError, Section, parse_toml, read_text
+
+MAX_ROWS = 200_000
+MAX_CSV_BYTES = 300_000_000
+
+
+def write_folder(recording: Recording, folder: Path) -> None:
+    """Write recording.toml, machine.toml and readings.csv; floats round-trip. The folder must not exist."""
+    if folder.exists():
+        raise InputError(f"{folder}: exists already; choose another folder")
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror}; choose another folder") from error
+    names = list(recording.columns)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in range(len(recording)):
+        writer.writerow([_cell(recording.columns[name][row]) for name in names])
+    for name, content in (
+        ("recording.toml", _to_toml(recording.file)),
+        ("machine.toml", recording.machine.text),
+        ("readings.csv", text.getvalue()),
+    ):
+        with (folder / name).open("w", encoding="utf-8") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+
+
+def read_folder(folder: Path) -> Recording:
+    """Read and check a recording folder; InputError in one line if it is not fit."""
+    file = parse_toml(read_text(folder / "recording.toml"), RecordingFile, str(folder / "recording.toml"))
+    machine = parse_machine(read_text(folder / "machine.toml"), str(folder / "machine.toml"))
+    path = folder / "readings.csv"
+    try:
+        if path.stat().st_size > MAX_CSV_BYTES:
+            raise InputError(f"{path}: larger than {MAX_CSV_BYTES} bytes")
+        with path.open(encoding="utf-8", newline="") as stream:
+            return make_recording(file, machine, _parse_rows(stream, path, file))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def _parse_rows(stream: io.TextIOBase, path: Path, file: RecordingFile) -> list[dict[str, float | str]]:
+    reader = csv.reader(stream)
+    try:
+        header = next(reader, [])
+        missing = [n for n in column_names(file.drives, file.sensors) if n not in header]
+        if missing:
+            raise InputError(f"{path}: no column '{missing[0]}'; see docs/recording.md")
+        if len(set(header)) != len(header):
+            raise InputError(f"{path}: a column stands twice in the header")
+        rows: list[dict[str, float | str]] = []
+        for number, cells in enumerate(reader, start=2):
+            if len(cells) != len(header):
+                raise InputError(f"{path}: line {number} has {len(cells)} cells, the header {len(header)}")
+            if len(rows) >= MAX_ROWS:
+                raise InputError(f"{path}: more than {MAX_ROWS} rows")
+            rows.append(_row(header, cells, path, number))
+    except csv.Error as error:
+        raise InputError(f"{path}: not CSV: {error}") from error
+    return rows
+
+
+def _row(header: list[str], cells: list[str], path: Path, number: int) -> dict[str, float | str]:
+    row: dict[str, float | str] = {}
+    for name, cell in zip(header, cells, strict=True):
+        if name in TEXT_COLUMNS:
+            row[name] = cell
+            continue
+        try:
+            row[name] = float(cell)
+        except ValueError:
+            raise InputError(f"{path}: line {number}, column '{name}': '{cell[:40]}' is not a number") from None
+    return row
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, np.str_ | str):
+        return str(value)
+    number = float(value)  # type: ignore[arg-type]
+    return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+
+
+def _to_toml(section: Section) -> str:
+    """TOML of nested sections: scalars first, then tables and arrays of tables."""
+    lines: list[str] = []
+    _emit(section.model_dump(exclude_none=True), "", lines)
+    return "\n".join(lines) + "\n"
+
+
+def _emit(table: Mapping[str, object], prefix: str, lines: list[str]) -> None:
+    nested = {k: v for k, v in table.items() if isinstance(v, dict) or _is_table_array(v)}
+    for key, value in table.items():
+        if key not in nested:
+            lines.append(f"{key} = {_toml_value(value)}")
+    for key, value in nested.items():
+        path = f"{prefix}{key}"
+        if isinstance(value, dict):
+            lines += ["", f"[{path}]"]
+            _emit(value, path + ".", lines)
+        else:
+            assert isinstance(value, tuple | list)
+            for item in value:
+                lines += ["", f"[[{path}]]"]
+                _emit(item, path + ".", lines)
+
+
+def _is_table_array(value: object) -> bool:
+    return isinstance(value, tuple | list) and bool(value) and all(isinstance(v, dict) for v in value)
+
+
+def _toml_value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{escaped}"'
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+    return repr(value)

@@ -17,6 +17,7 @@ from pkm_rig.output import outcome_json
 from pkm_rig.report import short_table, write_report
 from pkm_rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+from tests.pkm_rig.test_rig import flat_table
 
 
 def silent(*_):
@@ -117,7 +118,7 @@ def test_the_outcome_can_be_rebuilt_from_the_store(run):
     assert short_table(again) == short_table(outcome)
 
 
-def test_a_machine_without_errors_is_refused_and_the_former_state_comes_back(tmp_path):
+def test_a_machine_without_errors_is_refused_and_the_former_tables_come_back(tmp_path):
     # No geometric errors, no expansion, no payload at the verification: next to nothing to correct.
     text = shipped_machine("planar4").read_text(encoding="utf-8")
     (tmp_path / "cold.toml").write_text(re.sub(r"(coefficient_per_k|u_per_k) = \S+", r"\1 = 0.0", text))
@@ -126,11 +127,13 @@ def test_a_machine_without_errors_is_refused_and_the_former_state_comes_back(tmp
     file = file.model_copy(update={"mock": mock_section, "machine": str(tmp_path / "cold.toml")})
     machine = load_machine(tmp_path / "cold.toml")
     store = Store(tmp_path / "store.sqlite")
-    with mock_and_rig(file, machine) as (mock, rig):
+    with mock_and_rig(file, machine) as (_, rig):
+        rig.enable()
+        former = rig.compensate(rig.images(flat_table(0.0, 0.0), 7))
         outcome = job.calibrate(rig, store, silent, silent)
-        modes = [drive.compensation.mode for drive in mock.drives]
+        after = [bank.state() for bank in rig.banks]
     assert not outcome.accepted
     assert "former tables come back" in outcome.verified[0].decision.rule
-    assert modes == [0, 0]
+    assert [(s.on, s.generation, s.crc) for s in after] == [(True, 7, s.crc) for s in former]
     assert store.events(outcome.campaign, "refused")
     store.close()

@@ -26,6 +26,7 @@ LEAST_SQUARES_WEIGHT = 1e-2  # of the tolerances: only keeps null directions fro
 class Fit:
     """A fitted model. unknowns (u,) and covariance (u, u) in SI, as laid out by `layout`.
 
+    The covariance is that of the posterior with the weight of the priors that was used (truncated SVD: 1).
     spectrum: singular values of the whitened, prior-scaled Jacobian; above 1 the data beat the prior.
     chi2_per_dof: weighted sum of squares per degree of freedom of the readings.
     """

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import socket
+import threading
 from contextlib import ExitStack
 
 import numpy as np
 import pytest
 
 from calibration.toml_file import InputError
+from drivers.errors import ConnectionFailed, NoAnswer, ProtocolError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import load_rig
 from pkm_rig.mock_rig import how_to_connect, served
@@ -59,3 +61,30 @@ def test_a_file_in_the_place_of_the_terminals_link_is_not_touched(rig_path, tmp_
     with pytest.raises(InputError, match="another path"), served(file, rig_path):
         pass
     assert (tmp_path / "station").read_text() == "mine"
+
+
+def test_a_station_that_answers_nonsense_is_named_and_the_drives_are_left_alone(rig_path):
+    file, machine = load_rig(rig_path)
+    with served(file, rig_path) as mock, socket.create_server(("127.0.0.1", 0)) as server:
+
+        def babble():
+            line, _ = server.accept()
+            with line:
+                while line.recv(200):
+                    line.sendall(b"\xff\x00 what? \r\n")
+
+        talker = threading.Thread(target=babble, daemon=True)
+        talker.start()
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        station = file.station.model_copy(update={"port": port})
+        clock = ScaledClock(file.time_scale)
+        with (
+            pytest.raises((ProtocolError, ConnectionFailed, NoAnswer)) as caught,
+            connected(file.model_copy(update={"station": station}), machine, clock),
+        ):
+            pass
+        clock.close()
+        talker.join(5.0)
+        assert port in str(caught.value)
+        assert "\n" not in str(caught.value)
+        assert not any(drive.axis.powered for drive in mock.drives)

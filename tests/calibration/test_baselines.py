@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.baselines import fit_baselines, without_struts
+from calibration.compensation import predict_poses
+from calibration.identification import identify
+from calibration.report_frame import fit_report_frame
+
+
+@pytest.fixture(scope="module")
+def fitted(synthetic):
+    rig = synthetic(9)
+    xy = rig.workspace(40)
+    visits = rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, 400.0], 40))
+    seen = rig.see(visits)
+    report = fit_report_frame(rig.machine, seen.of_visits(visits.payload_kg == 0.0), rig.rough)
+    ours = identify(rig.layout, report.frame, seen)
+    return rig, report, ours, fit_baselines(rig.machine, seen, report.frame, rig.layout.smrs, 1e-5)
+
+
+def error(rig, report, predicted, visits):
+    points = rig.see(visits, noise=False).position_m.reshape(len(visits), -1, 3)[:, :3]
+    shift, _ = report.tool_error(report.poses(points, visits.target_m), predicted)
+    return np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1)))
+
+
+def test_one_rigid_geometry_cannot_serve_two_payloads(fitted):
+    rig, report, ours, baselines = fitted
+    for kg in (0.0, 400.0):
+        visits = rig.visits(rig.workspace(60), np.full(60, kg))
+        best = error(rig, report, predict_poses(ours, report, visits), visits)
+        for name in ("leave_out_link", "equal_weight_closure"):
+            rigid = next(b for b in baselines if b.name == name)
+            assert error(rig, report, rigid.predict(report, visits), visits) > 4.0 * best, (kg, name)
+
+
+def test_refitted_per_payload_equal_weight_closure_is_the_strong_baseline(fitted):
+    rig, report, _, baselines = fitted
+    refitted = next(b for b in baselines if b.name == "equal_weight_closure_per_payload")
+    for kg in (0.0, 200.0, 400.0):
+        visits = rig.visits(rig.workspace(60), np.full(60, kg))
+        assert error(rig, report, refitted.predict(report, visits), visits) < 4e-6, kg
+
+
+def test_interpolation_between_payloads_is_linear_in_mass(fitted):
+    rig, report, _, baselines = fitted
+    refitted = next(b for b in baselines if b.name == "equal_weight_closure_per_payload")
+    at = [refitted.predict(report, rig.visits(np.zeros((1, 2)), np.array([kg]))) for kg in (0.0, 100.0, 400.0)]
+    np.testing.assert_allclose(at[1], 0.75 * at[0] + 0.25 * at[2], atol=1e-15)
+
+
+def test_leaving_out_a_strut_keeps_the_others(machine):
+    fewer = without_struts(machine, [3])
+    assert fewer.strut_names == machine.strut_names[:3]
+    assert fewer.nominal.length_m.shape == (3,)
+    assert fewer.strut_drive.tolist() == [0, 0, 1]

@@ -1,0 +1,120 @@
+"""Recording folders are hostile input: whatever is in them, the answer is a recording or one line."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from calibration.recording_folder import read_folder, write_folder
+from calibration.toml_file import InputError
+from tests.pkm_rig.plant_recording import record
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("folder") / "good"
+    write_folder(record(2, calibration_poses=6), path)
+    return path
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    return shutil.copytree(folder, tmp_path / "copy")
+
+
+def test_floats_round_trip(folder):
+    one = read_folder(folder)
+    other = record(2, calibration_poses=6)
+    for name, column in other.columns.items():
+        np.testing.assert_array_equal(one.columns[name], column, err_msg=name)
+    assert one.file == other.file
+
+
+def edit(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("format = 1", "format = 1\nplugin = 'x.py'", "unknown key 'plugin'"),
+        ('campaign = "plant-2"', 'campaign = "../../etc/x"', "campaign"),
+        ('campaign = "plant-2"', 'campaign = "/abs"', "campaign"),
+        ('drives = ["left", "right"]', 'drives = ["left"]', "are not the machine's"),
+        ("angle_sd_rad = 2.4e-06", "angle_sd_rad = 0.0", "angle_sd_rad"),
+    ],
+)
+def test_bad_headers_are_refused(copy, old, new, complaint):
+    edit(copy / "recording.toml", old, new)
+    with pytest.raises(InputError, match=complaint) as caught:
+        read_folder(copy)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "complaint"),
+    [
+        ("x_m", "nan", "not finite"),
+        ("x_m", "1e9", "out of range"),
+        ("x_m", "abc", "not a number"),
+        ("sequence", "1e300", "not a count"),
+        ("visit", "7.5", "not a count"),
+        ("samples", "0", "samples"),
+        ("smr", "P9", "SMR 'P9'"),
+        ("phase", "lunch", "unknown phase 'lunch'"),
+        ("payload", "9", "payload number"),
+        ("payload_mass_kg", "55", "contradicts"),
+        ("cov_xx_m2", "-1e-9", "covariance"),
+        ("target_x_m", "350", "outside the workspace"),
+    ],
+)
+def test_bad_values_are_named(copy, column, value, complaint):
+    lines = (copy / "readings.csv").read_text(encoding="utf-8").splitlines()
+    cells = lines[5].split(",")
+    cells[lines[0].split(",").index(column)] = value
+    lines[5] = ",".join(cells)
+    (copy / "readings.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match=complaint) as caught:
+        read_folder(copy)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_columns_rows_and_files_are_named(copy):
+    text = (copy / "readings.csv").read_text(encoding="utf-8")
+    (copy / "readings.csv").write_text(text.replace("cov_xy_m2", "cov", 1), encoding="utf-8")
+    with pytest.raises(InputError, match="no column 'cov_xy_m2'"):
+        read_folder(copy)
+    (copy / "readings.csv").write_text(text.splitlines()[0] + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no readings"):
+        read_folder(copy)
+    (copy / "readings.csv").unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        read_folder(copy)
+    with pytest.raises(InputError, match="exists already"):
+        write_folder(record(2, calibration_poses=6), copy)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.binary(max_size=300), at=st.integers(0, 5000))
+def test_any_bytes_in_the_csv_give_a_recording_or_one_line(folder, tmp_path, data, at):
+    broken = tmp_path / "broken"
+    if not broken.exists():
+        shutil.copytree(folder, broken)
+    whole = (folder / "readings.csv").read_bytes()
+    (broken / "readings.csv").write_bytes(whole[:at] + data + whole[at + len(data) :])
+    assert "\n" not in complaint_about(broken)
+
+
+def complaint_about(path):
+    """The one line about a folder, empty if it is a recording; any other exception fails the test."""
+    try:
+        read_folder(path)
+    except InputError as error:
+        return str(error)
+    return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 import threading
 import time
@@ -16,6 +17,8 @@ from pymodbus.client import AsyncModbusTcpClient
 from drivers.clock import HostClock, RigClock
 from drivers.errors import ConnectionFailed, NoAnswer, PlcError, StaleData
 from drivers.plc_registers import PlcState, RegisterMap, decode
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # failures are raised as our own errors
 
 _Result = TypeVar("_Result")
 _REFUSED, _IN_PROGRESS = 1, 2

@@ -69,7 +69,7 @@ class CampaignSettings(Section):
     dwells_s: tuple[Dwell, Dwell] = (2.0, 4.0)
     warm_up_max_s: float = Field(ge=0.0, default=1800.0)
     warm_up_step_s: float = Field(gt=0.0, default=60.0)
-    warm_up_rate_k_per_h: float = Field(gt=0.0, default=1.2)
+    warm_up_rate_k_per_h: float = Field(gt=0.0, default=2.0)
     repeatability_visits: int = Field(ge=3, default=5)
     repeatability_limit_m: float = Field(gt=0.0, default=40e-6)
     nest_every_visits: int = Field(ge=1, default=5)

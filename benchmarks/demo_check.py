@@ -28,9 +28,9 @@ from mock_devices.rig import MockRig
 from pkm_rig import calibrate as job
 from pkm_rig.calibrate import Outcome
 from pkm_rig.config import embedded_rig_path, load_rig
+from pkm_rig.connection import connected
 from pkm_rig.mock_rig import embedded
 from pkm_rig.reduction import Reduction
-from pkm_rig.rig import connected
 from pkm_rig.session import one_core, open_store
 
 SEEDS = tuple(range(1, 21))

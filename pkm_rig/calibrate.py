@@ -22,9 +22,10 @@ from pkm_rig.analysis import (
     orientation_prediction,
 )
 from pkm_rig.figures import Decision, Figures, decide, noise_floor, visit_figures
+from pkm_rig.fitness import check_rig
 from pkm_rig.plans import CampaignRefused, Plan, calibration, prepare, verification
 from pkm_rig.reduction import Reduction, reduce
-from pkm_rig.rig import Rig, in_plane_u_m
+from pkm_rig.rig import Rig
 from pkm_rig.runner import Runner, describe_campaign, new_campaign_id, running, settings_event
 from pkm_rig.schedule import Block, calibration_blocks, verification_block
 from pkm_rig.store import Store, now_text
@@ -67,24 +68,6 @@ class Outcome:
     written: tuple[Written, ...]
     accepted: bool
     restored: str | None = None
-
-
-def check_rig(rig: Rig) -> list[str]:
-    """What is not fit, one line each; empty when the rig may be used."""
-    problems = []
-    u_m = in_plane_u_m(rig.file, rig.machine)
-    limit_m = rig.file.limits.in_plane_u_m
-    if u_m > limit_m:
-        problems.append(
-            f"station: predicted in-plane uncertainty {u_m * 1e6:.1f} um misses the goal of {limit_m * 1e6:.1f} um; "
-            "place it nearer to the normal of the machine's plane or average more readings"
-        )
-    for drive, (low, high) in zip(rig.drives.drives, rig.machine.travel_m, strict=True):
-        if drive.limits_m[0] > low or drive.limits_m[1] < high:
-            problems.append(
-                f"drive {drive.name}: its software limits are narrower than travel_m of the machine file; adjust one"
-            )
-    return problems
 
 
 def measure(rig: Rig, store: Store, say: Say, progress: Progress) -> str:

@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import fields, replace
-from typing import Any
+from collections.abc import Sequence
 
-import can
 import numpy as np
 
-from calibration import station as station_geometry
 from calibration.compensation import CompensationTable
 from calibration.machine import Array, Machine
 from calibration.observation_model import Frame
-from calibration.report_frame import ReportFrame
-from calibration.toml_file import InputError
-from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.errors import DeviceError, PlcError, TableError
 from drivers.laser_tracker import LaserTracker
 from drivers.plc import Plc
-from drivers.plc_registers import PlcState, RegisterMap
-from drivers.servo_drive import DriveExpectation, ServoDrive
-from drivers.socketcand import open_bus
+from drivers.plc_registers import PlcState
 from drivers.table_bank import Activation, CompensationState, TableBank, activate_all
 from drivers.table_image import TableImage, machine_id_of
 from pkm_rig.clock import RigClock
@@ -32,11 +22,7 @@ from pkm_rig.config import RigFile
 from pkm_rig.interlock import Supervisor
 from pkm_rig.reduction import station_frame
 
-POLL_PERIOD_S = 0.05
-LEAST_HOST_POLL_S = 0.002
 PLC_POLL_S = 1.0
-GUARD_S = 1.0  # host time in which an answer has to come
-EMBEDDED_GUARD_S = 20.0  # in one process a busy computer is no fault of the rig
 PART_SENSORS = ("struts", "columns", "base", "platform")
 
 
@@ -258,127 +244,3 @@ class Rig:
         """Give the PLC's air values to the station."""
         state = self.supervisor.state()
         self.station.set_atmosphere(state.temperatures_c["air"], state.pressure_hpa, state.humidity)
-
-
-@contextmanager
-def connected(
-    file: RigFile, machine: Machine, clock: RigClock, bus_factory: Callable[[], can.BusABC] | None = None
-) -> Iterator[Rig]:
-    """Connect all devices, supervise them while in use, leave them stopped and without power.
-
-    `bus_factory` replaces the bus of the rig file (embedded rig, tests).
-    """
-    slow = file.time_scale or 1.0
-    guard_s = EMBEDDED_GUARD_S if file.can.interface == "embedded" else GUARD_S
-    with ExitStack() as stack:
-        plc = Plc(
-            file.plc.host,
-            file.plc.port,
-            file.plc.unit,
-            register_map(file),
-            clock,
-            heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
-            poll_period_s=PLC_POLL_S,
-            reply_timeout_s=guard_s,
-        )
-        stack.callback(plc.close)
-        plc.connect()
-        bus = bus_factory() if bus_factory else open_bus(
-            file.can.interface, file.can.channel, file.can.host, file.can.port, file.can.bitrate
-        )  # fmt: skip
-        line = CanLine(bus)
-        stack.callback(line.close)
-        drives = [_drive(file, i, line, clock, slow, guard_s) for i in range(len(file.drives))]
-        for drive in drives:
-            stack.callback(drive.close)
-            drive.connect()
-        group = DriveGroup(
-            drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
-        )
-        banks = [TableBank(drive) for drive in drives]
-        station = LaserTracker(
-            file.station.port,
-            clock,
-            name=file.station.name,
-            baudrate=file.station.baudrate,
-            reply_timeout_s=file.station.reply_timeout_s,
-        )
-        stack.callback(station.close)
-        station.connect()
-        rig = Rig(file, machine, clock, station, group, banks, plc)
-        stack.callback(_leave_safe, rig)
-        rig.supervisor.start()
-        yield rig
-
-
-def _leave_safe(rig: Rig) -> None:
-    rig.supervisor.stop()
-    with contextlib.suppress(DeviceError):
-        rig.stop("the rig is being left")
-    with contextlib.suppress(DeviceError):
-        rig.drives.disable()
-
-
-def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float, guard_s: float) -> ServoDrive:
-    entry = file.drives[index]
-    partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
-    expected = DriveExpectation(
-        vendor=entry.vendor_id, product=entry.product_code, metres_per_increment=entry.metres_per_increment
-    )
-    return ServoDrive(
-        line,
-        entry.node_id,
-        entry.name,
-        clock,
-        expected,
-        partner_node_id=partner,
-        heartbeat_ms=min(60_000, round(1000 * slow)),
-        heartbeat_late_s=file.limits.heartbeat_s * slow,
-        heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
-        state_limit_s=3.0 * slow,
-        sdo_timeout_s=guard_s,
-    )
-
-
-def register_map(file: RigFile) -> RegisterMap:
-    """The default map (docs/plc.md) with the rig file's addresses."""
-    names = {field.name for field in fields(RegisterMap)}
-    floats = RegisterMap().temperatures_c
-    changed: dict[str, Any] = {}
-    for name, address in file.plc.registers.items():
-        sensor = name.removesuffix("_temperature_c")
-        if sensor in floats and sensor != name:
-            moved = changed.setdefault("temperatures_c", dict(floats))
-            moved[sensor] = replace(floats[sensor], address=address)
-        elif name in ("pressure_hpa", "humidity_percent"):
-            changed[name] = replace(getattr(RegisterMap(), name), address=address)
-        elif name in names - {"temperatures_c", "interlock_bits"}:
-            changed[name] = address
-        else:
-            raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/plc.md")
-    return replace(RegisterMap(), **changed)
-
-
-def in_plane_u_m(rig_file: RigFile, machine: Machine) -> float:
-    """Predicted standard uncertainty of a measured tool position, worst corner of the workspace, in m.
-
-    One visit, all platform reflectors, the plane held by the machine; full covariances.
-    """
-    smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on == "platform")
-    mounting = np.array([machine.smrs[i].position_m for i in smrs])
-    frame = station_frame(rig_file.station.position_m, rig_file.station.heading_rad)
-    report = ReportFrame(machine, frame, smrs, mounting)
-    corners = np.zeros((4, 6))
-    corners[:, :2] = [(x, y) for x in machine.workspace_m[0] for y in machine.workspace_m[1]]
-    points = report.points(corners)
-    jac = report.jacobian(corners)[..., machine.dof]
-    stated = rig_file.station.accuracy.stated()
-    worst = 0.0
-    for i in range(len(corners)):
-        cov = station_geometry.covariances(*station_geometry.angles(points[i]), stated)
-        cov /= rig_file.campaign.readings_per_smr
-        information = sum(jac[i, k].T @ np.linalg.inv(cov[k]) @ jac[i, k] for k in range(len(smrs)))
-        pose_cov = np.linalg.inv(information)
-        moves = machine.dof < 3
-        worst = max(worst, float(np.sqrt(np.trace(pose_cov[np.ix_(moves, moves)]))))
-    return worst

@@ -12,8 +12,9 @@ from calibration.recording_folder import read_folder
 from calibration.toml_file import InputError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import embedded_rig_path, load_rig
+from pkm_rig.connection import connected
 from pkm_rig.mock_rig import embedded
-from pkm_rig.rig import Rig, connected
+from pkm_rig.rig import Rig
 from pkm_rig.store import Store
 
 STORE_NAME = "pkm-rig.sqlite"

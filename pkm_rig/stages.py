@@ -15,11 +15,12 @@ from calibration.identification import Estimator
 from calibration.recording import Recording
 from calibration.toml_file import InputError
 from pkm_rig.analysis import Calibration, identify_recording, pose_u
-from pkm_rig.calibrate import Outcome, Written, check_rig, identified_summary, judge, last_attempt
+from pkm_rig.calibrate import Outcome, Written, identified_summary, judge, last_attempt
 from pkm_rig.figures import figures
+from pkm_rig.fitness import check_rig, in_plane_u_m
 from pkm_rig.output import results
 from pkm_rig.reduction import CALIBRATION
-from pkm_rig.rig import Rig, in_plane_u_m
+from pkm_rig.rig import Rig
 from pkm_rig.store import Store
 
 HELD_OUT_EVERY = 5

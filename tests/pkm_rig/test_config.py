@@ -4,7 +4,7 @@ import pytest
 
 from calibration.toml_file import InputError
 from pkm_rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig import register_map
+from pkm_rig.connection import register_map
 
 
 @pytest.fixture

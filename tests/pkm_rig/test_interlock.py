@@ -71,7 +71,7 @@ def test_heartbeats_of_drives_are_watched(short_rig):
 
 
 def test_compensation_goes_off_on_the_drive_that_can_still_be_reached(monkeypatch):
-    monkeypatch.setattr("pkm_rig.rig.EMBEDDED_GUARD_S", 0.2)
+    monkeypatch.setattr("pkm_rig.connection.EMBEDDED_GUARD_S", 0.2)
     file, machine = short_rig_file()
     from tests.pkm_rig.test_rig import flat_table, write  # noqa: PLC0415
 

@@ -13,8 +13,8 @@ from calibration.toml_file import InputError
 from drivers.errors import ConnectionFailed, NoAnswer, ProtocolError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import load_rig
+from pkm_rig.connection import connected
 from pkm_rig.mock_rig import how_to_connect, served
-from pkm_rig.rig import connected
 from pkm_rig.stages import check
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.compensation import CompensationTable, Load
 from drivers.errors import ConnectionFailed, DeviceError, IdentityMismatch, InterlockOpen, SdoRefused, TableError
-from pkm_rig.rig import in_plane_u_m
+from pkm_rig.fitness import in_plane_u_m
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 CENTRE = np.array([1.118, 1.118])
@@ -94,8 +94,8 @@ def test_a_rig_with_an_open_interlock_is_not_even_connected():
 
 def _connect_with_fault(file, machine):
     from pkm_rig.config import embedded_rig_path  # noqa: PLC0415
+    from pkm_rig.connection import connected  # noqa: PLC0415
     from pkm_rig.mock_rig import embedded  # noqa: PLC0415
-    from pkm_rig.rig import connected  # noqa: PLC0415
 
     with embedded(file, embedded_rig_path()) as mock, mock.clock.activity():
         mock.mock.plc.set_interlock(3, False)

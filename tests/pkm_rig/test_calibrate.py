@@ -137,3 +137,30 @@ def test_a_machine_without_errors_is_refused_and_the_former_tables_come_back(tmp
     assert [(s.on, s.generation, s.crc) for s in after] == [(True, 7, s.crc) for s in former]
     assert store.events(outcome.campaign, "refused")
     store.close()
+
+
+def test_measure_then_verify_continues_the_campaign_even_after_a_broken_attempt(tmp_path):
+    file, machine = short_rig_file(seed=4, verification_payloads=(0,))
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (_, rig):
+        campaign = job.measure(rig, store, silent, silent)
+        measured = len(store.recording(campaign))
+
+        def breaks(advance, total, what):
+            if what == "verification_after":
+                raise KeyError("somebody pulled a plug")
+
+        with pytest.raises(KeyError):
+            job.verify(rig, store, campaign, silent, breaks)
+        assert not any(bank.state().on for bank in rig.banks)
+        broken = len(store.recording(campaign))
+        assert broken > measured
+        rig.drives.clear_stop()
+        outcome = job.verify(rig, store, campaign, silent, silent)
+    recording = store.recording(campaign)
+    np.testing.assert_array_equal(recording["sequence"], np.arange(len(recording)))
+    assert outcome.accepted
+    assert outcome.verified[0].before.n == 30
+    assert outcome.verified[0].after.n == 30
+    assert short_table(stages.stored_outcome(store, campaign)) == short_table(outcome)
+    store.close()

@@ -1,0 +1,69 @@
+"""Gates of a campaign: what makes a rig that works unfit now, and that everything read is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pkm_rig import calibrate as job
+from pkm_rig.devices import rigid_fit
+from pkm_rig.plans import CampaignRefused
+from pkm_rig.store import Store
+from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+
+
+def refused(tmp_path, **changes):
+    file, machine = short_rig_file(**changes)
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+        with pytest.raises(CampaignRefused) as caught:
+            job.measure(rig, store, lambda _: None, lambda *_: None)
+        assert not any(drive.axis.powered for drive in mock.drives)
+    campaign, _, _, readings, last = store.campaigns()[0]
+    assert last == "failed"
+    assert store.events(campaign, "failed")[0].data["reason"] == str(caught.value)
+    store.close()
+    assert "\n" not in str(caught.value)
+    return str(caught.value), readings
+
+
+def test_a_cold_machine_is_refused(tmp_path):
+    reason, readings = refused(tmp_path, warm_up_max_s=60.0, warm_up_rate_k_per_h=0.01)
+    assert reason.startswith("warm-up")
+    assert readings == 0
+
+
+def test_an_unrepeatable_machine_is_refused(tmp_path):
+    reason, readings = refused(tmp_path, repeatability_limit_m=1e-9)
+    assert reason.startswith("repeatability")
+    assert readings == 2 + 3
+
+
+def test_a_station_that_moved_is_refused_after_a_second_look(tmp_path):
+    reason, readings = refused(tmp_path, nest_limit_m=1e-9)
+    assert reason.startswith("nest check")
+    assert readings == 2 + 3 + 2 + 2
+
+
+def test_a_station_too_far_aside_is_refused_before_anything_is_stored(tmp_path):
+    file, machine = short_rig_file()
+    station = file.station.model_copy(update={"position_m": (2.9, 0.3, 1.2)})
+    store = Store(tmp_path / "store.sqlite")
+    with (
+        mock_and_rig(file, machine) as (_, rig),
+        pytest.raises(CampaignRefused, match="in-plane"),
+    ):
+        rig.file = file.model_copy(update={"station": station})
+        job.measure(rig, store, lambda _: None, lambda *_: None)
+    assert store.campaigns() == []
+    store.close()
+
+
+def test_the_frame_for_aiming_is_found_from_points():
+    rng = np.random.default_rng(3)
+    points = rng.normal(0.0, 1.0, (6, 3))
+    turn = np.linalg.qr(rng.normal(0.0, 1.0, (3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    frame = rigid_fit(points, points @ turn.T + [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(frame.rotation, turn, atol=1e-12)
+    np.testing.assert_allclose(frame.translation_m, [1.0, 2.0, 3.0], atol=1e-12)

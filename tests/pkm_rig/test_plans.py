@@ -49,12 +49,10 @@ def test_a_station_too_far_aside_is_refused_before_anything_is_stored(tmp_path):
     file, machine = short_rig_file()
     station = file.station.model_copy(update={"position_m": (2.9, 0.3, 1.2)})
     store = Store(tmp_path / "store.sqlite")
-    with (
-        mock_and_rig(file, machine) as (_, rig),
-        pytest.raises(CampaignRefused, match="in-plane"),
-    ):
+    with mock_and_rig(file, machine) as (_, rig):
         rig.file = file.model_copy(update={"station": station})
-        job.measure(rig, store, lambda _: None, lambda *_: None)
+        with pytest.raises(CampaignRefused, match="in-plane"):
+            job.measure(rig, store, lambda _: None, lambda *_: None)
     assert store.campaigns() == []
     store.close()
 

@@ -74,7 +74,7 @@ class CampaignSettings(Section):
     repeatability_limit_m: float = Field(gt=0.0, default=40e-6)
     nest_every_visits: int = Field(ge=1, default=5)
     nest_limit_m: float = Field(gt=0.0, default=80e-6)
-    verification_poses: int = Field(ge=30, default=30)
+    verification_poses: int = Field(ge=30, default=40)
     verification_payloads: tuple[PayloadNumber, ...] = Field(min_length=1, default=(0, 1))
     payload_timeout_s: float = Field(gt=0.0, default=3600.0)
 

@@ -11,6 +11,7 @@ from pkm_rig.mock_rig import embedded
 SHORT = {
     "calibration_poses": 12,
     "repeatability_visits": 3,
+    "verification_poses": 30,
     "readings_per_nest": 1,
     "warm_up_rate_k_per_h": 20.0,
     "nest_every_visits": 8,

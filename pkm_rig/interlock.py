@@ -20,13 +20,15 @@ from pkm_rig.clock import RigClock
 REST_PERIOD_S = 0.5
 MOTION_PERIOD_S = 0.05
 LEAST_HOST_PERIOD_S = 0.01
+LEAST_HOST_STALE_S = 2.0  # a computer that is busy for a moment is no doubt about the rig
 STALE_POLLS = 6  # polls that may be missed before a value counts as old
 
 
 class Supervisor:
     """Polls on the rig clock's own thread: 2 Hz at rest, 20 Hz while anything moves.
 
-    With scaled time a period is never shorter than 10 ms of host time.
+    With scaled time a period is never shorter than 10 ms of host time, and what was read counts as old only
+    after 2 s of it.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Supervisor:
         self._required = required
         self._on_payload = on_payload
         self._least_s = LEAST_HOST_PERIOD_S * time_scale if time_scale else 0.0
+        self._least_stale_s = LEAST_HOST_STALE_S * (time_scale or 1.0)
         self._lock = threading.Lock()
         self._chain = 0
         self._running = False
@@ -84,7 +87,7 @@ class Supervisor:
         if self._state is None:
             raise InterlockOpen("PLC", "supervision", "nothing read yet", "start supervision first")
         age_s = self._clock.now_s() - self._state.t_rig_s
-        if age_s > STALE_POLLS * self._period_s():
+        if age_s > max(STALE_POLLS * self._period_s(), self._least_stale_s):
             raise StaleData("PLC", "supervision", f"last read {age_s:.1f} s ago", "check the PLC's connection")
 
     @contextmanager

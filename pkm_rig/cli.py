@@ -73,6 +73,8 @@ def verify(
     json: JsonOption = False,
 ) -> None:
     """Write the tables of a measured campaign, verify them by measuring, keep them or put the former back."""
+    with open_store(out) as store:
+        store.recording(campaign)  # an unknown campaign is said before any device is touched
     with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
         outcome = job.verify(connected, store, campaign, _say, tell)
     _finish(outcome, out, json)

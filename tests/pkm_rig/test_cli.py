@@ -101,6 +101,7 @@ def test_identify_says_what_it_found_in_words(run, folder):
         (("compensate", "{folder}", "--payload", "9"), 2, "payload 9"),
         (("show", "nothing", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
         (("report", "nothing", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
+        (("verify", "nothing", "--rig", "none.toml", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
         (("check", "--rig", "missing.toml"), 2, "check the path"),
         (("import", "missing"), 2, "check the path"),
         (("calibrate", "--colour"), 2, ""),

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from calibration.compensation import predict_poses
-from calibration.observation_model import Observations
+from calibration.measurements.smr_positions import Observations
 from calibration.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
 from pkm_rig import calibrate as job
@@ -109,7 +109,7 @@ def _noise_free(reduction: Reduction, rows: np.ndarray, mock: MockRig, *, correc
     names = [reduction.recording.machine.smrs[i].name for i in smrs]
     points = []
     for row, visit in enumerate(np.flatnonzero(rows)):
-        drives = visits.drives_m[row]
+        drives = visits.drives[row]
         payload = int(reduction.info.payload[visit])
         if corrected:
             drives = drives + _corrections(mock, drives, visits.payload_kg[row])

@@ -1,41 +1,50 @@
 """Rigid identifications of the same data, for comparison with the deformation-aware one.
 
-Leave out the redundant link: as many struts as free coordinates, no deformation. Equal-weight closure: least
-squares over all closed loops, all weights alike. Neither knows of loads. Both either with one geometry for all
-payloads or refitted for each (and interpolated linearly in the payload's mass).
+Leave out the redundant links: as many constraints as free coordinates, no deformation. Mean of minimal subsets: every
+such choice fitted on its own, poses averaged. Per-leg closure: each strut closed at the measured poses.
+Equal-weight closure: least squares over all closed loops, all weights alike; the strong one. None
+knows of loads. All either with one geometry for all payloads or refitted for each (and interpolated linearly
+in the payload's mass).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration.compensation import predict_poses
-from calibration.identification import Fit, identify
+from calibration.closure import MeasuredPoses, close_loops, equal_weights
+from calibration.equilibrium import conditions, solve, workspace_middle
+from calibration.identification import Fit
+from calibration.inverse import rigid_drives
 from calibration.machine import Array, Machine
-from calibration.observation_model import Frame, Layout, ModelOptions, Observations, Visits
+from calibration.model import Model
 from calibration.parameters import KINDS, ParameterSet
-from calibration.report_frame import ReportFrame
+from calibration.visits import Visits
 
 RIGID_KINDS = tuple(kind for kind in KINDS if kind != "ln_stiffness")
-RIGID = ModelOptions(loads=False)
+MOST_SUBSETS = 8  # of the minimal ones, evenly chosen: a Gough platform with eight legs has 28
+
+Predictor = Callable[[Visits], Array]
+Stated = Callable[[Fit, Visits], Array]
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """A rigid identification: one fit, or one a payload (kg, ascending)."""
+    """A rigid identification: what it predicts, once, or for each payload (kg, ascending)."""
 
     name: str
-    fits: tuple[tuple[float, Fit], ...]
+    members: tuple[tuple[float, Predictor], ...]
 
-    def predict(self, report: ReportFrame, visits: Visits) -> Array:
-        """Predicted poses (v, 6) in the report frame, interpolated in the payload where there are several fits."""
-        poses = [predict_poses(fit, report, visits) for _, fit in self.fits]
+    def predict(self, visits: Visits) -> Array:
+        """Predicted poses (v, 6), interpolated in the payload where there are several members."""
+        poses = [predict(visits) for _, predict in self.members]
         if len(poses) == 1:
             return poses[0]
-        loads = np.array([kg for kg, _ in self.fits])
+        loads = np.array([kg for kg, _ in self.members])
         out = np.empty_like(poses[0])
         for row, kg in enumerate(visits.payload_kg):
             right = int(np.clip(np.searchsorted(loads, kg), 1, len(loads) - 1))
@@ -46,39 +55,100 @@ class Baseline:
 
 def without_struts(machine: Machine, drop: Sequence[int]) -> Machine:
     """The machine without some of its struts."""
-    keep = np.setdiff1d(np.arange(len(machine.strut_names)), drop)
     g = machine.nominal
+    struts = len(machine.strut_names)
+    keep = np.setdiff1d(np.arange(struts), drop)
+    constraints = np.concatenate([keep, np.arange(struts, len(g.stiffness_n_per_m))])
     nominal = replace(
         g,
         platform_joint_m=g.platform_joint_m[keep],
         base_joint_m=g.base_joint_m[keep],
         length_m=g.length_m[keep],
-        stiffness_n_per_m=g.stiffness_n_per_m[keep],
+        stiffness_n_per_m=g.stiffness_n_per_m[constraints],
     )
     return replace(
         machine,
         nominal=nominal,
         strut_names=tuple(machine.strut_names[i] for i in keep),
         strut_drive=machine.strut_drive[keep],
+        guide_joint=np.searchsorted(keep, machine.guide_joint),
     )
 
 
+def minimal_subsets(machine: Machine) -> list[tuple[int, ...]]:
+    """Struts to leave out so that as many constraints stay as free coordinates, the last ones first.
+
+    Only choices that still hold the platform; at most MOST_SUBSETS.
+    """
+    found = []
+    for drop in combinations(reversed(range(len(machine.strut_names))), machine.redundancy):
+        if np.any(np.isin(machine.guide_joint, drop)):
+            continue
+        fewer = without_struts(machine, drop)
+        pose = workspace_middle(machine)[None]
+        drives = rigid_drives(machine, machine.nominal, pose)
+        if solve(fewer, fewer.nominal, drives, conditions(fewer, 1).unloaded(), pose).converged.all():
+            found.append(tuple(sorted(drop)))
+    step = max(1, -(-len(found) // MOST_SUBSETS))
+    return found[::step]
+
+
 def fit_baselines(
-    machine: Machine, seen: Observations, start: Frame, smrs: tuple[int, ...], range_constant_u_m: float
+    machine: Machine,
+    visits: Visits,
+    fit_readings: Callable[[Model, NDArray[np.bool_]], Fit],
+    stated: Stated,
+    measured: MeasuredPoses | None = None,
 ) -> tuple[Baseline, ...]:
-    """All rigid baselines of the same readings."""
-    redundant = len(machine.strut_names) - len(machine.dof)
-    last = list(range(len(machine.strut_names) - redundant, len(machine.strut_names)))
-    models = {"leave_out_link": without_struts(machine, last), "equal_weight_closure": machine}
-    loads = sorted(set(seen.visits.payload_kg.tolist()))
+    """All rigid baselines of the same readings.
+
+    fit_readings: identifies a model from the readings of some visits (v,); stated: a fit's poses in the frame of
+    the comparison; measured: poses in that frame, for the per-leg closure.
+    """
+    loads = np.unique(visits.payload_kg)
+    groups: list[tuple[float, NDArray[np.bool_]]] = [(float(kg), visits.payload_kg == kg) for kg in loads]
+    everything = np.ones(len(visits), dtype=bool)
     out = []
-    for name, model in models.items():
-        layout = Layout.of(ParameterSet.of(model, RIGID_KINDS), smrs, range_constant_u_m, 1e-6)
-        fit = identify(layout, start, seen, RIGID)
-        out.append(Baseline(name, ((0.0, fit),)))
-        by_load = tuple(
-            (kg, identify(layout, start, seen.of_visits(seen.visits.payload_kg == kg), RIGID)) for kg in loads
-        )
-        if len(by_load) > 1:
-            out.append(Baseline(f"{name}_per_payload", by_load))
+    for name, make in _methods(machine, fit_readings, stated, measured).items():
+        out.append(Baseline(name, ((0.0, make(everything)),)))
+        if len(groups) > 1:
+            out.append(Baseline(f"{name}_per_payload", tuple((kg, make(rows)) for kg, rows in groups)))
     return tuple(out)
+
+
+def _methods(
+    machine: Machine,
+    fit_readings: Callable[[Model, NDArray[np.bool_]], Fit],
+    stated: Stated,
+    measured: MeasuredPoses | None,
+) -> dict[str, Callable[[NDArray[np.bool_]], Predictor]]:
+    subsets = minimal_subsets(machine) if machine.redundancy else [()]
+    equal = equal_weights(machine)
+
+    def by_fit(machines: Sequence[Machine]) -> Callable[[NDArray[np.bool_]], Predictor]:
+        def make(rows: NDArray[np.bool_]) -> Predictor:
+            fits = [fit_readings(rigid(m), rows) for m in machines]
+            return lambda visits: np.mean([stated(fit, visits) for fit in fits], axis=0)
+
+        return make
+
+    methods = {
+        "leave_out_link": by_fit([without_struts(machine, subsets[0])]),
+        "mean_of_minimal_subsets": by_fit([without_struts(machine, drop) for drop in subsets]),
+        "equal_weight_closure": by_fit([equal]),
+    }
+    if measured is not None:
+
+        def closed(rows: NDArray[np.bool_]) -> Predictor:
+            model = rigid(equal)
+            some = MeasuredPoses(measured.visits.take(rows), measured.coordinates[rows], measured.covariance[rows])
+            theta = close_loops(model.parameters, some)
+            return lambda visits: model.predict(theta, visits).rest.coordinates()
+
+        methods["per_leg_closure"] = closed
+    return methods
+
+
+def rigid(machine: Machine) -> Model:
+    """The rigid model of a machine: no stiffness to be found, no loads."""
+    return Model(ParameterSet.of(machine, RIGID_KINDS), loads=False)

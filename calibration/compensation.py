@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import equilibrium
-from calibration.equilibrium import rotation_vector
 from calibration.identification import Fit
+from calibration.inverse import drives_for
 from calibration.machine import Array, Machine
-from calibration.observation_model import Visits, model_conditions
 from calibration.report_frame import ReportFrame
+from calibration.rotation import rotation_matrix
 from calibration.toml_file import InputError
+from calibration.visits import Visits
 
 POINTS_PER_AXIS = 17
 GRID_MARGIN_M = 0.02
@@ -33,11 +34,11 @@ class Load:
     payload_com_m: tuple[float, float, float]
     temperatures_c: dict[str, float]
 
-    def visits(self, drives_m: Array, target_m: Array) -> Visits:
+    def visits(self, drives: Array, target_m: Array) -> Visits:
         """The same load for n poses."""
-        n = len(drives_m)
+        n = len(drives)
         return Visits(
-            drives_m,
+            drives,
             target_m,
             np.full(n, self.payload_kg),
             np.tile(self.payload_com_m, (n, 1)),
@@ -66,26 +67,21 @@ class CompensationTable:
 
 def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
     """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium."""
-    machine = fit.layout.parameters.machine
-    at = model_conditions(machine, visits, fit.options, fit.payload_error)
-    geometry = fit.layout.parameters.geometry(fit.theta)
-    rest = equilibrium.solve(machine, geometry, visits.drives_m, at, visits.target_m)
+    poses = fit.predict(visits)
     mounting = np.array([fit.mounting_m(i) for i in report.smrs])
-    turned = np.einsum("nij,kj->nki", rest.rotation, mounting) * at.factors["platform"][:, None, None]
-    points = (rest.position_m[:, None] + turned) @ fit.frame.rotation.T + fit.frame.translation_m
-    start = np.concatenate([rest.position_m, rotation_vector(rest.rotation)], axis=1)
-    return report.poses(points, start)
+    turned = np.einsum("nij,kj->nki", poses.rest.rotation, mounting) * poses.at.factors["platform"][:, None, None]
+    points = fit.frame.to_station(poses.rest.position_m[:, None] + turned)
+    return report.poses(points, poses.rest.coordinates())
 
 
 def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load) -> Array:
     """Drive coordinates (n, d) that put the tool point on the targets (n, 6); NaN where none is found.
 
-    Newton's method with differences of the prediction; the coordinates that the drives command are
-    the first d free ones.
+    Newton's method with differences of the prediction, on the coordinates that the drives command.
     """
     machine = report.machine
-    commanded = machine.dof[: len(machine.drive_names)]
-    drives = _nominal_drives(machine, target_m)
+    commanded = machine.commanded
+    drives = nominal_drives(machine, target_m)
     for _ in range(5):
         error = _commanded_error(fit, report, drives, target_m, load)[:, commanded]
         jac = np.empty((len(drives), len(commanded), drives.shape[1]))
@@ -95,7 +91,7 @@ def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load)
             jac[:, :, a] = (_commanded_error(fit, report, ahead, target_m, load)[:, commanded] - error) / 1e-5
         good = np.all(np.isfinite(error), axis=1) & np.all(np.isfinite(jac), axis=(1, 2))
         drives[~good] = np.nan
-        step = np.linalg.solve(jac[good], error[good, :, None])[:, :, 0]
+        step = (np.linalg.pinv(jac[good]) @ error[good, :, None])[:, :, 0]
         drives[good] -= step
         if np.max(np.abs(step), initial=0.0) < 1e-10:
             break
@@ -107,17 +103,19 @@ def _commanded_error(fit: Fit, report: ReportFrame, drives: Array, target: Array
     return np.concatenate([position, rotation], axis=1)
 
 
-def _nominal_drives(machine: Machine, target_m: Array) -> Array:
-    turn = equilibrium.rotation_matrix(target_m[:, 3:])
-    return equilibrium.drives_for(machine, machine.nominal, target_m[:, :3], turn)
+def nominal_drives(machine: Machine, target_m: Array) -> Array:
+    """Drive coordinates (n, d) of the nominal machine without load for platform poses (n, 6); NaN out of reach."""
+    tool = target_m.copy()
+    tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
+    return drives_for(machine, machine.nominal, tool)[0]
 
 
 def drive_box(machine: Machine) -> Array:
     """Smallest box (d, 2) of drive positions that covers the workspace, with a margin."""
-    corners = [np.linspace(lo, hi, 9) for lo, hi in machine.workspace_m]
-    target = np.zeros((9 * 9, 6))
-    target[:, :2] = list(product(*corners))
-    drives = _nominal_drives(machine, target)
+    corners = [np.linspace(lo, hi, 9) for lo, hi in machine.commanded_limits]
+    target = np.zeros((9 ** len(corners), 6))
+    target[:, machine.commanded] = list(product(*corners))
+    drives = nominal_drives(machine, target)
     return np.stack([drives.min(axis=0) - GRID_MARGIN_M, drives.max(axis=0) + GRID_MARGIN_M], axis=1)
 
 
@@ -128,11 +126,16 @@ def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
     one, so that every cell that touches the workspace is exact and no node is extrapolated far.
     """
     machine = report.machine
+    if set(machine.drive_kinds) != {"slider"} or len(machine.drive_names) != 2:
+        raise InputError(
+            f"compensation: tables are for machines with two sliders; {machine.name} has "
+            f"{len(machine.drive_names)} drives ({', '.join(machine.drive_kinds)}); use corrected_drives pose by pose"
+        )
     box = drive_box(machine)
     axes = [np.linspace(lo, hi, POINTS_PER_AXIS) for lo, hi in box]
     nodes = np.array(list(product(*axes)))
     pose, reached = _clamped_poses(machine, nodes)
-    correction = corrected_drives(fit, report, pose, load) - _nominal_drives(machine, pose)
+    correction = corrected_drives(fit, report, pose, load) - nominal_drives(machine, pose)
     usable = reached & np.all(np.isfinite(correction), axis=1)
     if np.count_nonzero(usable) < len(nodes) // 2:
         raise InputError("compensation: the model reaches less than half of the table; check the identification")
@@ -154,6 +157,6 @@ def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, NDArray[np.bo
     at = equilibrium.conditions(rigid, len(nodes))
     rest = equilibrium.solve(rigid, machine.nominal, nodes, at)
     pose = np.zeros((len(nodes), 6))
-    lo, hi = machine.workspace_m[:, 0] - BEYOND_WORKSPACE_M, machine.workspace_m[:, 1] + BEYOND_WORKSPACE_M
+    lo, hi = machine.workspace[:2, 0] - BEYOND_WORKSPACE_M, machine.workspace[:2, 1] + BEYOND_WORKSPACE_M
     pose[:, :2] = np.clip(np.nan_to_num(rest.position_m[:, :2]), lo, hi)
     return pose, rest.converged

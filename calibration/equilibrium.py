@@ -1,55 +1,83 @@
-"""Pose at static equilibrium, its derivatives, and drive positions for wanted poses; batched over poses.
+"""Pose at static equilibrium, batched over poses.
 
 A machine is a set of elastic constraints; the pose minimises V = 1/2 sum k e^2 minus the work of the loads
-(docs/machine.md, docs/method.md). Newton's method with the full Hessian, geometric stiffness included;
-derivatives by the implicit function theorem. All arrays are float64; n poses, s struts, d drives, f free
-coordinates.
+(docs/machine.md, docs/method.md). Newton's method with the full Hessian, geometric stiffness included, in blocks of
+poses, so that memory does not grow with their number. Derivatives are in `sensitivity`, the way back from
+poses to drives in `inverse`. All arrays are float64; n poses, s struts, c constraints (struts, then guides), d drives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.carriers import Carrier, on_branch
 from calibration.machine import Array, Geometry, Machine
+from calibration.mechanics import Cholesky, Load, Setting, State
+from calibration.rotation import rotation_matrix, rotation_vector, turns
 
 STEP_TOLERANCE = 1e-11  # of the last Newton step, in m and rad
+CHORD_BELOW = 1e-5  # steps so short that the former Hessian serves for the next one
+LONGEST_STEP = 0.2  # longer ones would leave the assembly branch
 MAX_STEPS = 30
+BLOCK = 1024  # poses at once: their arrays stay in the processor's cache
+
+
+class Status(IntEnum):
+    """What became of a pose."""
+
+    AT_REST = 0
+    SINGULAR = 1  # a coordinate that nothing holds
+    NOT_CONVERGED = 2
+    OTHER_BRANCH = 3  # at rest, but not as the machine is assembled
 
 
 @dataclass(frozen=True)
 class Conditions:
     """What acts on the machine besides its drives, one row a pose.
 
-    masses: pairs of mass (n,) in kg and centre of mass (n, 3) in m, platform frame.
-    factors: part name to thermal length factor (n,); see `Machine.expansion_factors`.
+    masses: pairs of mass (n,) in kg and centre of mass (n, 3) in m; forces: pairs of force (n, 3) in N, machine
+    frame, and its point (n, 3) in m; both points in the platform frame. factors: part name to
+    thermal length factor (n,); see `Machine.expansion_factors`.
     """
 
     masses: tuple[tuple[Array, Array], ...]
     factors: Mapping[str, Array]
+    forces: tuple[tuple[Array, Array], ...] = ()
 
     def take(self, rows: NDArray[np.intp] | slice) -> Conditions:
         """The conditions of some poses."""
         return Conditions(
             masses=tuple((m[rows], c[rows]) for m, c in self.masses),
             factors={part: f[rows] for part, f in self.factors.items()},
+            forces=tuple((f[rows], c[rows]) for f, c in self.forces),
         )
+
+    def unloaded(self) -> Conditions:
+        """The same without any mass or force."""
+        return Conditions((), self.factors)
 
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Poses at rest. position_m (n, 3), rotation (n, 3, 3), converged (n,); rows that did not converge are NaN.
+    """Poses at rest. position_m (n, 3), rotation (n, 3, 3), status (n,): `Status`; rows not at rest are NaN.
 
-    strut_force_n (n, s), tension positive.
+    force_n (n, c): forces of the constraints, tension positive.
     """
 
     position_m: Array
     rotation: Array
-    strut_force_n: Array
-    converged: NDArray[np.bool_]
+    force_n: Array
+    status: NDArray[np.int8]
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Which poses (n,) are at rest."""
+        return self.status == Status.AT_REST
 
     def coordinates(self) -> Array:
         """(n, 6): x, y, z in m and the rotation vector in rad."""
@@ -78,234 +106,127 @@ def conditions(
 
 
 def solve(
-    machine: Machine, geometry: Geometry, drives_m: Array, at: Conditions, start_m: Array | None = None
+    machine: Machine, geometry: Geometry, drives: Array, at: Conditions, start: Array | None = None
 ) -> Equilibrium:
-    """Poses at equilibrium for drive coordinates (n, d), from `start_m` (n, 6) or the nominal forward solution.
+    """Poses at equilibrium for drive coordinates (n, d), from `start` (n, 6) or the middle of the workspace.
 
-    Never returns a number for a pose that did not converge: its row is NaN and `converged` is False.
+    Never returns a number for a pose that is not at rest on its assembly branch: its row is NaN and `status` says why.
     """
-    joints = carriage_joints(machine, geometry, drives_m, at)
-    n = drives_m.shape[0]
-    start = np.zeros((n, 6)) if start_m is None else start_m
-    p, rot = start[:, :3].copy(), rotation_matrix(start[:, 3:])
-    converged = np.zeros(n, dtype=bool)
-    active = np.arange(n)
+    n = len(drives)
+    if start is None:
+        start = np.tile(workspace_middle(machine), (n, 1))
+    position, rotation = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
+    force = np.full((n, len(geometry.stiffness_n_per_m)), np.nan)
+    status = np.full(n, Status.NOT_CONVERGED, dtype=np.int8)
+    for rows in blocks(n):
+        state, p, found = _rest(_setting(machine, geometry, drives[rows], at.take(rows)), start[rows])
+        carriers = carriers_of(machine, geometry, drives[rows], at.take(rows))
+        found[(found == Status.AT_REST) & ~_assembled(machine, geometry, carriers, state, p)] = Status.OTHER_BRANCH
+        good = found == Status.AT_REST
+        status[rows] = found
+        position[rows] = np.where(good, p, np.nan).T
+        rotation[rows] = np.where(good, state.rotation, np.nan).transpose(2, 0, 1)
+        force[rows] = np.where(good, state.force, np.nan).T
+    return Equilibrium(position, rotation, force, status)
+
+
+def blocks(n: int) -> Iterator[slice]:
+    """Rows of n poses, BLOCK at a time."""
+    return (slice(first, min(first + BLOCK, n)) for first in range(0, n, BLOCK))
+
+
+def workspace_middle(machine: Machine) -> Array:
+    """Platform pose (6,) in the middle of the workspace."""
+    middle = machine.workspace.mean(axis=1)
+    middle[:3] -= rotation_matrix(middle[None, 3:])[0] @ machine.tool_point_m
+    return middle
+
+
+def carriers_of(machine: Machine, geometry: Geometry, drives: Array, at: Conditions) -> list[Carrier]:
+    """The carrier of every drive, and that of the base last (index FIXED)."""
+    base, grown = at.factors["base"], at.factors["drives"]
+    moving = [Carrier.of(machine, geometry, a, drives[:, a], base, grown) for a in range(len(machine.drive_names))]
+    return [*moving, Carrier.of(machine, geometry, -1, base, base, grown)]
+
+
+def _setting(machine: Machine, geometry: Geometry, drives: Array, at: Conditions) -> Setting:
+    carriers = carriers_of(machine, geometry, drives, at)
+    ends = np.empty((3, len(geometry.stiffness_n_per_m), len(drives)))
+    free_length = geometry.length_m[:, None] * at.factors["struts"]
+    for i, a in enumerate(machine.strut_drive):
+        ends[:, i] = carriers[a].place(geometry.base_joint_m[i])
+        if carriers[a].kind == "leg":
+            free_length[i] += carriers[a].travel
+    ends[:, len(free_length) :] = geometry.guide_point_m.T[:, :, None] * at.factors["base"]
+    gravity = machine.gravity_m_per_s2[:, None]
+    weights = [Load(gravity * mass, com.T) for mass, com in at.masses if np.any(mass)]
+    pushes = [Load(force.T, point.T) for force, point in at.forces]
+    return Setting(machine, geometry, ends, free_length, at.factors["platform"], (*weights, *pushes))
+
+
+def state_at(
+    machine: Machine, geometry: Geometry, drives: Array, at: Conditions, position_m: Array, rotation: Array
+) -> State:
+    """The mechanics at given poses: position_m (n, 3), rotation (n, 3, 3)."""
+    return State.at(_setting(machine, geometry, drives, at), position_m.T, rotation.transpose(1, 2, 0))
+
+
+def _rest(setting: Setting, start: Array) -> tuple[State, Array, NDArray[np.int8]]:
+    """Newton's method from `start` (n, 6); the state, the positions (3, n) and the status of all poses."""
+    dof = setting.machine.dof
+    n = len(start)
+    p, rotation = start[:, :3].T.copy(), turns(start[:, 3:].T)
+    status = np.full(n, Status.NOT_CONVERGED, dtype=np.int8)
+    active, part = np.arange(n), setting
+    cholesky: Cholesky | None = None
     for _ in range(MAX_STEPS):
-        state = _State.at(machine, geometry, joints[active], at.take(active), p[active], rot[active])
-        step = _solve_free(state.stiffness(machine.dof), -state.gradient()[:, machine.dof])
-        full = np.zeros((active.size, 6))
-        full[:, machine.dof] = _limited(step)
-        p[active] += full[:, :3]
-        rot[active] = rotation_matrix(full[:, 3:]) @ rot[active]
+        state = State.at(part, p[:, active], rotation[:, :, active])
+        if cholesky is None:
+            cholesky = Cholesky.of(state.hessian())
+        step = cholesky.solve(-state.gradient())
         with np.errstate(invalid="ignore"):
-            done = np.max(np.abs(step), axis=1) < STEP_TOLERANCE
-        converged[active[done]] = True
-        active = active[~done & np.all(np.isfinite(step), axis=1)]
-        if active.size == 0:
+            size = np.max(np.abs(step), axis=0)
+            lost = ~cholesky.positive | ~np.isfinite(size)
+            step *= np.where(lost, 0.0, LONGEST_STEP / np.maximum(size, LONGEST_STEP))
+        _move(p, rotation, active, np.where(np.isfinite(step), step, 0.0), dof)
+        done = ~lost & (size < STEP_TOLERANCE)
+        status[active[done]] = Status.AT_REST
+        status[active[lost]] = Status.SINGULAR
+        stay = ~done & ~lost
+        if not np.any(stay):
             break
-    force = _State.at(machine, geometry, joints, at, p, rot).force_n
-    p[~converged], rot[~converged], force[~converged] = np.nan, np.nan, np.nan
-    return Equilibrium(p, rot, force, converged)
+        chord = np.max(size[stay]) < CHORD_BELOW
+        if not np.all(stay):
+            active = active[stay]
+            part = part.take(np.flatnonzero(stay))
+            cholesky = Cholesky(cholesky.lower[:, :, stay], cholesky.positive[stay])
+        if not chord:
+            cholesky = None
+    return State.at(setting, p, rotation), p, status
 
 
-def drives_for(machine: Machine, geometry: Geometry, position_m: Array, rotation: Array) -> Array:
-    """Drive coordinates (n, d) that close each drive's first strut, rigid and at the reference temperature.
-
-    position_m (n, 3), rotation (n, 3, 3). NaN where the pose is out of reach. The formula is in docs/machine.md.
-    """
-    drives = np.empty((position_m.shape[0], len(machine.drive_names)))
-    for a in range(len(machine.drive_names)):
-        i = int(np.flatnonzero(machine.strut_drive == a)[0])
-        w = position_m + rotation @ geometry.platform_joint_m[i] - geometry.base_joint_m[i]
-        along = w @ geometry.axis[a]
-        across2 = np.sum(w * w, axis=1) - along**2
-        with np.errstate(invalid="ignore"):
-            root = np.sqrt(geometry.length_m[i] ** 2 - across2)
-        drives[:, a] = (along + machine.branch[a] * root) / geometry.scale[a]
-    return drives
+def _move(p: Array, rotation: Array, rows: NDArray[np.intp], step: Array, dof: NDArray[np.intp]) -> None:
+    """Move poses by a step (f, n) of their free coordinates; turns act on the left."""
+    everything = rows.size == p.shape[1]
+    full = np.zeros((6, rows.size))
+    full[dof] = step
+    if everything:
+        p += full[:3]
+        rotation[:] = np.einsum("ijn,jkn->ikn", turns(full[3:]), rotation)
+    else:
+        p[:, rows] += full[:3]
+        rotation[:, :, rows] = np.einsum("ijn,jkn->ikn", turns(full[3:]), rotation[:, :, rows])
 
 
-def carriage_joints(machine: Machine, geometry: Geometry, drives_m: Array, at: Conditions) -> Array:
-    """Joints on the sliders (n, s, 3): s = b f_base + scale q f_drive u."""
-    travel = drives_m * geometry.scale * at.factors["drives"][:, None]
-    slide = travel[:, :, None] * geometry.axis
-    joints: Array = geometry.base_joint_m * at.factors["base"][:, None, None] + slide[:, machine.strut_drive]
-    return joints
-
-
-@dataclass(frozen=True)
-class _State:
-    """The mechanics of n poses at given positions (not necessarily at rest)."""
-
-    n: Array  # (n, s, 3) unit vectors along the struts
-    r: Array  # (n, s, 3) lever arms from the platform origin
-    wrench_arm: Array  # (n, s, 6) J = (n ; r x n)
-    force_n: Array  # (n, s)
-    force_over_length: Array  # (n, s)
-    k: Array  # (s,)
-    loads: tuple[tuple[Array, Array], ...]  # force (n, 3) and lever arm (n, 3)
-    rotation: Array
-
-    @classmethod
-    def at(cls, machine: Machine, geometry: Geometry, joints: Array, at: Conditions, p: Array, rot: Array) -> _State:
-        grown = at.factors["platform"][:, None, None]
-        r = np.einsum("nij,sj->nsi", rot, geometry.platform_joint_m) * grown
-        v = p[:, None, :] + r - joints
-        length = np.sqrt(np.sum(v * v, axis=2))
-        n = v / length[:, :, None]
-        unstrained = geometry.length_m * at.factors["struts"][:, None]
-        force = geometry.stiffness_n_per_m * (length - unstrained)
-        loads = tuple(
-            (mass[:, None] * machine.gravity_m_per_s2, np.einsum("nij,nj->ni", rot, com)) for mass, com in at.masses
-        )
-        arm = np.concatenate([n, np.cross(r, n)], axis=2)
-        return cls(n, r, arm, force, force / length, geometry.stiffness_n_per_m, loads, rot)
-
-    def gradient(self) -> Array:
-        """dV/dx (n, 6): sum t J minus the wrenches of the loads."""
-        g: Array = np.einsum("ns,nsi->ni", self.force_n, self.wrench_arm)
-        for load, arm in self.loads:
-            g[:, :3] -= load
-            g[:, 3:] -= np.cross(arm, load)
-        return g
-
-    def strut_jacobian(self) -> Array:
-        """W (n, s, 6, 3): change of a strut's wrench on the platform with a shift of its platform end."""
-        eye = np.eye(3)
-        nn = self.n[..., :, None] * self.n[..., None, :]
-        across = self.force_over_length[..., None, None] * (eye - nn)
-        lower = skew(self.r) @ across
-        w: Array = self.k[:, None, None] * self.wrench_arm[..., :, None] * self.n[..., None, :]
-        w[..., :3, :] += across
-        w[..., 3:, :] += lower
-        return w
-
-    def stiffness(self, dof: NDArray[np.intp]) -> Array:
-        """Hessian of V over the free coordinates (n, f, f), geometric stiffness included."""
-        w = self.strut_jacobian()
-        full = np.zeros((self.n.shape[0], 6, 6))
-        full[:, :, :3] = w.sum(axis=1)
-        full[:, :, 3:] = -(w @ skew(self.r)).sum(axis=1)
-        rn = np.einsum("nsi,nsi->ns", self.r, self.n)
-        turn = self.r[..., :, None] * self.n[..., None, :] - rn[..., None, None] * np.eye(3)
-        full[:, 3:, 3:] += np.einsum("ns,nsij->nij", self.force_n, turn)
-        for load, arm in self.loads:
-            dot = np.einsum("ni,ni->n", arm, load)
-            full[:, 3:, 3:] -= arm[:, :, None] * load[:, None, :] - dot[:, None, None] * np.eye(3)
-        return full[:, dof[:, None], dof[None, :]]
-
-
-@dataclass(frozen=True)
-class PoseDerivatives:
-    """Derivatives of the free coordinates with respect to what the pose depends on (implicit function theorem).
-
-    All (n, f, ...): length (s), platform_joint (s, 3), base_joint (s, 3), slide (d, 3) for a shift of the
-    slider's joints, ln_stiffness (s), mass (one column a mass of the conditions, in kg).
-    """
-
-    length: Array
-    platform_joint: Array
-    base_joint: Array
-    slide: Array
-    ln_stiffness: Array
-    mass: Array
-
-
-def derivatives(
-    machine: Machine, geometry: Geometry, drives_m: Array, at: Conditions, rest: Equilibrium
-) -> PoseDerivatives:
-    """Derivatives at equilibrium; thermal factors are included (per metre at the reference temperature)."""
-    joints = carriage_joints(machine, geometry, drives_m, at)
-    state = _State.at(machine, geometry, joints, at, rest.position_m, rest.rotation)
-    compliance = np.linalg.inv(state.stiffness(machine.dof))
-    w = state.strut_jacobian()
-    f_strut, f_base, f_platform = (at.factors[k][:, None, None] for k in ("struts", "base", "platform"))
-
-    # dG/d(parameter), then dx = -K^-1 dG; the minus sign is taken in `respond`.
-    d_length = -state.k[None, :, None] * state.wrench_arm * f_strut
-    d_point = w.copy()
-    d_point[..., 3:, :] -= state.force_n[..., None, None] * skew(state.n)
-    d_joint = d_point @ rest.rotation[:, None] * f_platform[..., None]
-    d_stiffness = state.force_n[..., None] * state.wrench_arm
-    n_drives = len(machine.drive_names)
-    d_slide = np.stack([-w[:, machine.strut_drive == a].sum(axis=1) for a in range(n_drives)], axis=1)
-    gravity = machine.gravity_m_per_s2
-    d_mass = np.stack(
-        [
-            -np.concatenate([np.broadcast_to(gravity, arm.shape), np.cross(arm, gravity)], axis=1)
-            for _, arm in state.loads
-        ],
-        axis=1,
-    )
-
-    def respond(gradient: Array) -> Array:
-        """-K^-1 dG for dG of shape (n, parts, 6) or (n, parts, 6, 3); returns (n, f, parts[, 3])."""
-        spec = "nfg,npg->nfp" if gradient.ndim == 3 else "nfg,npgc->nfpc"
-        response: Array = -np.einsum(spec, compliance, gradient[:, :, machine.dof])
-        return response
-
-    return PoseDerivatives(
-        length=respond(d_length),
-        platform_joint=respond(d_joint),
-        base_joint=respond(-w * f_base[..., None]),
-        slide=respond(d_slide),
-        ln_stiffness=respond(d_stiffness),
-        mass=respond(d_mass),
-    )
-
-
-def _solve_free(stiffness: Array, right: Array) -> Array:
-    """Solve K dx = b pose by pose; NaN where K is singular (a singular pose has no answer)."""
-    try:
-        return np.asarray(np.linalg.solve(stiffness, right[..., None])[..., 0], dtype=np.float64)
-    except np.linalg.LinAlgError:
-        step = np.full(right.shape, np.nan)
-        for i in range(right.shape[0]):
-            if np.linalg.matrix_rank(stiffness[i]) == stiffness.shape[1]:
-                step[i] = np.linalg.solve(stiffness[i], right[i])
-        return step
-
-
-def _limited(step: Array, largest: float = 0.2) -> Array:
-    """Shorten steps that would leave the assembly branch."""
-    with np.errstate(invalid="ignore"):
-        size = np.max(np.abs(step), axis=1, keepdims=True)
-        return step * (largest / np.maximum(size, largest))
-
-
-def skew(v: Array) -> Array:
-    """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
-    out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
-
-
-def rotation_matrix(vector: Array) -> Array:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), Rodrigues' formula."""
-    angle = np.sqrt(np.sum(vector * vector, axis=-1))[..., None, None]
-    k = skew(vector)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        a = np.where(angle > 1e-8, np.sin(angle) / angle, 1.0 - angle**2 / 6.0)
-        b = np.where(angle > 1e-8, (1.0 - np.cos(angle)) / angle**2, 0.5)
-    matrix: Array = np.eye(3) + a * k + b * (k @ k)
-    return matrix
-
-
-def rotation_vector(matrix: Array) -> Array:
-    """Rotation vectors (n, 3) of rotation matrices (n, 3, 3), for angles well below pi."""
-    twice_axis = np.stack(
-        [
-            matrix[..., 2, 1] - matrix[..., 1, 2],
-            matrix[..., 0, 2] - matrix[..., 2, 0],
-            matrix[..., 1, 0] - matrix[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    sine = 0.5 * np.sqrt(np.sum(twice_axis * twice_axis, axis=-1))
-    cosine = 0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        factor = np.where(sine > 1e-12, 0.5 * angle / sine, 0.5)
-    vector: Array = factor[..., None] * twice_axis
-    return vector
+def _assembled(
+    machine: Machine, geometry: Geometry, carriers: list[Carrier], state: State, p: Array
+) -> NDArray[np.bool_]:
+    """Whether the first strut of every drive stands as the branch of the machine file says."""
+    good = np.ones(p.shape[1], dtype=bool)
+    for a, carrier in enumerate(carriers[:-1]):
+        struts = np.flatnonzero(machine.strut_drive == a)
+        if struts.size == 0:  # a baseline left this drive's link out
+            continue
+        first = int(struts[0])
+        good &= on_branch(machine, geometry, a, carrier, state.setting.base_ends[:, first], p + state.lever[:, first])
+    return good

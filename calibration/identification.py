@@ -1,25 +1,32 @@
-"""Identification: parameters, reflectors, frame and instrument together, from measured positions.
+"""Identification: parameters, instruments and systematic unknowns together, from readings of visits.
 
-Maximum a posteriori with the tolerances as priors is the default; least squares, Tikhonov (GCV) and truncated SVD
-are there for comparison (docs/method.md). Unknowns are scaled by their prior standard
-deviation, readings whitened by their covariance.
+Maximum a posteriori with the tolerances as priors is the default; least squares, Tikhonov (generalised
+cross-validation or L-curve) and truncated SVD are there for comparison (docs/method.md). Geometry is fitted before
+stiffness: its columns vanish at zero misfit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
-from calibration.machine import Array
-from calibration.observation_model import Frame, Layout, ModelOptions, Observations, Prediction, predict
+from calibration.frame import Frame
+from calibration.linear_system import Linearised, posterior_covariance
+from calibration.machine import Array, Machine
+from calibration.measurements import Readings
+from calibration.measurements.smr_positions import SmrPositions, Station
+from calibration.model import Model, Poses
+from calibration.problem import Layout, Problem
 from calibration.toml_file import InputError
+from calibration.visits import Visits
 
-Estimator = Literal["map", "least_squares", "tikhonov", "truncated_svd"]
+Estimator = Literal["map", "least_squares", "tikhonov", "l_curve", "truncated_svd"]
 LEAST_SQUARES_WEIGHT = 1e-2  # of the tolerances: only keeps null directions from drifting
+WEIGHTS = np.logspace(-3.0, 3.0, 61)
+SVD_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -27,186 +34,190 @@ class Fit:
     """A fitted model. unknowns (u,) and covariance (u, u) in SI, as laid out by `layout`.
 
     The covariance is that of the posterior with the weight of the priors that was used (truncated SVD: 1).
-    spectrum: singular values of the whitened, prior-scaled Jacobian; above 1 the data beat the prior.
-    chi2_per_dof: weighted sum of squares per degree of freedom of the readings.
+    system: the readings linearised at the solution, in unknowns scaled by their priors' standard deviation.
+    chi2_per_dof: weighted sum of squares per degree of freedom of the readings. residuals: whitened, one array
+    (r, w) an instrument.
     """
 
+    model: Model
     layout: Layout
-    start: Frame
-    options: ModelOptions
+    instruments: tuple[Readings, ...]
     unknowns: Array
     covariance: Array
-    spectrum: Array
+    system: Linearised
+    weight: float
     chi2_per_dof: float
-    residual_m: Array
+    residuals: tuple[Array, ...]
     estimator: Estimator
+
+    @property
+    def machine(self) -> Machine:
+        """The machine that was fitted."""
+        return self.model.machine
 
     @property
     def theta(self) -> Array:
         """Machine parameters (p,), deviations from nominal."""
-        return self.unknowns[: len(self.layout.parameters)]
+        return self.unknowns[: len(self.model.parameters)]
 
     @property
     def theta_u(self) -> Array:
         """Standard uncertainties (p,) of the machine parameters."""
-        return np.sqrt(np.diag(self.covariance)[: len(self.layout.parameters)])
+        return np.sqrt(np.diag(self.covariance)[: len(self.model.parameters)])
+
+    @property
+    def spectrum(self) -> Array:
+        """Singular values of the whitened, prior-scaled Jacobian; above 1 the data beat the prior."""
+        return self.system.spectrum()
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Numbers read minus those that the fit used up, the trace of its hat matrix."""
+        sigma = self.layout.sigma
+        scaled = self.covariance / sigma[:, None] / sigma[None, :]
+        return self.system.rows - float(np.sum(scaled * self.system.information()))
+
+    @property
+    def station(self) -> Station:
+        """The station that saw the reflectors."""
+        return self._station()[0]
 
     @property
     def frame(self) -> Frame:
         """The machine's frame as the station sees it."""
-        return self.start.moved(self.unknowns[self.layout.frame : self.layout.frame + 6])
-
-    @property
-    def payload_error(self) -> float:
-        """Relative error of the payload's stated mass."""
-        return float(self.unknowns[self.layout.payload])
+        station, own = self._station()
+        return station.frame(own)
 
     def mounting_m(self, smr: int) -> Array:
         """Identified position (3,) of a reflector on its part."""
-        column = self.layout.mounting + 3 * self.layout.smrs.index(smr)
-        nominal = self.layout.parameters.machine.smrs[smr].position_m
-        return nominal + self.unknowns[column : column + 3]
+        station, own = self._station()
+        return station.mounting_m(self.machine, own, smr)
+
+    def _station(self) -> tuple[Station, Array]:
+        for readings, own in zip(self.instruments, self.layout.own, strict=True):
+            if isinstance(readings, SmrPositions):
+                return readings.station, self.unknowns[own]
+        raise InputError("identification: no station was used in this fit, so it has no frame")
+
+    def predict(self, visits: Visits) -> Poses:
+        """Poses of visits in the machine's frame."""
+        return self.model.predict(self.unknowns[: len(self.model)], visits)
+
+    def value(self, name: str) -> tuple[float, float]:
+        """Value and standard uncertainty of an unknown by its name."""
+        if name not in self.layout.names:
+            raise InputError(f"identification: there is no unknown '{name}' in this fit")
+        row = self.layout.names.index(name)
+        return float(self.unknowns[row]), float(np.sqrt(self.covariance[row, row]))
 
 
 def identify(
-    layout: Layout,
-    start: Frame,
-    seen: Observations,
-    options: ModelOptions | None = None,
+    model: Model,
+    visits: Visits,
+    readings: Sequence[Readings],
     estimator: Estimator = "map",
+    *,
+    robust: bool = False,
 ) -> Fit:
-    """Fit all unknowns. Geometry is fitted before stiffness (its columns vanish at zero misfit).
+    """Fit all unknowns to readings of visits; robust: Huber's loss, for outliers.
 
-    Raises InputError if there are fewer readings than unknowns of the frame and reflectors, or if a pose
-    has no equilibrium.
+    Raises InputError if readings are not finite, if there are fewer numbers than unknowns that only readings can
+    determine, or if a pose has no equilibrium.
     """
-    if 3 * len(seen) < layout.size:
-        raise InputError(
-            f"identification: {len(seen)} readings cannot determine {layout.size} unknowns; measure more poses"
-        )
-    problem = _Problem(layout, start, options or ModelOptions(), seen)
-    stiffness = layout.parameters.rows("ln_stiffness")
-    z = np.zeros(layout.size)
+    problem = Problem(model, visits, tuple(readings), robust)
+    _refuse_unfit(problem)
+    everything = np.arange(problem.layout.size)
+    stiffness = model.parameters.rows("ln_stiffness")
+    z = np.zeros(problem.layout.size)
     if stiffness.size:
-        free = np.setdiff1d(np.arange(layout.size), stiffness)
-        z = problem.minimise(z, free, 1.0)
-    everything = np.arange(layout.size)
-    match estimator:
-        case "map":
-            z = problem.minimise(z, everything, 1.0)
-            weight = 1.0
-        case "least_squares":
-            z = problem.minimise(z, everything, LEAST_SQUARES_WEIGHT)
+        z = problem.minimise(z, np.setdiff1d(everything, stiffness), 1.0)
+    weight = 1.0
+    if estimator == "truncated_svd":
+        z = _truncated(problem, z)
+    else:
+        if estimator == "least_squares":
             weight = LEAST_SQUARES_WEIGHT
-        case "tikhonov":
-            weight = problem.gcv_weight(z)
-            z = problem.minimise(z, everything, weight)
-        case "truncated_svd":
-            z = problem.truncated(z)
-            weight = 1.0
-    return problem.result(z, weight, estimator)
+        elif estimator in ("tikhonov", "l_curve"):
+            choose = gcv_weight if estimator == "tikhonov" else l_curve_weight
+            weight = choose(problem.linearise(z), z, len(model.parameters))
+        z = problem.minimise(z, everything, weight)
+    return _fit(problem, z, weight, estimator)
 
 
-class _Problem:
-    """Residuals and Jacobian of one identification in scaled unknowns z = unknowns / sigma."""
-
-    def __init__(self, layout: Layout, start: Frame, options: ModelOptions, seen: Observations) -> None:
-        self.layout, self.start, self.options, self.seen = layout, start, options, seen
-        self.whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance_m2))
-        self._at: Array | None = None
-        self._prediction: Prediction | None = None
-
-    def _predict(self, z: Array) -> Prediction:
-        if self._prediction is None or self._at is None or not np.array_equal(z, self._at):
-            self._prediction = predict(self.layout, self.start, self.options, z * self.layout.sigma, self.seen)
-            self._at = z.copy()
-            if not np.all(np.isfinite(self._prediction.position_m)):
-                raise InputError(
-                    "identification: the model finds no equilibrium for a measured pose; "
-                    "check that the machine file fits the machine"
-                )
-        return self._prediction
-
-    def residual(self, z: Array) -> Array:
-        """Whitened residuals (3 r,), prediction minus measurement."""
-        error = self._predict(z).position_m - self.seen.position_m
-        return np.einsum("rij,rj->ri", self.whiten, error).ravel()
-
-    def jacobian(self, z: Array) -> Array:
-        """Whitened Jacobian (3 r, u) in scaled unknowns."""
-        scaled = self._predict(z).jacobian * self.layout.sigma
-        return np.einsum("rij,rju->riu", self.whiten, scaled).reshape(-1, self.layout.size)
-
-    def prior(self, weight: float) -> Array:
-        """Weights (u,) of the priors: `weight` for the machine's tolerances.
-
-        What is known of reflectors, frame, instrument and payload is not regularisation and keeps its weight.
-        """
-        weights = np.ones(self.layout.size)
-        weights[: len(self.layout.parameters)] = weight
-        return weights
-
-    def minimise(self, z: Array, free: NDArray[np.intp], weight: float) -> Array:
-        """Levenberg-Marquardt over the unknowns `free`; the tolerances have the given weight."""
-        full, prior = z.copy(), self.prior(weight)[free]
-
-        def place(part: Array) -> Array:
-            full[free] = part
-            return full
-
-        def residual(part: Array) -> Array:
-            return np.concatenate([self.residual(place(part)), prior * part])
-
-        def jacobian(part: Array) -> Array:
-            return np.vstack([self.jacobian(place(part))[:, free], np.diag(prior)])
-
-        answer = least_squares(residual, z[free], jac=jacobian, method="lm", xtol=1e-10, ftol=1e-12, max_nfev=60)
-        return place(answer.x).copy()
-
-    def gcv_weight(self, z: Array) -> float:
-        """Prior weight of least generalised cross-validation for the problem linearised at z."""
-        jac = self.jacobian(z)
-        right = jac @ z - self.residual(z)
-        normal, moment = jac.T @ jac, jac.T @ right
-        best, least = 1.0, np.inf
-        for weight in np.logspace(-3.0, 3.0, 61):
-            inverse = np.linalg.inv(normal + np.diag(self.prior(weight) ** 2))
-            misfit = right - jac @ (inverse @ moment)
-            score = float(misfit @ misfit) / (len(right) - float(np.trace(inverse @ normal))) ** 2
-            if score < least:
-                best, least = float(weight), score
-        return best
-
-    def truncated(self, z: Array) -> Array:
-        """Gauss-Newton in the directions whose singular value exceeds 1 (data beat the prior)."""
-        for _ in range(8):
-            jac = self.jacobian(z)
-            right = jac @ z - self.residual(z)
-            u, s, vt = np.linalg.svd(jac, full_matrices=False)
-            keep = s > 1.0
-            new = vt[keep].T @ ((u.T @ right)[keep] / s[keep])
-            if np.max(np.abs(new - z)) < 1e-9:
-                return np.asarray(new)
-            z = new
-        return z
-
-    def result(self, z: Array, weight: float, estimator: Estimator) -> Fit:
-        jac = self.jacobian(z)
-        residual = self.residual(z)
-        information = jac.T @ jac + np.diag(self.prior(weight) ** 2)
-        covariance = np.linalg.inv(information)
-        spectrum = np.asarray(np.linalg.svd(jac, compute_uv=False), dtype=np.float64)
-        effective = float(np.trace(covariance @ (jac.T @ jac)))
-        dof = max(1.0, residual.size - effective)
-        sigma = self.layout.sigma
-        return Fit(
-            self.layout,
-            self.start,
-            self.options,
-            z * sigma,
-            covariance * sigma[:, None] * sigma[None, :],
-            spectrum,
-            float(residual @ residual / dof),
-            self._predict(z).position_m - self.seen.position_m,
-            estimator,
+def _refuse_unfit(problem: Problem) -> None:
+    numbers = (problem.visits.drives, problem.visits.target_m, problem.visits.payload_kg)
+    if not all(np.all(np.isfinite(a)) for a in numbers):
+        raise InputError(
+            "identification: a drive coordinate, target or payload is not a finite number; repair the data"
         )
+    loose = sum(1 for u in problem.layout.unknowns if u.name.startswith(("frame.", "mounting.")))
+    if problem.rows < loose + len(problem.machine.dof):
+        raise InputError(
+            f"identification: {problem.rows} numbers read cannot determine the instrument ({loose} unknowns) "
+            "and the machine; measure more poses"
+        )
+
+
+def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator) -> Fit:
+    system = problem.linearise(z)
+    scaled = posterior_covariance(system, problem.prior(weight))
+    residuals = problem.residuals(z)
+    sigma = problem.layout.sigma
+    dof = max(1.0, system.rows - float(np.sum(scaled * system.information())))
+    return Fit(
+        problem.model,
+        problem.layout,
+        tuple(problem.readings),
+        z * sigma,
+        scaled * sigma[:, None] * sigma[None, :],
+        system,
+        weight,
+        sum(float(np.sum(r**2)) for r in residuals) / dof,
+        tuple(residuals),
+        estimator,
+    )
+
+
+def _paths(system: Linearised, z: Array, parameters: int) -> list[tuple[float, float, float, float]]:
+    """For every weight: the weight, squared misfit, squared size of the parameters, effective number of unknowns."""
+    out = []
+    right = system.factor @ z - system.right
+    information = system.information()
+    for weight in WEIGHTS:
+        prior = np.ones(z.size)
+        prior[:parameters] = weight
+        covariance = posterior_covariance(system, prior)
+        x = covariance @ (system.factor.T @ right)
+        misfit = float(np.sum((system.factor @ x - right) ** 2)) + system.rest
+        size = float(np.sum(x[:parameters] ** 2))
+        out.append((float(weight), misfit, size, float(np.sum(covariance * information))))
+    return out
+
+
+def gcv_weight(system: Linearised, z: Array, parameters: int) -> float:
+    """Prior weight of least generalised cross-validation (Golub, Heath, Wahba 1979) of the linear problem at z."""
+    scores = [(misfit / (system.rows - used) ** 2, weight) for weight, misfit, _, used in _paths(system, z, parameters)]
+    return min(scores)[1]
+
+
+def l_curve_weight(system: Linearised, z: Array, parameters: int) -> float:
+    """Prior weight at the corner of the L-curve: largest curvature of log misfit against log size (Hansen 1992)."""
+    found = np.log([(misfit, size) for _, misfit, size, _ in _paths(system, z, parameters)])
+    first, second = np.gradient(found, axis=0), np.gradient(np.gradient(found, axis=0), axis=0)
+    bend = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    curvature = bend / np.maximum(np.sum(first**2, axis=1), 1e-12) ** 1.5
+    return float(WEIGHTS[2:-2][np.argmax(curvature[2:-2])])
+
+
+def _truncated(problem: Problem, z: Array) -> Array:
+    """Gauss-Newton in the directions whose singular value exceeds 1 (data beat the prior)."""
+    for _ in range(SVD_STEPS):
+        system = problem.linearise(z)
+        u, s, vt = np.linalg.svd(system.factor)
+        keep = s > 1.0
+        wanted = u.T @ (system.factor @ z - system.right)
+        new = vt[keep].T @ (wanted[keep] / s[keep])
+        if np.max(np.abs(new - z)) < 1e-7:
+            return np.asarray(new)
+        z = new
+    return z

@@ -12,97 +12,25 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
 
-from calibration.toml_file import InputError, Section, parse_toml, read_text
+from calibration.machine_file import GuideEntry, LoadCase, MachineFile
+from calibration.toml_file import InputError, parse_toml, read_text
 
 Array = NDArray[np.float64]
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 PARTS = ("struts", "drives", "base", "platform")
-Vector = tuple[float, float, float]
-
-
-class _Platform(Section):
-    tool_point_m: Vector
-    moving_mass_kg: float = Field(ge=0.0)
-    centre_of_mass_m: Vector
-
-
-class _Workspace(Section):
-    x_m: tuple[float, float]
-    y_m: tuple[float, float]
-
-
-class _Drive(Section):
-    name: str
-    kind: Literal["slider"]
-    axis: Vector
-    branch: Literal[-1, 1]
-    travel_m: tuple[float, float]
-
-
-class _Strut(Section):
-    name: str
-    drive: str
-    platform_joint_m: Vector
-    base_joint_m: Vector
-    length_m: float = Field(gt=0.0)
-    stiffness_n_per_m: float = Field(gt=0.0)
-
-
-class _Tolerances(Section):
-    strut_length_m: float = Field(gt=0.0)
-    platform_joint_m: float = Field(gt=0.0)
-    base_joint_m: float = Field(gt=0.0)
-    axis_tilt_rad: float = Field(gt=0.0)
-    drive_scale: float = Field(gt=0.0)
-    ln_stiffness: float = Field(gt=0.0)
-    smr_position_m: float = Field(gt=0.0)
-
-
-class _Expansion(Section):
-    coefficient_per_k: float
-    u_per_k: float = Field(ge=0.0)
-    sensor: str
-
-
-class _Smr(Section):
-    name: str
-    on: str
-    position_m: Vector
-
-
-class MachineFile(Section):
-    """The machine file as it stands on disk."""
-
-    format: Literal[1]
-    name: str
-    degrees_of_freedom: tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...]
-    gravity_m_per_s2: Vector
-    reference_temperature_c: float
-    platform: _Platform
-    workspace: _Workspace
-    drives: tuple[_Drive, ...] = Field(min_length=1)
-    struts: tuple[_Strut, ...] = Field(min_length=1)
-    tolerances: _Tolerances
-    expansion: dict[str, _Expansion]
-    smrs: tuple[_Smr, ...]
-
-    @field_validator("drives", "struts", "smrs")
-    @classmethod
-    def _unique_names(cls, parts: tuple[_Drive | _Strut | _Smr, ...]) -> tuple[_Drive | _Strut | _Smr, ...]:
-        names = [part.name for part in parts]
-        if len(set(names)) != len(names):
-            raise ValueError("two parts have the same name")
-        return parts
+FIXED = -1  # the drive of a strut that no drive moves
+DriveKind = Literal["slider", "leg", "crank"]
 
 
 @dataclass(frozen=True)
 class Geometry:
     """Everything the equilibrium depends on, with or without errors. Lengths at the reference temperature.
 
-    Shapes: n struts, d drives. platform_joint_m, base_joint_m (n, 3); length_m, stiffness_n_per_m (n,);
-    axis (d, 3) (its length is 1: the scale stands apart); scale (d,).
+    Shapes: s struts, g guide planes (a line is two), c = s + g constraints, d drives.
+    platform_joint_m, base_joint_m (s, 3): a joint on a crank is relative to its pivot; length_m (s,);
+    stiffness_n_per_m (c,); axis (d, 3) of length 1 (zero for a leg); pivot_m (d, 3) (zero but for cranks);
+    scale (d,); guide_point_m, guide_normal (g, 3).
     """
 
     platform_joint_m: Array
@@ -110,12 +38,15 @@ class Geometry:
     length_m: Array
     stiffness_n_per_m: Array
     axis: Array
+    pivot_m: Array
     scale: Array
+    guide_point_m: Array
+    guide_normal: Array
 
 
 @dataclass(frozen=True)
 class Smr:
-    """A reflector: on the platform, on the slider of a drive (its index) or on the floor."""
+    """A reflector: on the platform, on what a drive carries (its index) or on the floor."""
 
     name: str
     on: Literal["platform", "slider", "floor"]
@@ -127,30 +58,54 @@ class Smr:
 class Machine:
     """A machine with its nominal geometry.
 
-    dof: indices of the free coordinates among x, y, z, rx, ry, rz. strut_drive (n,): index of each
-    strut's drive. branch (d,). travel_m (d, 2). sensors: part to name of its temperature sensor.
+    dof: indices of the free coordinates among x, y, z, rx, ry, rz. commanded: those of them that the drives
+    are to command. strut_drive (s,): index of each strut's drive or FIXED. guide_joint (g,): the
+    strut whose platform joint a plane holds; guide_turns (g, k, 3): directions about which the plane may be tilted.
+    branch (d,). travel (d, 2): limits of the drive coordinates, m (rad for a crank). workspace (6, 2): box of the
+    tool point and orientation. sensors: part to name of its temperature sensor.
     """
 
     file: MachineFile
     text: str
     name: str
     dof: NDArray[np.intp]
+    commanded: NDArray[np.intp]
     nominal: Geometry
     strut_names: tuple[str, ...]
     strut_drive: NDArray[np.intp]
+    guide_names: tuple[str, ...]
+    guide_joint: NDArray[np.intp]
+    guide_turns: tuple[Array, ...]
     drive_names: tuple[str, ...]
+    drive_kinds: tuple[DriveKind, ...]
     branch: Array
-    travel_m: Array
+    travel: Array
     tool_point_m: Array
     gravity_m_per_s2: Array
     moving_mass_kg: float
     centre_of_mass_m: Array
-    workspace_m: Array
+    workspace: Array
     expansion_per_k: Mapping[str, float]
     u_expansion_per_k: Mapping[str, float]
     sensors: Mapping[str, str]
     reference_temperature_c: float
     smrs: tuple[Smr, ...]
+    load_cases: tuple[LoadCase, ...]
+
+    @property
+    def commanded_limits(self) -> Array:
+        """Limits (k, 2) of the commanded coordinates, m and rad."""
+        return self.workspace[self.commanded]
+
+    @property
+    def planar(self) -> bool:
+        """Whether the platform moves in the plane z = 0 only."""
+        return not np.any(np.isin(self.dof, [2, 3, 4]))
+
+    @property
+    def redundancy(self) -> int:
+        """Constraints beyond the free coordinates."""
+        return len(self.strut_names) + len(self.guide_names) - len(self.dof)
 
     def smr(self, name: str) -> Smr:
         """The reflector of that name; InputError if there is none."""
@@ -175,70 +130,125 @@ def load_machine(path: Path) -> Machine:
     return parse_machine(read_text(path), str(path))
 
 
+def shipped_machines() -> tuple[str, ...]:
+    """Names of the machines that come with the package."""
+    return tuple(sorted(p.stem for p in (Path(__file__).parent / "machines").glob("*.toml")))
+
+
 def shipped_machine(name: str) -> Path:
     """Path of a machine that comes with the package; InputError if there is none."""
-    folder = Path(__file__).parent / "machines"
-    path = folder / f"{name}.toml"
-    if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml")))
-        raise InputError(f"machine '{name}' is not shipped (known: {known}); give the path of a machine file")
-    return path
+    if name not in shipped_machines():
+        raise InputError(
+            f"machine '{name}' is not shipped (known: {', '.join(shipped_machines())}); give the path of a machine file"
+        )
+    return Path(__file__).parent / "machines" / f"{name}.toml"
 
 
 def parse_machine(text: str, source: str) -> Machine:
     """Build a machine from the text of a machine file; `source` is said in complaints."""
     file = parse_toml(text, MachineFile, source)
-    drive_names = tuple(d.name for d in file.drives)
-    for strut in file.struts:
-        if strut.drive not in drive_names:
-            raise InputError(f"{source}: strut '{strut.name}' names the unknown drive '{strut.drive}'")
-    for drive in file.drives:
-        if abs(np.linalg.norm(drive.axis) - 1.0) > 1e-9:
-            raise InputError(f"{source}: axis of drive '{drive.name}' is not of length 1")
     if set(file.expansion) != set(PARTS):
         wrong = sorted(set(PARTS) ^ set(file.expansion))[0]
         raise InputError(f"{source}: [expansion.{wrong}] is missing or unknown; the parts are {', '.join(PARTS)}")
+    drive_names = tuple(d.name for d in file.drives)
+    planes = [plane for guide in file.guides for plane in _planes(guide)]
+    strut_names = [s.name for s in file.struts]
+    free = [COORDINATES.index(c) for c in file.degrees_of_freedom]
+    wanted = file.commanded or file.degrees_of_freedom[: len(file.drives)]
     return Machine(
         file=file,
         text=text,
         name=file.name,
-        dof=np.array([COORDINATES.index(c) for c in file.degrees_of_freedom]),
-        nominal=_nominal(file),
-        strut_names=tuple(s.name for s in file.struts),
-        strut_drive=np.array([drive_names.index(s.drive) for s in file.struts]),
+        dof=np.array(sorted(free), dtype=np.intp),
+        commanded=np.array(sorted(COORDINATES.index(c) for c in wanted), dtype=np.intp),
+        nominal=_nominal(file, planes),
+        strut_names=tuple(strut_names),
+        strut_drive=np.array([FIXED if s.drive is None else drive_names.index(s.drive) for s in file.struts]),
+        guide_names=tuple(p.name for p in planes),
+        guide_joint=np.array([strut_names.index(p.joint) for p in planes], dtype=np.intp),
+        guide_turns=tuple(p.turns for p in planes),
         drive_names=drive_names,
-        branch=np.array([float(d.branch) for d in file.drives]),
-        travel_m=np.array([d.travel_m for d in file.drives]),
+        drive_kinds=tuple(d.kind for d in file.drives),
+        branch=np.array([1.0 if d.kind == "leg" else float(d.branch) for d in file.drives]),
+        travel=np.array([d.travel for d in file.drives]),
         tool_point_m=np.array(file.platform.tool_point_m),
         gravity_m_per_s2=np.array(file.gravity_m_per_s2),
         moving_mass_kg=file.platform.moving_mass_kg,
         centre_of_mass_m=np.array(file.platform.centre_of_mass_m),
-        workspace_m=np.array([file.workspace.x_m, file.workspace.y_m]),
+        workspace=np.array([file.workspace.limits(c) for c in ("x", "y", "z", "rx", "ry", "rz")]),
         expansion_per_k={part: file.expansion[part].coefficient_per_k for part in PARTS},
         u_expansion_per_k={part: file.expansion[part].u_per_k for part in PARTS},
         sensors={part: file.expansion[part].sensor for part in PARTS},
         reference_temperature_c=file.reference_temperature_c,
-        smrs=tuple(_smr(s, drive_names, source) for s in file.smrs),
+        smrs=_smrs(file, source),
+        load_cases=file.load_cases,
     )
 
 
-def _nominal(file: MachineFile) -> Geometry:
+@dataclass(frozen=True)
+class _Plane:
+    """One constraint of a guide: normal, and the directions about which it may be tilted."""
+
+    name: str
+    joint: str
+    point_m: Array
+    normal: Array
+    turns: Array
+    stiffness_n_per_m: float
+
+
+def across(direction: Array) -> Array:
+    """Two unit vectors (2, 3) across a direction, along the machine's axes where the direction is."""
+    least, middle = np.argsort(np.abs(direction), kind="stable")[:2]
+    first = np.eye(3)[min(least, middle)]
+    first = first - (first @ direction) * direction
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])
+
+
+def _planes(guide: GuideEntry) -> list[_Plane]:
+    point, direction = np.array(guide.point_m), np.array(guide.direction)
+    a, b = across(direction)
+    if guide.kind == "plane":
+        return [_Plane(guide.name, guide.joint, point, direction, np.array([a, b]), guide.stiffness_n_per_m)]
+    # A turn of either plane about the line itself moves nothing: each may be tilted about the other's normal only.
+    return [
+        _Plane(f"{guide.name}.1", guide.joint, point, a, b[None], guide.stiffness_n_per_m),
+        _Plane(f"{guide.name}.2", guide.joint, point, b, a[None], guide.stiffness_n_per_m),
+    ]
+
+
+def _nominal(file: MachineFile, planes: list[_Plane]) -> Geometry:
     return Geometry(
         platform_joint_m=np.array([s.platform_joint_m for s in file.struts]),
         base_joint_m=np.array([s.base_joint_m for s in file.struts]),
         length_m=np.array([s.length_m for s in file.struts]),
-        stiffness_n_per_m=np.array([s.stiffness_n_per_m for s in file.struts]),
-        axis=np.array([d.axis for d in file.drives]),
+        stiffness_n_per_m=np.array(
+            [s.stiffness_n_per_m for s in file.struts] + [p.stiffness_n_per_m for p in planes],
+        ),
+        axis=np.array([(0.0, 0.0, 0.0) if d.kind == "leg" else d.axis for d in file.drives]),
+        pivot_m=np.array([d.pivot_m if d.kind == "crank" else (0.0, 0.0, 0.0) for d in file.drives]),
         scale=np.ones(len(file.drives)),
+        guide_point_m=np.array([p.point_m for p in planes]).reshape(-1, 3),
+        guide_normal=np.array([p.normal for p in planes]).reshape(-1, 3),
     )
 
 
-def _smr(smr: _Smr, drive_names: tuple[str, ...], source: str) -> Smr:
-    position = np.array(smr.position_m)
-    if smr.on == "platform":
-        return Smr(smr.name, "platform", -1, position)
-    if smr.on == "floor":
-        return Smr(smr.name, "floor", -1, position)
-    if smr.on in drive_names:
-        return Smr(smr.name, "slider", drive_names.index(smr.on), position)
-    raise InputError(f"{source}: SMR '{smr.name}' is on '{smr.on}'; use 'platform', 'floor' or a drive's name")
+def _smrs(file: MachineFile, source: str) -> tuple[Smr, ...]:
+    carriers = {d.name: (i, d.kind) for i, d in enumerate(file.drives)}
+    smrs = []
+    for entry in file.smrs:
+        position = np.array(entry.position_m)
+        if entry.on == "platform":
+            smrs.append(Smr(entry.name, "platform", FIXED, position))
+        elif entry.on == "floor":
+            smrs.append(Smr(entry.name, "floor", FIXED, position))
+        elif entry.on not in carriers:
+            raise InputError(
+                f"{source}: SMR '{entry.name}' is on '{entry.on}'; use 'platform', 'floor' or a drive's name"
+            )
+        elif carriers[entry.on][1] == "leg":
+            raise InputError(f"{source}: SMR '{entry.name}' is on the leg '{entry.on}'; put it on the platform")
+        else:
+            smrs.append(Smr(entry.name, "slider", carriers[entry.on][0], position))
+    return tuple(smrs)

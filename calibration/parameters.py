@@ -12,28 +12,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.equilibrium import Conditions, PoseDerivatives, rotation_matrix
-from calibration.machine import Array, Geometry, Machine
+from calibration.machine import Array, Geometry, Machine, across
+from calibration.rotation import rotation_matrix
+from calibration.sensitivity import Sensitivity
 
-KINDS = ("strut_length", "platform_joint", "base_joint", "axis_tilt", "drive_scale", "ln_stiffness")
 UNITS = {
     "strut_length": "m",
     "platform_joint": "m",
     "base_joint": "m",
+    "pivot": "m",
+    "guide_position": "m",
+    "guide_tilt": "rad",
     "axis_tilt": "rad",
     "drive_scale": "1",
     "ln_stiffness": "1",
 }
+KINDS = tuple(UNITS)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One scalar unknown: its kind, the part (strut or drive index) and the axis (0 to 2, or -1)."""
+    """One scalar unknown: its kind, the part (strut, guide plane, constraint or drive) and its direction.
+
+    axis: 0 to 2 for a coordinate of a point, else -1. about (3,): the direction of a tilt, else zero.
+    """
 
     name: str
     kind: str
     part: int
     axis: int
+    about: tuple[float, float, float]
     tolerance: float
 
     @property
@@ -56,7 +64,7 @@ class ParameterSet:
 
     @classmethod
     def of(cls, machine: Machine, kinds: Sequence[str] = KINDS) -> ParameterSet:
-        """All parameters of the given kinds, in the order of the machine file."""
+        """All parameters of the given kinds, in the order of KINDS and of the machine file."""
         return cls(machine, tuple(p for p in _all_parameters(machine) if p.kind in kinds))
 
     def __len__(self) -> int:
@@ -79,9 +87,10 @@ class ParameterSet:
     def geometry(self, theta: Array) -> Geometry:
         """The geometry with the deviations theta (p,) applied to nominal."""
         g = self.machine.nominal
-        length, scale = g.length_m.copy(), g.scale.copy()
+        length, scale, pivot = g.length_m.copy(), g.scale.copy(), g.pivot_m.copy()
         platform, base = g.platform_joint_m.copy(), g.base_joint_m.copy()
-        ln_ratio, tilt = np.zeros(length.size), np.zeros((scale.size, 3))
+        ln_ratio, tilt = np.zeros(g.stiffness_n_per_m.size), np.zeros((scale.size, 3))
+        offset, lean = np.zeros(len(g.guide_normal)), np.zeros((len(g.guide_normal), 3))
         for p, value in zip(self.parameters, theta, strict=True):
             match p.kind:
                 case "strut_length":
@@ -90,73 +99,123 @@ class ParameterSet:
                     platform[p.part, p.axis] += value
                 case "base_joint":
                     base[p.part, p.axis] += value
+                case "pivot":
+                    pivot[p.part, p.axis] += value
+                case "guide_position":
+                    offset[p.part] += value
+                case "guide_tilt":
+                    lean[p.part] += value * np.array(p.about)
                 case "axis_tilt":
-                    tilt[p.part, p.axis] += value
+                    tilt[p.part] += value * np.array(p.about)
                 case "drive_scale":
                     scale[p.part] *= 1.0 + value
                 case "ln_stiffness":
                     ln_ratio[p.part] += value
-        axis = np.einsum("dij,dj->di", rotation_matrix(tilt), g.axis)
+        normal = np.einsum("gij,gj->gi", rotation_matrix(lean), g.guide_normal)
         return replace(
             g,
             length_m=length,
             platform_joint_m=platform,
             base_joint_m=base,
+            pivot_m=pivot,
             stiffness_n_per_m=g.stiffness_n_per_m * np.exp(ln_ratio),
-            axis=axis,
+            axis=np.einsum("dij,dj->di", rotation_matrix(tilt), g.axis),
             scale=scale,
+            guide_normal=normal,
+            guide_point_m=g.guide_point_m + offset[:, None] * g.guide_normal,
         )
 
-    def slide_derivative(self, geometry: Geometry, drives_m: Array, at: Conditions) -> Array:
-        """Shift of each slider with each parameter (n, d, 3, p); non-zero for tilts and scales only."""
-        travel = drives_m * geometry.scale * at.factors["drives"][:, None]
-        out = np.zeros((*travel.shape, 3, len(self)))
+    def gradient_columns(self, at: Sensitivity) -> list[Array]:
+        """dG (f, n) of every parameter at poses at rest."""
+        return [self._column(p, at) for p in self.parameters]
+
+    def _column(self, p: Parameter, at: Sensitivity) -> Array:
+        match p.kind:
+            case "strut_length":
+                return at.length(p.part)
+            case "platform_joint":
+                return at.platform_joint(p.part, p.axis)
+            case "base_joint":
+                return at.base_joint(p.part, p.axis)
+            case "pivot":
+                return at.pivot(p.part, p.axis)
+            case "guide_position":
+                # The plane moves along its nominal normal, which may have been tilted since.
+                nominal = self.machine.nominal.guide_normal[p.part]
+                return at.guide_position(p.part) * float(nominal @ at.geometry.guide_normal[p.part])
+            case "guide_tilt":
+                return at.guide_tilt(p.part, np.array(p.about))
+            case "axis_tilt":
+                return at.axis_tilt(p.part, np.array(p.about))
+            case "drive_scale":
+                return at.drive_scale(p.part) * self.machine.nominal.scale[p.part]
+            case _:
+                return at.ln_stiffness(p.part)
+
+    def carried_shift(self, at: Sensitivity, drive: int, point_m: Array) -> Array:
+        """Derivative (n, 3, p) of the place of a point that a drive carries, with every parameter."""
+        carrier = at.carriers[drive]
+        out = np.zeros((carrier.base.size, 3, len(self)))
         for i, p in enumerate(self.parameters):
+            if p.part != drive:
+                continue
             if p.kind == "axis_tilt":
-                turned = np.cross(np.eye(3)[p.axis], geometry.axis[p.part])
-                out[:, p.part, :, i] = travel[:, p.part, None] * turned
+                out[:, :, i] = carrier.d_tilt(point_m, np.array(p.about)).T
+            elif p.kind == "pivot":
+                out[:, :, i] = carrier.d_pivot()[:, p.axis].T
             elif p.kind == "drive_scale":
-                relative = self.machine.nominal.scale[p.part] / geometry.scale[p.part]
-                out[:, p.part, :, i] = travel[:, p.part, None] * geometry.axis[p.part] * relative
-        return out
-
-    def pose_jacobian(self, d: PoseDerivatives, slide: Array) -> Array:
-        """Derivative of the free coordinates with each parameter (n, f, p).
-
-        d: `equilibrium.derivatives`; slide: `slide_derivative`.
-        """
-        out = np.einsum("nfac,nacp->nfp", d.slide, slide)
-        for i, p in enumerate(self.parameters):
-            match p.kind:
-                case "strut_length":
-                    out[:, :, i] = d.length[:, :, p.part]
-                case "platform_joint":
-                    out[:, :, i] = d.platform_joint[:, :, p.part, p.axis]
-                case "base_joint":
-                    out[:, :, i] = d.base_joint[:, :, p.part, p.axis]
-                case "ln_stiffness":
-                    out[:, :, i] = d.ln_stiffness[:, :, p.part]
+                per_unit = carrier.travel * self.machine.nominal.scale[drive] / at.geometry.scale[drive]
+                out[:, :, i] = (carrier.d_travel(point_m) * per_unit).T
         return out
 
 
 def _all_parameters(machine: Machine) -> list[Parameter]:
     tol = machine.file.tolerances
-    moves = [int(c) for c in machine.dof if c < 3]
-    turns = [int(c) - 3 for c in machine.dof if c >= 3]
+    none = (0.0, 0.0, 0.0)
+    moves = (0, 1) if machine.planar else (0, 1, 2)
     out: list[Parameter] = []
+
+    def add(
+        kind: str, name: str, part: int, tolerance: float | None, axis: int = -1, about: Array | None = None
+    ) -> None:
+        turn = none if about is None else (float(about[0]), float(about[1]), float(about[2]))
+        out.append(Parameter(f"{kind}.{name}", kind, part, axis, turn, tolerance or 0.0))
+
     for i, name in enumerate(machine.strut_names):
-        out.append(Parameter(f"strut_length.{name}", "strut_length", i, -1, tol.strut_length_m))
+        add("strut_length", name, i, tol.strut_length_m)
     for kind, size in (("platform_joint", tol.platform_joint_m), ("base_joint", tol.base_joint_m)):
         for i, name in enumerate(machine.strut_names):
-            out += [Parameter(f"{kind}.{name}.{'xyz'[c]}", kind, i, c, size) for c in moves]
+            for c in moves:
+                add(kind, f"{name}.{'xyz'[c]}", i, size, axis=c)
     for a, name in enumerate(machine.drive_names):
-        out += [
-            Parameter(f"axis_tilt.{name}.r{'xyz'[c]}", "axis_tilt", a, c, tol.axis_tilt_rad)
-            for c in turns
-            if abs(machine.nominal.axis[a, c]) < 0.999
-        ]
+        if machine.drive_kinds[a] == "crank":
+            for c in moves:
+                add("pivot", f"{name}.{'xyz'[c]}", a, tol.pivot_m, axis=c)
+    for g, name in enumerate(machine.guide_names):
+        add("guide_position", name, g, tol.guide_position_m)
+    for g, name in enumerate(machine.guide_names):
+        for label, about in _tilts(machine.guide_turns[g], machine.planar):
+            add("guide_tilt", f"{name}.{label}", g, tol.guide_tilt_rad, about=about)
     for a, name in enumerate(machine.drive_names):
-        out.append(Parameter(f"drive_scale.{name}", "drive_scale", a, -1, tol.drive_scale))
-    for i, name in enumerate(machine.strut_names):
-        out.append(Parameter(f"ln_stiffness.{name}", "ln_stiffness", i, -1, tol.ln_stiffness))
+        if machine.drive_kinds[a] != "leg":
+            for label, about in _tilts(across(machine.nominal.axis[a]), machine.planar):
+                add("axis_tilt", f"{name}.{label}", a, tol.axis_tilt_rad, about=about)
+    for a, name in enumerate(machine.drive_names):
+        add("drive_scale", name, a, tol.drive_scale)
+    for c, name in enumerate((*machine.strut_names, *machine.guide_names)):
+        add("ln_stiffness", name, c, tol.ln_stiffness)
+    return out
+
+
+def _tilts(turns: Array, planar: bool) -> list[tuple[str, Array]]:
+    """Names and directions of tilts: 'rx' along the machine's axis, else 't1', 't2'. In a plane only those about z."""
+    out = []
+    for number, about in enumerate(turns, start=1):
+        along = int(np.argmax(np.abs(about)))
+        aligned = abs(about[along]) > 1.0 - 1e-12
+        if planar and not (aligned and along == 2):
+            continue
+        out.append(
+            (f"r{'xyz'[along]}" if aligned else f"t{number}", about * np.sign(about[along]) if aligned else about)
+        )
     return out

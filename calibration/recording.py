@@ -203,9 +203,10 @@ def _check_geometry(recording: Recording) -> None:
     """Points away from the station, targets near the workspace, proper covariances."""
     if np.any(np.linalg.norm(recording.positions_m, axis=1) < NEAREST_M):
         raise _complaint(recording, "a point lies at the station itself; check x_m, y_m and z_m")
-    workspace_m = recording.machine.workspace_m
-    far = np.abs(recording.targets_m()[:, :2] - workspace_m.mean(axis=1))
-    if np.any(far > 2.0 * np.ptp(workspace_m, axis=1)):
+    moves = recording.machine.commanded[recording.machine.commanded < 3]
+    box_m = recording.machine.workspace[moves]
+    far = np.abs(recording.targets_m()[:, moves] - box_m.mean(axis=1))
+    if np.any(far > 2.0 * np.ptp(box_m, axis=1)):
         raise _complaint(recording, "a commanded pose lies far outside the workspace; check its unit")
     smallest = np.linalg.eigvalsh(recording.covariances_m2)[:, 0]
     if np.any(smallest <= 0.0):

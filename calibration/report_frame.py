@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibration.equilibrium import rotation_matrix, rotation_vector, skew
+from calibration.frame import Frame
 from calibration.machine import Array, Machine
-from calibration.observation_model import Frame, Observations
+from calibration.measurements.smr_positions import Observations
+from calibration.rotation import rotation_matrix, rotation_vector, skew
 from calibration.toml_file import InputError
 
 

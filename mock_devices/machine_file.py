@@ -14,7 +14,7 @@ Vector3 = tuple[float, float, float]
 
 _TOP = {
     "format", "name", "degrees_of_freedom", "gravity_m_per_s2", "reference_temperature_c", "platform",
-    "workspace", "drives", "struts", "tolerances", "expansion", "smrs",
+    "workspace", "drives", "struts", "tolerances", "expansion", "smrs", "commanded", "load_cases",
 }  # fmt: skip
 _EXPANDING = ("struts", "drives", "base", "platform")
 

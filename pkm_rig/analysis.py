@@ -9,18 +9,20 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from calibration.baselines import Baseline, fit_baselines
-from calibration.compensation import CompensationTable, Load, build_table, predict_poses
+from calibration.closure import MeasuredPoses
+from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
 from calibration.identification import Estimator, Fit, identify
 from calibration.machine import Array
-from calibration.observation_model import Layout, Visits
+from calibration.measurements.smr_positions import SmrPositions, Station
+from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame
+from calibration.visits import Visits
 from pkm_rig.figures import Figures, figures, free_axes, scale_part
 from pkm_rig.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
-from pkm_rig.schedule import nominal_drives
 
-LEAST_PAYLOAD_U = 1e-4
+REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 
 
 @dataclass(frozen=True)
@@ -60,24 +62,47 @@ def calibration_part(recording: Recording) -> Recording:
     return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
 
 
-def identify_recording(recording: Recording, estimator: Estimator = "map", *, baselines: bool = True) -> Calibration:
+def identify_recording(
+    recording: Recording, estimator: Estimator = "map", *, baselines: bool = True, robust: bool = False
+) -> Calibration:
     """Identify a recording. Stiffness is free if two payloads were measured, else its prior holds it."""
     reduction = reduce(calibration_part(recording))
-    machine = recording.machine
     seen = reduction.calibration()
     smrs = tuple(sorted(set(seen.smr.tolist())))
-    layout = Layout.of(ParameterSet.of(machine), smrs, reduction.range_constant_u_m, _payload_u(recording))
-    fit = identify(layout, reduction.report.frame, seen, estimator=estimator)
-    rigid = (
-        fit_baselines(machine, seen, reduction.report.frame, smrs, reduction.range_constant_u_m) if baselines else ()
+    stated = recording.file.station.accuracy
+    station = Station(
+        reduction.report.frame, smrs, reduction.range_constant_u_m, stated.range_scale_u, REFRACTION_U_PER_M
     )
-    return Calibration(reduction, fit, rigid)
+    model = Model(ParameterSet.of(recording.machine), _systematic(recording))
+    fit = identify(model, seen.visits, [SmrPositions(seen, station)], estimator, robust=robust)
+    return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
 
-def _payload_u(recording: Recording) -> float:
-    """Largest relative standard uncertainty of a payload's mass."""
-    shares = [p.u_mass_kg / p.mass_kg for p in recording.file.payloads if p.mass_kg > 0.0]
-    return max([LEAST_PAYLOAD_U, *shares])
+def _baselines(reduction: Reduction, station: Station) -> tuple[Baseline, ...]:
+    """Rigid identifications of the same readings, their poses in the report frame."""
+    seen, report = reduction.calibration(), reduction.report
+    rows = reduction.info.phase == CALIBRATION
+
+    def fit(model: Model, visits: NDArray[np.bool_]) -> Fit:
+        some = seen.of_visits(visits)
+        return identify(model, some.visits, [SmrPositions(some, station)])
+
+    def stated(found: Fit, visits: Visits) -> Array:
+        return predict_poses(found, report, visits)
+
+    measured = MeasuredPoses(seen.visits, reduction.poses.coordinates[rows], reduction.poses.covariance[rows])
+    return fit_baselines(reduction.recording.machine, seen.visits, fit, stated, measured)
+
+
+def _systematic(recording: Recording) -> Systematic:
+    """What is known of payloads (the largest uncertainty of the rig's list) and of thermal expansion."""
+    payloads = recording.file.payloads
+    shares = [p.u_mass_kg / p.mass_kg for p in payloads if p.mass_kg > 0.0]
+    return Systematic(
+        payload_mass=max(shares, default=0.0),
+        payload_com_m=max(p.u_com_m for p in payloads),
+        expansion_per_k=recording.machine.u_expansion_per_k,
+    )
 
 
 def prediction_figures(reduction: Reduction, rows: NDArray[np.bool_], predicted: Array) -> Figures:
@@ -99,7 +124,7 @@ def model_comparison(calibration: Calibration, reduction: Reduction, payload: in
     ours = prediction_figures(reduction, rows, predict_poses(calibration.fit, reduction.report, visits))
     out = {"deformation_aware": ours}
     for baseline in calibration.baselines:
-        out[baseline.name] = prediction_figures(reduction, rows, baseline.predict(reduction.report, visits))
+        out[baseline.name] = prediction_figures(reduction, rows, baseline.predict(visits))
     return out
 
 
@@ -128,7 +153,7 @@ class ErrorMap:
 def error_map(calibration: Calibration, table: CompensationTable, per_axis: int = 11) -> ErrorMap:
     """Predicted errors on a grid of the workspace, without and with a table; u (n,): standard uncertainty."""
     machine = calibration.reduction.recording.machine
-    axes = [np.linspace(lo, hi, per_axis) for lo, hi in machine.workspace_m]
+    axes = [np.linspace(lo, hi, per_axis) for lo, hi in machine.workspace[:2]]
     target = np.zeros((per_axis**2, 6))
     target[:, :2] = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1)
     drives = nominal_drives(machine, target)

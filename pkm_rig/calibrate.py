@@ -260,7 +260,7 @@ def identified_summary(identified: Calibration) -> dict[str, Any]:
             "unit": p.unit,
             "observable": bool(u < 0.5 * p.sigma),
         }
-        for p, value, u in zip(fit.layout.parameters.parameters, fit.theta, fit.theta_u, strict=True)
+        for p, value, u in zip(fit.model.parameters.parameters, fit.theta, fit.theta_u, strict=True)
     }
     return {
         "estimator": fit.estimator,

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from calibration import station as station_geometry
+from calibration.frame import Frame
 from calibration.machine import Array
-from calibration.observation_model import Frame
 from calibration.recording import DRIVE_COLUMNS, TEXT_COLUMNS, column_names
 from drivers.errors import ProtocolError
 from drivers.laser_tracker import SettleCriterion, average

@@ -22,7 +22,7 @@ def check_rig(rig: Rig) -> list[str]:
             f"station: predicted in-plane uncertainty {u_m * 1e6:.1f} um misses the goal of {limit_m * 1e6:.1f} um; "
             "place it nearer to the normal of the machine's plane or average more readings"
         )
-    for drive, (low, high) in zip(rig.drives.drives, rig.machine.travel_m, strict=True):
+    for drive, (low, high) in zip(rig.drives.drives, rig.machine.travel, strict=True):
         if drive.limits_m[0] > low or drive.limits_m[1] < high:
             problems.append(
                 f"drive {drive.name}: its software limits are narrower than travel_m of the machine file; adjust one"
@@ -40,7 +40,7 @@ def in_plane_u_m(rig_file: RigFile, machine: Machine) -> float:
     frame = station_frame(rig_file.station.position_m, rig_file.station.heading_rad)
     report = ReportFrame(machine, frame, smrs, mounting)
     corners = np.zeros((4, 6))
-    corners[:, :2] = [(x, y) for x in machine.workspace_m[0] for y in machine.workspace_m[1]]
+    corners[:, :2] = [(x, y) for x in machine.workspace[0] for y in machine.workspace[1]]
     points = report.points(corners)
     jac = report.jacobian(corners)[..., machine.dof]
     stated = rig_file.station.accuracy.stated()

@@ -91,8 +91,7 @@ def residuals(calibration: Calibration) -> Figure:
     """Whitened residuals of the fit over rig time by reflector, and their distribution against the normal one."""
     reduction, fit = calibration.reduction, calibration.fit
     seen = reduction.calibration()
-    whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance_m2))
-    white = np.einsum("rij,rj->ri", whiten, fit.residual_m)
+    white = fit.residuals[0]
     t_h = reduction.info.t_rig_s[reduction.info.phase == CALIBRATION][seen.visit] / 3600.0
     figure = Figure(figsize=(10.0, 3.6))
     axes = figure.add_subplot(1, 3, (1, 2))
@@ -146,7 +145,7 @@ def conditions(reduction: Reduction) -> Figure:
 def parameter_plot(calibration: Calibration) -> Figure:
     """Identified deviations in units of their tolerance, with expanded uncertainty; grey: the prior decides."""
     fit = calibration.fit
-    parameters = fit.layout.parameters.parameters
+    parameters = fit.model.parameters.parameters
     tolerance = np.array([p.tolerance for p in parameters])
     value, u = fit.theta / tolerance, 2.0 * fit.theta_u / tolerance
     figure = Figure(figsize=(10.0, 0.2 * len(parameters) + 0.8))

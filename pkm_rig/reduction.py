@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import station
-from calibration.equilibrium import rotation_matrix
+from calibration.frame import Frame
 from calibration.machine import Array
-from calibration.observation_model import Frame, Observations, Visits
+from calibration.measurements.smr_positions import Observations
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame, fit_report_frame
+from calibration.rotation import rotation_matrix
 from calibration.toml_file import InputError
+from calibration.visits import Visits
 from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
 
 CALIBRATION = "calibration"
@@ -206,7 +208,7 @@ def _observations(recording: Recording, position: Array, covariance: Array) -> t
         raise InputError(f"recording {recording.file.campaign}: no poses in it")
     heads = rows[first]
     visits = Visits(
-        drives_m=recording.drives("actual_m")[heads],
+        drives=recording.drives("actual_m")[heads],
         target_m=recording.targets_m()[heads],
         payload_kg=recording["payload_mass_kg"][heads],
         payload_com_m=recording.payload_com_m()[heads],

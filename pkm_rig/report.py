@@ -146,7 +146,7 @@ def _conditions(outcome: Outcome) -> list[tuple[str, str]]:
 
 def _parameters(fit: Fit) -> list[dict[str, Any]]:
     rows = []
-    for p, value, u in zip(fit.layout.parameters.parameters, fit.theta, fit.theta_u, strict=True):
+    for p, value, u in zip(fit.model.parameters.parameters, fit.theta, fit.theta_u, strict=True):
         factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(
             p.unit, (1e6, "ppm") if p.kind == "drive_scale" else (1.0, "1")
         )
@@ -165,16 +165,16 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
 
 def _unobserved(fit: Fit) -> list[str]:
     """Parameters whose uncertainty is still that of their tolerance."""
-    names = fit.layout.parameters.names
-    return [n for n, u, s in zip(names, fit.theta_u, fit.layout.parameters.sigma, strict=True) if u > 0.9 * s]
+    names = fit.model.parameters.names
+    return [n for n, u, s in zip(names, fit.theta_u, fit.model.parameters.sigma, strict=True) if u > 0.9 * s]
 
 
 def _correlations(fit: Fit, limit: float = 0.9) -> list[str]:
     """Pairs of machine parameters that are known only together."""
-    n = len(fit.layout.parameters)
+    n = len(fit.model.parameters)
     cov = fit.covariance[:n, :n]
     corr = cov / np.sqrt(np.outer(np.diag(cov), np.diag(cov)))
-    names = fit.layout.parameters.names
+    names = fit.model.parameters.names
     pairs = [(abs(corr[i, j]), i, j) for i in range(n) for j in range(i) if abs(corr[i, j]) > limit]
     return [f"{names[j]} with {names[i]}: {corr[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:12]]
 

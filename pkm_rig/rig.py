@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.compensation import CompensationTable
+from calibration.frame import Frame
 from calibration.machine import Array, Machine
-from calibration.observation_model import Frame
 from drivers.drive_group import DriveGroup
 from drivers.errors import DeviceError, PlcError, TableError
 from drivers.laser_tracker import LaserTracker

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from calibration import equilibrium
+from calibration.compensation import nominal_drives
 from calibration.machine import Array, Machine
 from calibration.toml_file import InputError
 from pkm_rig.config import CampaignSettings
@@ -89,18 +89,16 @@ def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
 
 
 def _in_workspace(machine: Machine, unit: Array) -> Array:
-    low, high = machine.workspace_m[:, 0], machine.workspace_m[:, 1]
+    low, high = machine.commanded_limits.T
     targets = np.zeros((len(unit), 6))
-    targets[:, :2] = low + (high - low) * unit
+    targets[:, machine.commanded] = low + (high - low) * unit
     return targets
 
 
-def nominal_drives(machine: Machine, targets: Array) -> Array:
-    """Commanded drive positions (n, d) of targets (n, 6): the nominal machine's."""
-    turn = equilibrium.rotation_matrix(targets[:, 3:])
-    position = targets[:, :3]
-    drives = equilibrium.drives_for(machine, machine.nominal, position, turn)
-    low, high = machine.travel_m[:, 0], machine.travel_m[:, 1]
+def commanded_drives(machine: Machine, targets: Array) -> Array:
+    """Commanded drive positions (n, d) of targets (n, 6): the nominal machine's, within the travel."""
+    drives = nominal_drives(machine, targets)
+    low, high = machine.travel.T
     if not np.all((drives >= low) & (drives <= high)):
         raise InputError(f"machine {machine.name}: its workspace needs more than its drives' travel")
     return drives
@@ -115,7 +113,7 @@ def _block(
     rng: np.random.Generator,
     passes: dict[int, int],
 ) -> Block:
-    drives = nominal_drives(machine, targets)
+    drives = commanded_drives(machine, targets)
     visits = []
     for i in rng.permutation(len(wanted)):
         pose, direction = wanted[i]

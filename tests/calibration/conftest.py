@@ -5,16 +5,25 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calibration import equilibrium, station
+from calibration import station
+from calibration.compensation import nominal_drives
+from calibration.frame import Frame
+from calibration.identification import Estimator, Fit, identify
 from calibration.machine import Array, Machine, load_machine, shipped_machine
-from calibration.observation_model import Frame, Layout, ModelOptions, Observations, Visits, predict
+from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
+from calibration.problem import Layout
+from calibration.rotation import rotation_matrix
+from calibration.visits import Visits
 
 TEMPERATURES_C = {"struts": 21.0, "columns": 20.7, "base": 20.5, "platform": 22.0}
 STATED = station.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
 LOOKING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 PLACE = np.array([0.0, 0.3, 3.2])
 PLATE_COM_M = (0.0, -0.2, 0.0)
+SMRS = (0, 1, 2, 3, 4)
+KNOWN = Systematic(payload_mass=1e-3, expansion_per_k=dict.fromkeys(("struts", "drives", "base", "platform"), 0.3e-6))
 
 
 @pytest.fixture(scope="session")
@@ -26,32 +35,41 @@ def machine() -> Machine:
 class Synthetic:
     """A machine with known errors, seen by a station with known noise; drawn from one seed."""
 
-    machine: Machine
+    model: Model
+    station: Station  # its start is the true frame
     layout: Layout
     truth: Array
-    frame: Frame
     rough: Frame
     rng: np.random.Generator
+
+    @property
+    def machine(self) -> Machine:
+        return self.model.machine
+
+    @property
+    def frame(self) -> Frame:
+        return self.station.start
 
     def visits(self, xy: Array, payload_kg: Array) -> Visits:
         n = len(xy)
         target = np.zeros((n, 6))
         target[:, :2] = xy
-        upright = np.broadcast_to(np.eye(3), (n, 3, 3))
-        drives = equilibrium.drives_for(self.machine, self.machine.nominal, target[:, :3], upright)
         temperatures = {name: np.full(n, t) for name, t in TEMPERATURES_C.items()}
+        drives = nominal_drives(self.machine, target)
         return Visits(drives, target, payload_kg, np.tile(PLATE_COM_M, (n, 1)), temperatures)
 
     def see(self, visits: Visits, *, noise: bool = True) -> Observations:
-        count = len(self.layout.smrs)
+        count = len(SMRS)
         blank = Observations(
             visits,
             np.repeat(np.arange(len(visits)), count),
-            np.tile(np.array(self.layout.smrs), len(visits)),
+            np.tile(np.array(SMRS), len(visits)),
             np.zeros((count * len(visits), 3)),
             np.tile(np.eye(3), (count * len(visits), 1, 1)),
         )
-        position = predict(self.layout, self.frame, ModelOptions(), self.truth, blank).position_m
+        poses = self.model.predict(self.truth[: len(self.model)], visits)
+        own = self.truth[self.layout.own[0]]
+        position = SmrPositions(blank, self.station).compare(poses, blank.visit[:, None], own).residual
         hz, v, d = station.angles(position)
         covariance = station.covariances(hz, v, d, STATED)
         if noise:
@@ -61,8 +79,12 @@ class Synthetic:
             position = station.points(hz, v, d)
         return Observations(visits, blank.visit, blank.smr, position, covariance)
 
+    def fit(self, seen: Observations, start: Frame, estimator: Estimator = "map", *, robust: bool = False) -> Fit:
+        instrument = Station(start, SMRS, 1e-5, 1e-6, 5e-7)
+        return identify(self.model, seen.visits, [SmrPositions(seen, instrument)], estimator, robust=robust)
+
     def workspace(self, count: int) -> Array:
-        low, high = self.machine.workspace_m.T
+        low, high = self.machine.commanded_limits.T
         return self.rng.uniform(low, high, (count, 2))
 
 
@@ -70,17 +92,19 @@ class Synthetic:
 def synthetic(machine):
     def make(seed: int, *, stiffness_spread: bool = True) -> Synthetic:
         rng = np.random.default_rng(seed)
-        parameters = ParameterSet.of(machine)
-        layout = Layout.of(parameters, (0, 1, 2, 3, 4), 1e-5, 1e-3)
-        truth = np.zeros(layout.size)
-        tolerance = np.array([p.tolerance for p in parameters.parameters])
-        truth[: len(parameters)] = rng.uniform(-1.0, 1.0, len(parameters)) * tolerance
-        if not stiffness_spread:
-            truth[parameters.rows("ln_stiffness")] = 0.0
-        truth[layout.mounting : layout.frame] = rng.uniform(-5e-4, 5e-4, layout.frame - layout.mounting)
+        model = Model(ParameterSet.of(machine), KNOWN)
         rough = Frame(LOOKING, -LOOKING @ PLACE)
-        turn = equilibrium.rotation_matrix(rng.normal(0.0, 1e-3, 3)) @ LOOKING
-        frame = Frame(turn, -turn @ PLACE + rng.normal(0.0, 3e-3, 3))
-        return Synthetic(machine, layout, truth, frame, rough, rng)
+        turn = rotation_matrix(rng.normal(0.0, 1e-3, 3)) @ LOOKING
+        seer = Station(Frame(turn, -turn @ PLACE + rng.normal(0.0, 3e-3, 3)), SMRS, 1e-5, 1e-6, 5e-7)
+        blank = Observations(None, *[np.zeros(0, dtype=int)] * 2, np.zeros((0, 3)), np.zeros((0, 3, 3)))
+        layout = Layout.of(model, [SmrPositions(blank, seer)])
+        truth = np.zeros(layout.size)
+        tolerance = np.array([p.tolerance for p in model.parameters.parameters])
+        truth[: len(tolerance)] = rng.uniform(-1.0, 1.0, len(tolerance)) * tolerance
+        if not stiffness_spread:
+            truth[model.parameters.rows("ln_stiffness")] = 0.0
+        mounting = layout.own[0].start + np.arange(3 * len(SMRS))
+        truth[mounting] = rng.uniform(-5e-4, 5e-4, mounting.size)
+        return Synthetic(model, seer, layout, truth, rough, rng)
 
     return make

@@ -7,8 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.compensation import predict_poses
-from calibration.identification import identify
-from calibration.observation_model import ModelOptions, Observations
+from calibration.measurements.smr_positions import Observations, SmrPositions
 from calibration.report_frame import fit_report_frame
 from calibration.toml_file import InputError
 
@@ -25,7 +24,7 @@ def fits(synthetic):
         visits = rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, 400.0], 30))
         seen = rig.see(visits)
         report = fit_report_frame(rig.machine, seen.of_visits(visits.payload_kg == 0.0), rig.rough)
-        out.append((rig, seen, report, identify(rig.layout, report.frame, seen)))
+        out.append((rig, seen, report, rig.fit(seen, report.frame)))
     return out
 
 
@@ -40,7 +39,7 @@ def test_truth_lies_within_the_posterior(fits):
     """Errors of well observed directions, whitened by the posterior, have unit variance."""
     squares, count = 0.0, 0
     for rig, _, _, fit in fits:
-        n = len(rig.layout.parameters)
+        n = len(rig.model.parameters)
         error = fit.theta - rig.truth[:n]
         values, vectors = np.linalg.eigh(fit.covariance[:n, :n] / np.outer(rig.layout.sigma[:n], rig.layout.sigma[:n]))
         sharp = values < 0.3  # directions that the data decide, not the prior
@@ -67,18 +66,18 @@ def test_truncated_svd_and_tikhonov_predict_about_as_well(fits):
     rig, seen, report, best = fits[0]
     visits = rig.visits(rig.workspace(40), np.full(40, 200.0))
     reference = predict_poses(best, report, visits)
-    for estimator in ("truncated_svd", "tikhonov"):
-        other = identify(rig.layout, report.frame, seen, estimator=estimator)
+    for estimator, limit_m in (("truncated_svd", 6e-6), ("tikhonov", 6e-6), ("l_curve", 15e-6)):
+        other = rig.fit(seen, report.frame, estimator)
         shift, _ = report.tool_error(predict_poses(other, report, visits), reference)
-        assert np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))) < 6e-6, estimator
+        assert np.sqrt(np.mean(np.sum(shift[:, :2] ** 2, axis=1))) < limit_m, estimator
 
 
 def test_least_squares_recovers_the_pose_but_not_the_parameters(fits):
     """The priors rescue parameters more than poses."""
     rig, seen, report, best = fits[1]
-    plain = identify(rig.layout, report.frame, seen, estimator="least_squares")
-    truth = rig.truth[: len(rig.layout.parameters)]
-    scale = rig.layout.parameters.sigma
+    plain = rig.fit(seen, report.frame, "least_squares")
+    truth = rig.truth[: len(rig.model.parameters)]
+    scale = rig.model.parameters.sigma
     assert np.linalg.norm((plain.theta - truth) / scale) > 2.0 * np.linalg.norm((best.theta - truth) / scale)
     visits = rig.visits(rig.workspace(40), np.zeros(40))
     shift, _ = report.tool_error(predict_poses(plain, report, visits), predict_poses(best, report, visits))
@@ -88,32 +87,36 @@ def test_least_squares_recovers_the_pose_but_not_the_parameters(fits):
 def test_absolute_stiffness_needs_a_known_load_difference(synthetic):
     rig = synthetic(40)
     xy = rig.workspace(40)
-    rows = rig.layout.parameters.rows("ln_stiffness")
+    rows = rig.model.parameters.rows("ln_stiffness")
     common = []
     for payload_kg in (0.0, 400.0):
         visits = rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, payload_kg], 40))
         seen = rig.see(visits)
-        fit = identify(rig.layout, rig.rough, seen)
+        fit = rig.fit(seen, rig.rough)
         common.append(np.sqrt(fit.covariance[np.ix_(rows, rows)].sum()) / 4.0)
     assert common[0] > 0.8 * 0.3 / np.sqrt(3.0) / 2.0
     assert common[1] < 0.3 * common[0]
 
 
 def test_jacobian_agrees_with_differences(synthetic):
-    from calibration.observation_model import predict  # noqa: PLC0415
-
     rig = synthetic(41)
     visits = rig.visits(rig.workspace(3), np.array([0.0, 200.0, 400.0]))
-    seen = rig.see(visits)
-    exact = predict(rig.layout, rig.frame, ModelOptions(), rig.truth, seen).jacobian
-    for u in range(rig.layout.size):
-        h = 1e-4 if rig.layout.sigma[u] > 0.1 else 1e-6
+    seen = SmrPositions(rig.see(visits), rig.station)
+    count = len(rig.model)
+
+    def predict(unknowns):
+        poses = rig.model.predict(unknowns[:count], visits)
+        return seen.compare(poses, seen.visits_of(), unknowns[count:])
+
+    at = predict(rig.truth)
+    exact = np.concatenate([at.by_model, at.by_own], axis=2)
+    sigma = rig.layout.sigma
+    for u, name in enumerate(rig.layout.names):
         step = np.zeros(rig.layout.size)
-        step[u] = h
-        ahead, behind = (
-            predict(rig.layout, rig.frame, ModelOptions(), rig.truth + s, seen).position_m for s in (step, -step)
-        )
-        np.testing.assert_allclose(exact[:, :, u], (ahead - behind) / (2 * h), atol=1e-8, err_msg=str(u))
+        step[u] = 1e-2 * sigma[u]
+        ahead, behind = (predict(rig.truth + s).residual for s in (step, -step))
+        found = (ahead - behind) / (2 * step[u])
+        np.testing.assert_allclose(exact[:, :, u] * sigma[u], found * sigma[u], atol=2e-2, rtol=1e-4, err_msg=name)
 
 
 def test_too_few_readings_are_refused(synthetic):
@@ -121,4 +124,4 @@ def test_too_few_readings_are_refused(synthetic):
     seen = rig.see(rig.visits(rig.workspace(3), np.zeros(3)))
     few = Observations(seen.visits, seen.visit[:5], seen.smr[:5], seen.position_m[:5], seen.covariance_m2[:5])
     with pytest.raises(InputError, match="measure more poses"):
-        identify(rig.layout, rig.rough, few)
+        rig.fit(few, rig.rough)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.equilibrium import rotation_vector
-from calibration.observation_model import Observations
+from calibration.measurements.smr_positions import Observations
 from calibration.report_frame import compose, fit_report_frame
+from calibration.rotation import rotation_vector
 from calibration.toml_file import InputError
 
 SHIFT_M = np.array([1e-3, 0.0, 0.0])

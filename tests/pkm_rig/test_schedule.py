@@ -45,13 +45,13 @@ def test_every_target_lies_in_the_workspace_and_within_the_travel(seed, poses):
     machine = load_machine(shipped_machine("planar4"))
     chosen = CampaignSettings(seed=seed, calibration_poses=poses)
     blocks = (*calibration_blocks(machine, chosen), verification_block(machine, chosen, 1))
-    low, high = machine.workspace_m.T
+    low, high = machine.commanded_limits.T
     for block in blocks:
         for visit in block.visits:
             assert (visit.target_m[:2] >= low - 1e-12).all()
             assert (visit.target_m[:2] <= high + 1e-12).all()
-            assert (visit.drives_m > machine.travel_m[:, 0] + chosen.approach_m).all()
-            assert (visit.drives_m < machine.travel_m[:, 1] - chosen.approach_m).all()
+            assert (visit.drives_m > machine.travel[:, 0] + chosen.approach_m).all()
+            assert (visit.drives_m < machine.travel[:, 1] - chosen.approach_m).all()
 
 
 def test_verification_poses_are_others_than_the_calibrations_and_reach_the_edge(machine):
@@ -60,7 +60,7 @@ def test_verification_poses_are_others_than_the_calibrations_and_reach_the_edge(
     block = verification_block(machine, chosen, 0)
     assert len(block.visits) >= 30
     assert not calibrated & {tuple(v.target_m) for v in block.visits}
-    low, high = machine.workspace_m.T
+    low, high = machine.commanded_limits.T
     on_edge = [np.isclose(v.target_m[:2], low).any() or np.isclose(v.target_m[:2], high).any() for v in block.visits]
     assert sum(on_edge) >= 7
     again = verification_block(machine, chosen, 1)

@@ -1,0 +1,77 @@
+"""The linearised least-squares problem of a fit, however many readings: a triangular factor, not the Jacobian.
+
+Blocks of whitened rows are folded one after the other into the R of a QR factorisation (sequential tall-skinny QR), so
+memory does not grow with the readings and no normal equations square the condition number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from calibration.machine import Array
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """|J d + r|^2 = |R d + c|^2 + rest: factor R (u, u), right side c (u,), rest, number of rows m."""
+
+    factor: Array
+    right: Array
+    rest: float
+    rows: int
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares at d = 0."""
+        return float(self.right @ self.right) + self.rest
+
+    def gradient(self) -> Array:
+        """J^T r (u,)."""
+        return np.asarray(self.factor.T @ self.right)
+
+    def information(self) -> Array:
+        """J^T J (u, u)."""
+        return np.asarray(self.factor.T @ self.factor)
+
+    def spectrum(self) -> Array:
+        """Singular values (u,) of J, largest first."""
+        return np.asarray(np.linalg.svd(self.factor, compute_uv=False))
+
+
+class Folding:
+    """Folds blocks of rows into a `Linearised`."""
+
+    def __init__(self, unknowns: int) -> None:
+        self._r = np.zeros((0, unknowns + 1))
+        self._unknowns, self._rows = unknowns, 0
+
+    def add(self, jacobian: Array, residual: Array) -> None:
+        """Add rows (m, u) and residuals (m,)."""
+        self._rows += len(residual)
+        block = np.column_stack([jacobian, residual])
+        self._r = np.asarray(np.linalg.qr(np.vstack([self._r, block]), mode="r"))
+
+    def done(self) -> Linearised:
+        """The factor of all rows so far."""
+        u = self._unknowns
+        r = np.zeros((u + 1, u + 1))
+        r[: len(self._r)] = self._r
+        return Linearised(r[:u, :u], r[:u, u], float(r[u, u] ** 2), self._rows)
+
+
+def regularised_step(system: Linearised, offset: Array, weight: Array) -> Array:
+    """d (u,) that minimises |R d + c|^2 + |w (offset + d)|^2."""
+    stacked = np.vstack([system.factor, np.diag(weight)])
+    q, r = np.linalg.qr(stacked)
+    right = np.concatenate([system.right, weight * offset])
+    return np.asarray(-solve_triangular(r, q.T @ right))
+
+
+def posterior_covariance(system: Linearised, weight: Array) -> Array:
+    """(J^T J + diag(w^2))^-1 (u, u), from a triangular factor; weights must hold what the rows leave open."""
+    r = np.linalg.qr(np.vstack([system.factor, np.diag(weight)]), mode="r")
+    inverse = solve_triangular(r, np.eye(len(r)))
+    return np.asarray(inverse @ inverse.T)

@@ -1,0 +1,99 @@
+"""Distances: a double ball bar between the tool and a ball on the base, or between the tool at two visits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.machine import Array, Machine
+from calibration.measurements import Whitened
+from calibration.model import Poses, Unknown
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Distances (r,) in m with standard deviations (r,) from the tool point at `first` to where it was at `second`.
+
+    second (r,): a visit, or None for a ball on the base at centre_m (3,), known to centre_u_m (an unknown of the fit). length_u_m,
+    scale_u: standard uncertainties of what all distances have in common (length of the bar, scale of a calliper).
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp] | None
+    distance_m: Array
+    sigma_m: Array
+    centre_m: Array | None = None
+    centre_u_m: float = 0.0
+    length_u_m: float = 0.0
+    scale_u: float = 0.0
+
+    def __post_init__(self) -> None:
+        if (self.second is None) == (self.centre_m is None):
+            raise ValueError("either a second visit or a centre")
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def width(self) -> int:
+        """One number a reading."""
+        return 1
+
+    def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
+        """Place of the ball on the base, common error of length and of scale."""
+        axes = "xy" if machine.planar else "xyz"
+        found = [Unknown(f"ball.{c}", "m", self.centre_u_m if self.second is None else 0.0) for c in axes]
+        found += [Unknown("bar.length", "m", self.length_u_m), Unknown("bar.scale", "1", self.scale_u)]
+        return tuple(u for u in found if u.sigma > 0.0)
+
+    def visits_of(self) -> NDArray[np.intp]:
+        """One or two visits a reading."""
+        return self.first[:, None] if self.second is None else np.stack([self.first, self.second], axis=1)
+
+    def take(self, rows: NDArray[np.intp]) -> Distances:
+        """Some of the readings."""
+        return Distances(
+            self.first[rows],
+            None if self.second is None else self.second[rows],
+            self.distance_m[rows],
+            self.sigma_m[rows],
+            self.centre_m,
+            self.centre_u_m,
+            self.length_u_m,
+            self.scale_u,
+        )
+
+    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
+        """Whitened differences of predicted and measured distances."""
+        machine = poses.model.machine
+        names = [u.name for u in self.unknowns(machine)]
+        tool = poses.tool_m()
+        if self.second is None:
+            centre = np.array(self.centre_m)
+            for column, name in enumerate(names):
+                if name.startswith("ball."):
+                    centre["xyz".index(name[-1])] += own[column]
+            between = tool[local[:, 0]] - centre
+        else:
+            between = tool[local[:, 0]] - tool[local[:, 1]]
+        distance = np.linalg.norm(between, axis=1)
+        along = between / distance[:, None]
+        by_own = np.zeros((len(self), 1, len(names)))
+        stated = distance.copy()
+        for column, name in enumerate(names):
+            if name.startswith("ball."):
+                by_own[:, 0, column] = -along[:, "xyz".index(name[-1])]
+            else:
+                by_own[:, 0, column] = 1.0 if name == "bar.length" else distance
+                stated += own[column] * by_own[:, 0, column]
+        residual = ((stated - self.distance_m) / self.sigma_m)[:, None]
+        if not derivatives:
+            return Whitened(residual, np.zeros((len(self), 1, 0)), by_own[:, :, :0])
+        _, by_point = poses.point(machine.tool_point_m)
+        by_model = by_point[local[:, 0]]
+        if self.second is not None:
+            by_model = by_model - by_point[local[:, 1]]
+        scale = 1.0 / self.sigma_m[:, None, None]
+        return Whitened(residual, scale * np.einsum("ri,riu->ru", along, by_model)[:, None], scale * by_own)

@@ -1,0 +1,197 @@
+"""Reflectors on the platform and on what the drives carry, seen by a station whose frame is unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.frame import Frame
+from calibration.machine import Array, Machine
+from calibration.measurements import Whitened
+from calibration.model import Poses, Unknown
+from calibration.rotation import skew
+from calibration.toml_file import InputError
+from calibration.visits import Visits
+
+FRAME_PRIOR_M = 0.1
+FRAME_PRIOR_RAD = 0.1
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Reflector positions measured during visits, one row a reading (r).
+
+    visit (r,): row of `visits`; smr (r,): index in the machine file; position_m (r, 3) in the station's
+    frame; covariance_m2 (r, 3, 3).
+    """
+
+    visits: Visits
+    visit: NDArray[np.intp]
+    smr: NDArray[np.intp]
+    position_m: Array
+    covariance_m2: Array
+
+    def __len__(self) -> int:
+        return len(self.visit)
+
+    def of_visits(self, keep: NDArray[np.bool_]) -> Observations:
+        """The readings of the visits that are kept."""
+        new_row = np.cumsum(keep) - 1
+        rows = keep[self.visit]
+        return Observations(
+            self.visits.take(np.flatnonzero(keep)),
+            new_row[self.visit[rows]],
+            self.smr[rows],
+            self.position_m[rows],
+            self.covariance_m2[rows],
+        )
+
+
+@dataclass(frozen=True)
+class Station:
+    """The station of a fit. start: frame to start from (its prior is loose); smrs: reflectors that it saw.
+
+    range_constant_u_m, range_scale_u: standard uncertainties of what all ranges have in common; refraction_u_per_m:
+    of the curvature of the line of sight that a vertical gradient of the air's index causes (1e-6 per kelvin per metre);
+    zero leaves an unknown out. known_frame: the machine frame is the station's (gauge fixed), nothing to be fitted.
+    """
+
+    start: Frame
+    smrs: tuple[int, ...]
+    range_constant_u_m: float = 0.0
+    range_scale_u: float = 0.0
+    refraction_u_per_m: float = 0.0
+    known_frame: bool = False
+
+    def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
+        """Mounting of each reflector (3), frame (rotation, translation), range constant and scale, refraction."""
+        mounting = machine.file.tolerances.smr_position_m / np.sqrt(3.0)
+        out = [Unknown(f"mounting.{machine.smrs[i].name}.{c}", "m", mounting) for i in self.smrs for c in "xyz"]
+        if not self.known_frame:
+            out += [Unknown(f"frame.r{c}", "rad", FRAME_PRIOR_RAD) for c in "xyz"]
+            out += [Unknown(f"frame.{c}", "m", FRAME_PRIOR_M) for c in "xyz"]
+        ranges = (
+            Unknown("range.constant", "m", self.range_constant_u_m),
+            Unknown("range.scale", "1", self.range_scale_u),
+            Unknown("refraction.curvature", "1/m", self.refraction_u_per_m),
+        )
+        return (*out, *(u for u in ranges if u.sigma > 0.0))
+
+    @property
+    def frame_column(self) -> int:
+        """First of the six unknowns of the frame."""
+        return 3 * len(self.smrs)
+
+    def frame(self, own: Array) -> Frame:
+        """The frame for values of the own unknowns."""
+        if self.known_frame:
+            return self.start
+        return self.start.moved(own[self.frame_column : self.frame_column + 6])
+
+    def mounting_m(self, machine: Machine, own: Array, smr: int) -> Array:
+        """Position (3,) of a reflector on its part for values of the own unknowns."""
+        if smr not in self.smrs:
+            raise InputError(f"SMR {machine.smrs[smr].name} was not measured; measure it")
+        first = 3 * self.smrs.index(smr)
+        return np.asarray(machine.smrs[smr].position_m + own[first : first + 3])
+
+    def see(self, machine: Machine, own: Array, point_m: Array) -> tuple[Array, Array]:
+        """Points (n, 3) of the machine's frame as the station states them, and (n, 3, k) by the own unknowns.
+
+        The columns of the mountings are left at zero: they act before the frame.
+        """
+        frame = self.frame(own)
+        turned = point_m @ frame.rotation.T
+        seen = turned + frame.translation_m
+        names = [u.name for u in self.unknowns(machine)]
+        out = np.zeros((len(point_m), 3, len(names)))
+        first = self.frame_column
+        if not self.known_frame:
+            out[:, :, first : first + 3] = -skew(turned)
+            out[:, :, first + 3 : first + 6] = np.eye(3)
+        distance = np.linalg.norm(seen, axis=1)[:, None]
+        up = np.broadcast_to([0.0, 0.0, 1.0], seen.shape)
+        shifts = {
+            "range.constant": seen / distance,
+            "range.scale": seen,
+            "refraction.curvature": 0.5 * distance**2 * (up - seen * seen[:, 2:] / distance**2),
+        }
+        stated = seen.copy()
+        for name, shift in shifts.items():
+            if name in names:
+                column = names.index(name)
+                out[:, :, column] = shift
+                stated += own[column] * shift
+        return stated, out
+
+
+@dataclass(frozen=True)
+class SmrPositions:
+    """Readings of reflectors by a station."""
+
+    seen: Observations
+    station: Station
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    @property
+    def width(self) -> int:
+        """x, y and z of the station's frame."""
+        return 3
+
+    @cached_property
+    def whiten(self) -> Array:
+        """Inverse Cholesky factors (r, 3, 3) of the covariances."""
+        return np.linalg.inv(np.linalg.cholesky(self.seen.covariance_m2))
+
+    def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
+        """Those of the station."""
+        return self.station.unknowns(machine)
+
+    def visits_of(self) -> NDArray[np.intp]:
+        """One visit a reading."""
+        return self.seen.visit[:, None]
+
+    def take(self, rows: NDArray[np.intp]) -> SmrPositions:
+        """Some of the readings."""
+        s = self.seen
+        part = replace(
+            s, visit=s.visit[rows], smr=s.smr[rows], position_m=s.position_m[rows], covariance_m2=s.covariance_m2[rows]
+        )
+        return SmrPositions(part, self.station)
+
+    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
+        """Whitened differences of predicted and measured positions."""
+        machine = poses.model.machine
+        place = np.empty((len(self), 3))
+        by_model = np.zeros((len(self), 3, len(poses.model) if derivatives else 0))
+        turn = np.zeros((len(self), 3, 3))
+        for smr in self.station.smrs:
+            rows = np.flatnonzero(self.seen.smr == smr)
+            visit = local[rows, 0]
+            mounted = self.station.mounting_m(machine, own, smr)
+            if machine.smrs[smr].on == "platform":
+                turn[rows] = poses.rest.rotation[visit] * poses.at.factors["platform"][visit, None, None]
+                place[rows] = poses.rest.position_m[visit] + turn[rows] @ mounted
+                if derivatives:
+                    by_model[rows] = poses.point(mounted)[1][visit]
+            else:
+                drive = machine.smrs[smr].drive
+                place_all, by_all = poses.carried(drive, mounted)
+                place[rows] = place_all[visit]
+                turn[rows] = poses.sensitivity.carriers[drive].d_point().transpose(2, 0, 1)[visit]
+                if derivatives:
+                    by_model[rows] = by_all[visit]
+        stated, by_own = self.station.see(machine, own, place)
+        rotation = self.station.frame(own).rotation
+        for column, smr in enumerate(self.station.smrs):
+            rows = np.flatnonzero(self.seen.smr == smr)
+            by_own[rows, :, 3 * column : 3 * column + 3] = rotation @ turn[rows]
+        residual = np.einsum("rij,rj->ri", self.whiten, stated - self.seen.position_m)
+        if not derivatives:
+            return Whitened(residual, by_model, by_own[:, :, :0])
+        return Whitened(residual, self.whiten @ (rotation @ by_model), self.whiten @ by_own)

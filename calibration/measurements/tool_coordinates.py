@@ -1,0 +1,105 @@
+"""Coordinates of the tool measured in the machine's frame: the full pose, x and y only, or the height alone.
+
+An instrument whose frame is not known to the machine adds six unknowns; a subset of coordinates is compared after
+that motion. An offset common to all readings (where a touch probe triggers) is an unknown of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.frame import Frame
+from calibration.machine import COORDINATES, Array, Machine
+from calibration.measurements import Whitened
+from calibration.measurements.smr_positions import FRAME_PRIOR_M, FRAME_PRIOR_RAD
+from calibration.model import Poses, Unknown
+from calibration.rotation import rotation_matrix, rotation_vector, skew
+from calibration.visits import Visits
+
+
+@dataclass(frozen=True)
+class ToolCoordinates:
+    """Readings of some coordinates (indices k of x, y, z, rx, ry, rz) of tool point and orientation.
+
+    visit (r,); value (r, 6) in m and rad, rotation vectors, what is not measured is ignored; sigma (r, k) standard
+    deviations of independent errors. own_frame: the instrument's frame is unknown. offset_u (k,): standard uncertainty of
+    an offset common to all readings, zero where there is none.
+    """
+
+    visit: NDArray[np.intp]
+    coordinates: tuple[int, ...]
+    value: Array
+    sigma: Array
+    own_frame: bool = False
+    offset_u: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, visits: Visits, coordinates: tuple[int, ...], value: Array, sigma: Array) -> ToolCoordinates:
+        """One reading a visit, sigma (k,) the same for all."""
+        return cls(np.arange(len(visits)), coordinates, value, np.tile(sigma, (len(visits), 1)))
+
+    def __len__(self) -> int:
+        return len(self.visit)
+
+    @property
+    def width(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
+        """The instrument's frame and the offsets, where there are any."""
+        out = []
+        if self.own_frame:
+            free = [3, 4, 5, 0, 1, 2] if not machine.planar else [5, 0, 1]
+            sigma = {True: FRAME_PRIOR_RAD, False: FRAME_PRIOR_M}
+            out += [Unknown(f"frame.{COORDINATES[c]}", "rad" if c > 2 else "m", sigma[c > 2]) for c in free]
+        for c, u in zip(self.coordinates, self.offset_u, strict=False):
+            if u > 0.0:
+                out.append(Unknown(f"offset.{COORDINATES[c]}", "rad" if c > 2 else "m", u))
+        return tuple(out)
+
+    def visits_of(self) -> NDArray[np.intp]:
+        """One visit a reading."""
+        return self.visit[:, None]
+
+    def take(self, rows: NDArray[np.intp]) -> ToolCoordinates:
+        """Some of the readings."""
+        return ToolCoordinates(
+            self.visit[rows], self.coordinates, self.value[rows], self.sigma[rows], self.own_frame, self.offset_u
+        )
+
+    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
+        """Whitened differences; rotations by the vector of the rotation from measured to predicted."""
+        machine = poses.model.machine
+        names = [u.name for u in self.unknowns(machine)]
+        visit = local[:, 0]
+        increment = np.zeros(6)
+        for column, name in enumerate(names):
+            if name.startswith("frame."):
+                increment[[3, 4, 5, 0, 1, 2][COORDINATES.index(name[6:])]] = own[column]
+        frame = Frame(np.eye(3), np.zeros(3)).moved(increment)
+        turned = poses.tool_m()[visit] @ frame.rotation.T
+        turn = frame.rotation @ poses.rest.rotation[visit] @ rotation_matrix(self.value[:, 3:]).transpose(0, 2, 1)
+        error = np.concatenate([turned + frame.translation_m - self.value[:, :3], rotation_vector(turn)], axis=1)
+        chosen = list(self.coordinates)
+        by_own = np.zeros((len(self), self.width, len(names)))
+        for column, name in enumerate(names):
+            c = COORDINATES.index(name.partition(".")[2])
+            if name.startswith("offset."):
+                error[:, c] += own[column]
+                by_own[:, chosen.index(c), column] = 1.0
+            elif c < 3:
+                by_own[:, :, column] = np.eye(6)[c][chosen]
+            else:
+                full = np.concatenate([-skew(turned)[:, :, c - 3], np.broadcast_to(np.eye(3)[c - 3], turned.shape)], 1)
+                by_own[:, :, column] = full[:, chosen]
+        residual = error[:, chosen] / self.sigma
+        if not derivatives:
+            return Whitened(residual, np.zeros((len(self), self.width, 0)), by_own[:, :, :0])
+        _, by_point = poses.point(machine.tool_point_m)
+        full = np.concatenate([frame.rotation @ by_point[visit], frame.rotation @ poses.jacobian[visit, 3:]], axis=1)
+        scale = 1.0 / self.sigma[:, :, None]
+        return Whitened(residual, scale * full[:, chosen], scale * by_own)

@@ -1,0 +1,187 @@
+"""The model of a fit: the machine's parameters and what else its poses depend on, and the poses it predicts.
+
+Unknowns of a model, in this order: machine parameters (deviations from nominal), then the systematic ones:
+relative error of the payload's mass, error of its centre of mass, errors of the expansion coefficients
+and of the temperature sensors. They do not average out over readings, so they are unknowns with priors, not noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from calibration import equilibrium
+from calibration.equilibrium import Conditions, Equilibrium
+from calibration.machine import PARTS, Array, Geometry, Machine
+from calibration.parameters import ParameterSet
+from calibration.rotation import skew
+from calibration.sensitivity import Sensitivity
+from calibration.visits import Visits
+
+PAYLOAD = 1  # its place among the masses of the conditions
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A scalar unknown of a fit: its SI unit ('1' for a ratio) and the standard deviation of its prior."""
+
+    name: str
+    unit: str
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Systematic:
+    """Standard uncertainties of what is common to all poses; zero: taken as known.
+
+    payload_mass relative; payload_com_m; expansion_per_k and temperature_k by part (struts, drives, base, platform).
+    """
+
+    payload_mass: float = 0.0
+    payload_com_m: float = 0.0
+    expansion_per_k: Mapping[str, float] = field(default_factory=dict)
+    temperature_k: Mapping[str, float] = field(default_factory=dict)
+
+    def unknowns(self, planar: bool) -> tuple[Unknown, ...]:
+        """Those that are not taken as known."""
+        found = [Unknown("payload.mass", "1", self.payload_mass)]
+        axes = "xy" if planar else "xyz"
+        found += [Unknown(f"payload.com.{axis}", "m", self.payload_com_m) for axis in axes]
+        found += [Unknown(f"expansion.{part}", "1/K", self.expansion_per_k.get(part, 0.0)) for part in PARTS]
+        found += [Unknown(f"temperature.{part}", "K", self.temperature_k.get(part, 0.0)) for part in PARTS]
+        return tuple(u for u in found if u.sigma > 0.0)
+
+
+@dataclass(frozen=True)
+class Model:
+    """Machine parameters and systematic unknowns; loads False leaves every load out (rigid baselines)."""
+
+    parameters: ParameterSet
+    systematic: Systematic = Systematic()
+    loads: bool = True
+
+    @property
+    def machine(self) -> Machine:
+        """The machine that is modelled."""
+        return self.parameters.machine
+
+    @cached_property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """All unknowns of the model itself, before those of instruments."""
+        machine = [Unknown(p.name, p.unit, p.sigma) for p in self.parameters.parameters]
+        return (*machine, *self.systematic.unknowns(self.machine.planar))
+
+    def __len__(self) -> int:
+        return len(self.unknowns)
+
+    def column(self, name: str) -> int | None:
+        """Where an unknown stands, None if it is taken as known."""
+        names = [u.name for u in self.unknowns]
+        return names.index(name) if name in names else None
+
+    def _value(self, values: Array, name: str) -> float:
+        column = self.column(name)
+        return 0.0 if column is None else float(values[column])
+
+    def conditions(self, values: Array, visits: Visits) -> Conditions:
+        """Loads and thermal factors of visits for values of the unknowns."""
+        machine = self.machine
+        com = np.array([self._value(values, f"payload.com.{axis}") for axis in "xyz"])
+        at = equilibrium.conditions(
+            machine,
+            len(visits),
+            visits.temperatures_c,
+            visits.payload_kg * (1.0 + self._value(values, "payload.mass")),
+            visits.payload_com_m + com,
+        )
+        factors = {}
+        for part, sensor in machine.sensors.items():
+            coefficient = machine.expansion_per_k[part] + self._value(values, f"expansion.{part}")
+            warmth = visits.temperatures_c[sensor] - machine.reference_temperature_c
+            factors[part] = 1.0 + coefficient * (warmth + self._value(values, f"temperature.{part}"))
+        at = replace(at, factors=factors)
+        return at if self.loads else at.unloaded()
+
+    def predict(self, values: Array, visits: Visits, start: Array | None = None) -> Poses:
+        """Poses of visits; from `start` (v, 6) or the commanded poses."""
+        geometry = self.parameters.geometry(values[: len(self.parameters)])
+        at = self.conditions(values, visits)
+        rest = equilibrium.solve(self.machine, geometry, visits.drives, at, visits.target_m if start is None else start)
+        return Poses(self, values, geometry, visits, at, rest)
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Predicted poses (v) of a model; rows without an equilibrium are NaN. Derivatives are computed when asked for."""
+
+    model: Model
+    values: Array
+    geometry: Geometry
+    visits: Visits
+    at: Conditions
+    rest: Equilibrium
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Derivatives at these poses."""
+        return Sensitivity.of(self.model.machine, self.geometry, self.visits.drives, self.at, self.rest)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives (v, 6, u) of position (m) and left rotation increment (rad) with every unknown of the model."""
+        model = self.model
+        columns = model.parameters.gradient_columns(self.sensitivity)
+        columns += [self._systematic_column(u.name) for u in model.unknowns[len(columns) :]]
+        out = np.zeros((len(self.visits), 6, len(columns)))
+        out[:, model.machine.dof] = self.sensitivity.respond(columns)
+        return out
+
+    def _systematic_column(self, name: str) -> Array:
+        kind, _, part = name.partition(".")
+        if kind == "payload":
+            if not self.model.loads:
+                return np.zeros((len(self.model.machine.dof), len(self.visits)))
+            if part == "mass":
+                return self.sensitivity.mass(PAYLOAD) * self.visits.payload_kg
+            return self.sensitivity.centre_of_mass(PAYLOAD, "xyz".index(part[-1]))
+        return self.sensitivity.growth(part) * self.growth_derivative(kind, part)
+
+    def growth_derivative(self, kind: str, part: str) -> Array:
+        """Derivative (v,) of a part's thermal factor with its coefficient or its temperature's error."""
+        machine = self.model.machine
+        if kind == "temperature":
+            return np.full(len(self.visits), machine.expansion_per_k[part])
+        return np.asarray(self.visits.temperatures_c[machine.sensors[part]] - machine.reference_temperature_c)
+
+    def tool_m(self) -> Array:
+        """Tool points (v, 3)."""
+        lever = self.rest.rotation @ self.model.machine.tool_point_m
+        return self.rest.position_m + lever * self.at.factors["platform"][:, None]
+
+    def point(self, point_m: Array) -> tuple[Array, Array]:
+        """Places (v, 3) of a point (3,) of the platform and their derivatives (v, 3, u)."""
+        lever = self.rest.rotation @ point_m
+        grown = lever * self.at.factors["platform"][:, None]
+        out = self.jacobian[:, :3] - skew(grown) @ self.jacobian[:, 3:]
+        for column, unknown in enumerate(self.model.unknowns):
+            kind, _, part = unknown.name.partition(".")
+            if kind in ("expansion", "temperature") and part == "platform":
+                out[:, :, column] += lever * self.growth_derivative(kind, part)[:, None]
+        return self.rest.position_m + grown, out
+
+    def carried(self, drive: int, point_m: Array) -> tuple[Array, Array]:
+        """Places (v, 3) of a point that a drive carries and their derivatives (v, 3, u)."""
+        at = self.sensitivity
+        carrier = at.carriers[drive]
+        place = carrier.place(point_m)
+        out = np.zeros((len(self.visits), 3, len(self.model)))
+        count = len(self.model.parameters)
+        out[:, :, :count] = self.model.parameters.carried_shift(at, drive, point_m)
+        for column, unknown in enumerate(self.model.unknowns[count:], start=count):
+            kind, _, part = unknown.name.partition(".")
+            if kind in ("expansion", "temperature") and part in ("base", "drives"):
+                out[:, :, column] = (carrier.d_growth(point_m, part) * self.growth_derivative(kind, part)).T
+        return place.T, out

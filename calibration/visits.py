@@ -1,0 +1,70 @@
+"""Where the machine stood: drives, commanded pose, payload and temperatures of every visit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.machine import Array, Machine
+
+Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
+
+
+@dataclass(frozen=True)
+class Visits:
+    """One row a visit (v) of a pose.
+
+    drives (v, d) actual drive coordinates, m (rad for a crank); target_m (v, 6) commanded pose of the platform
+    (coordinates and rotation vector); payload_kg (v,); payload_com_m (v, 3); temperatures_c: sensor to (v,).
+    """
+
+    drives: Array
+    target_m: Array
+    payload_kg: Array
+    payload_com_m: Array
+    temperatures_c: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        return len(self.drives)
+
+    def take(self, rows: Rows) -> Visits:
+        """Some of the visits."""
+        return Visits(
+            self.drives[rows],
+            self.target_m[rows],
+            self.payload_kg[rows],
+            self.payload_com_m[rows],
+            {name: t[rows] for name, t in self.temperatures_c.items()},
+        )
+
+    @classmethod
+    def at(
+        cls,
+        machine: Machine,
+        drives: Array,
+        target_m: Array,
+        payload_kg: Array | float = 0.0,
+        payload_com_m: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Visits:
+        """Visits at the reference temperature."""
+        n = len(drives)
+        return cls(
+            drives,
+            target_m,
+            np.broadcast_to(np.asarray(payload_kg, dtype=np.float64), (n,)),
+            np.broadcast_to(np.asarray(payload_com_m, dtype=np.float64), (n, 3)),
+            {sensor: np.full(n, machine.reference_temperature_c) for sensor in machine.sensors.values()},
+        )
+
+    def joined(self, other: Visits) -> Visits:
+        """These visits, then the other ones."""
+        return Visits(
+            np.concatenate([self.drives, other.drives]),
+            np.concatenate([self.target_m, other.target_m]),
+            np.concatenate([self.payload_kg, other.payload_kg]),
+            np.concatenate([self.payload_com_m, other.payload_com_m]),
+            {name: np.concatenate([t, other.temperatures_c[name]]) for name, t in self.temperatures_c.items()},
+        )

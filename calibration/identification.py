@@ -41,6 +41,7 @@ class Fit:
 
     model: Model
     layout: Layout
+    visits: Visits
     instruments: tuple[Readings, ...]
     unknowns: Array
     covariance: Array
@@ -167,6 +168,7 @@ def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator) -> Fit
     return Fit(
         problem.model,
         problem.layout,
+        problem.visits,
         tuple(problem.readings),
         z * sigma,
         scaled * sigma[:, None] * sigma[None, :],

@@ -98,12 +98,18 @@ class Model:
             visits.payload_com_m + com,
         )
         factors = {}
-        for part, sensor in machine.sensors.items():
-            coefficient = machine.expansion_per_k[part] + self._value(values, f"expansion.{part}")
-            warmth = visits.temperatures_c[sensor] - machine.reference_temperature_c
-            factors[part] = 1.0 + coefficient * (warmth + self._value(values, f"temperature.{part}"))
+        for part in PARTS:
+            coefficient, warmth = self.expansion(values, visits, part)
+            factors[part] = 1.0 + coefficient * warmth
         at = replace(at, factors=factors)
         return at if self.loads else at.unloaded()
+
+    def expansion(self, values: Array, visits: Visits, part: str) -> tuple[float, Array]:
+        """Expansion coefficient (1/K) of a part and by how much (v,) it is warmer than the reference, in K."""
+        machine = self.machine
+        coefficient = machine.expansion_per_k[part] + self._value(values, f"expansion.{part}")
+        warmth = visits.temperatures_c[machine.sensors[part]] - machine.reference_temperature_c
+        return coefficient, np.asarray(warmth + self._value(values, f"temperature.{part}"))
 
     def predict(self, values: Array, visits: Visits, start: Array | None = None) -> Poses:
         """Poses of visits; from `start` (v, 6) or the commanded poses."""
@@ -151,10 +157,8 @@ class Poses:
 
     def growth_derivative(self, kind: str, part: str) -> Array:
         """Derivative (v,) of a part's thermal factor with its coefficient or its temperature's error."""
-        machine = self.model.machine
-        if kind == "temperature":
-            return np.full(len(self.visits), machine.expansion_per_k[part])
-        return np.asarray(self.visits.temperatures_c[machine.sensors[part]] - machine.reference_temperature_c)
+        coefficient, warmth = self.model.expansion(self.values, self.visits, part)
+        return np.full(len(self.visits), coefficient) if kind == "temperature" else warmth
 
     def tool_m(self) -> Array:
         """Tool points (v, 3)."""

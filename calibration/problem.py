@@ -71,12 +71,17 @@ class _Block:
 
 @dataclass
 class Problem:
-    """Readings of visits under a model. robust: Huber's loss on each reading instead of squares."""
+    """Readings of visits under a model.
+
+    robust: Huber's loss on each reading instead of squares. centre (u,): where the priors stand, in scaled unknowns;
+    nominal if None.
+    """
 
     model: Model
     visits: Visits
     readings: Sequence[Readings]
     robust: bool = False
+    centre: Array | None = None
     layout: Layout = field(init=False)
     _start: Array = field(init=False)
     _blocks: list[_Block] = field(init=False)
@@ -130,7 +135,7 @@ class Problem:
 
     def loss(self, z: Array, weight: Array) -> float:
         """The function that is minimised."""
-        total = float(np.sum((weight * z) ** 2))
+        total = float(np.sum((weight * self._off_centre(z)) ** 2))
         for found in self.residuals(z):
             square = np.sum(found**2, axis=1)
             total += float(np.sum(self._rho(square, found.shape[1])))
@@ -144,7 +149,7 @@ class Problem:
         system = self.linearise(z)
         best = self._loss_of(system, z, prior)
         for _ in range(MOST_STEPS):
-            step = _step(system, z, prior, held, damping)
+            step = _step(system, self._off_centre(z), prior, held, damping)
             try:
                 trial = self.linearise(z + step)
                 loss = self._loss_of(trial, z + step, prior)
@@ -165,7 +170,12 @@ class Problem:
         return z
 
     def _loss_of(self, system: Linearised, z: Array, prior: Array) -> float:
-        return self.loss(z, prior) if self.robust else system.cost + float(np.sum((prior * z) ** 2))
+        if self.robust:
+            return self.loss(z, prior)
+        return system.cost + float(np.sum((prior * self._off_centre(z)) ** 2))
+
+    def _off_centre(self, z: Array) -> Array:
+        return z if self.centre is None else z - self.centre
 
     def _weights(self, residual: Array) -> Array:
         """Square roots (r,) of the weights of readings with whitened residuals (r, w)."""
@@ -201,14 +211,14 @@ class Problem:
             )
 
 
-def _step(system: Linearised, z: Array, prior: Array, held: NDArray[np.intp], damping: float) -> Array:
+def _step(system: Linearised, off_centre: Array, prior: Array, held: NDArray[np.intp], damping: float) -> Array:
     """Step (u,) of the regularised linear problem; what is held does not move."""
     weight = np.hypot(prior, np.sqrt(damping))
-    offset = z * prior**2 / weight**2
+    offset = off_centre * prior**2 / weight**2
     if held.size == 0:
         return regularised_step(system, offset, weight)
-    free = np.setdiff1d(np.arange(z.size), held)
+    free = np.setdiff1d(np.arange(offset.size), held)
     part = Linearised(system.factor[:, free], system.right, system.rest, system.rows)
-    step = np.zeros_like(z)
+    step = np.zeros_like(offset)
     step[free] = regularised_step(part, offset[free], weight[free])
     return step

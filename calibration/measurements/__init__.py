@@ -46,6 +46,9 @@ class Readings(Protocol):
     def take(self, rows: NDArray[np.intp]) -> Readings:
         """Some of the readings."""
 
+    def moved(self, white: Array) -> Readings:
+        """The readings moved by whitened amounts (r, w): their residuals fall by as much."""
+
     def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
         """Compare with predicted poses; local: row of `poses` of every entry of `visits_of`."""
 
@@ -54,7 +57,7 @@ Part = tuple[NDArray[np.intp], Readings, NDArray[np.intp], NDArray[np.intp]]
 
 
 def parts(readings: Readings, size: int) -> Iterator[Part]:
-    """Parts of the readings that need some `size` visits each: their rows, they, their visits, and local rows of these."""
+    """Parts of the readings that need some `size` visits each: rows, readings, their visits, local rows of these."""
     needed = readings.visits_of()
     if not len(needed):
         return

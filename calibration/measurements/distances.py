@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from calibration.model import Poses, Unknown
 class Distances:
     """Distances (r,) in m with standard deviations (r,) from the tool point at `first` to where it was at `second`.
 
-    second (r,): a visit, or None for a ball on the base at centre_m (3,), known to centre_u_m (an unknown of the fit). length_u_m,
-    scale_u: standard uncertainties of what all distances have in common (length of the bar, scale of a calliper).
+    second (r,): a visit, or None for a ball on the base at centre_m (3,), known to centre_u_m (an unknown of the
+    fit). length_u_m, scale_u: standard uncertainties of what all distances have in common (length of the bar, scale
+    of a calliper).
     """
 
     first: NDArray[np.intp]
@@ -54,16 +55,17 @@ class Distances:
 
     def take(self, rows: NDArray[np.intp]) -> Distances:
         """Some of the readings."""
-        return Distances(
-            self.first[rows],
-            None if self.second is None else self.second[rows],
-            self.distance_m[rows],
-            self.sigma_m[rows],
-            self.centre_m,
-            self.centre_u_m,
-            self.length_u_m,
-            self.scale_u,
+        return replace(
+            self,
+            first=self.first[rows],
+            second=None if self.second is None else self.second[rows],
+            distance_m=self.distance_m[rows],
+            sigma_m=self.sigma_m[rows],
         )
+
+    def moved(self, white: Array) -> Distances:
+        """Distances moved by whitened amounts (r, 1)."""
+        return replace(self, distance_m=self.distance_m + white[:, 0] * self.sigma_m)
 
     def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
         """Whitened differences of predicted and measured distances."""

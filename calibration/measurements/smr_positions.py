@@ -16,8 +16,8 @@ from calibration.rotation import skew
 from calibration.toml_file import InputError
 from calibration.visits import Visits
 
-FRAME_PRIOR_M = 0.1
-FRAME_PRIOR_RAD = 0.1
+FRAME_PRIOR_M = 10.0  # so wide that it says nothing
+FRAME_PRIOR_RAD = 1.0
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,9 @@ class Station:
     """The station of a fit. start: frame to start from (its prior is loose); smrs: reflectors that it saw.
 
     range_constant_u_m, range_scale_u: standard uncertainties of what all ranges have in common; refraction_u_per_m:
-    of the curvature of the line of sight that a vertical gradient of the air's index causes (1e-6 per kelvin per metre);
-    zero leaves an unknown out. known_frame: the machine frame is the station's (gauge fixed), nothing to be fitted.
+    of the curvature of the line of sight that a vertical gradient of the air's index causes (1e-6 per kelvin per
+    metre); zero leaves an unknown out. known_frame: the machine frame is the station's (gauge fixed), nothing to be
+    fitted.
     """
 
     start: Frame
@@ -163,6 +164,11 @@ class SmrPositions:
             s, visit=s.visit[rows], smr=s.smr[rows], position_m=s.position_m[rows], covariance_m2=s.covariance_m2[rows]
         )
         return SmrPositions(part, self.station)
+
+    def moved(self, white: Array) -> SmrPositions:
+        """Positions moved by whitened amounts (r, 3)."""
+        shift = np.einsum("rij,rj->ri", np.linalg.cholesky(self.seen.covariance_m2), white)
+        return SmrPositions(replace(self.seen, position_m=self.seen.position_m + shift), self.station)
 
     def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
         """Whitened differences of predicted and measured positions."""

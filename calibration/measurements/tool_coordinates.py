@@ -6,7 +6,7 @@ that motion. An offset common to all readings (where a touch probe triggers) is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ class ToolCoordinates:
     """Readings of some coordinates (indices k of x, y, z, rx, ry, rz) of tool point and orientation.
 
     visit (r,); value (r, 6) in m and rad, rotation vectors, what is not measured is ignored; sigma (r, k) standard
-    deviations of independent errors. own_frame: the instrument's frame is unknown. offset_u (k,): standard uncertainty of
-    an offset common to all readings, zero where there is none.
+    deviations of independent errors. own_frame: the instrument's frame is unknown. offset_u (k,): standard
+    uncertainty of an offset common to all readings, zero where there is none.
     """
 
     visit: NDArray[np.intp]
@@ -67,9 +67,13 @@ class ToolCoordinates:
 
     def take(self, rows: NDArray[np.intp]) -> ToolCoordinates:
         """Some of the readings."""
-        return ToolCoordinates(
-            self.visit[rows], self.coordinates, self.value[rows], self.sigma[rows], self.own_frame, self.offset_u
-        )
+        return replace(self, visit=self.visit[rows], value=self.value[rows], sigma=self.sigma[rows])
+
+    def moved(self, white: Array) -> ToolCoordinates:
+        """Values moved by whitened amounts (r, k)."""
+        value = self.value.copy()
+        value[:, list(self.coordinates)] += white * self.sigma
+        return replace(self, value=value)
 
     def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
         """Whitened differences; rotations by the vector of the rotation from measured to predicted."""

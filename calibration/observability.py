@@ -1,0 +1,169 @@
+"""What the data determine: shares of the tolerances that are left, and in words the combinations that stay open.
+
+Everything is scaled by noise and tolerance: readings are whitened, parameters divided by their prior standard
+deviation, instruments and systematic unknowns eliminated with their own priors. A singular value s of what is left
+narrows its direction to 1 / sqrt(1 + s^2) of the tolerance: below 1 the tolerance knows more than the data. The same
+works for a planned campaign: only derivatives are used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.combinations import candidates, in_words, plain
+from calibration.identification import Fit
+from calibration.linear_system import Linearised, posterior_covariance
+from calibration.machine import Array
+from calibration.measurements import Readings
+from calibration.model import Model
+from calibration.parameters import ParameterSet
+from calibration.problem import Problem
+from calibration.visits import Visits
+
+OPEN = 0.1  # singular value below which a direction is open: the data take less than 0.5 % off its tolerance
+INSIDE = 1e-2  # rad: a known combination counts as open if it lies so close to the open directions
+HELD, IMPROVED = 0.9, 0.5  # shares of the tolerance that is left
+SMALLEST = 5e-4  # coefficients below this share of the largest are not said
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Parameters that may move together without the data noticing: name to deviation (SI), and that in words."""
+
+    coefficients: Mapping[str, float]
+    words: str
+
+
+@dataclass(frozen=True)
+class Observability:
+    """What readings say of the machine's parameters (p).
+
+    left (p,): posterior over prior standard deviation. spectrum (p,): singular values, largest first; directions (p,
+    p): their unit vectors in rows, in units of the priors' standard deviation. open: combinations that span the
+    directions with a singular value below `threshold`; gap_rad: largest angle between the two.
+    """
+
+    parameters: ParameterSet
+    left: Array
+    spectrum: Array
+    directions: Array
+    open: tuple[Combination, ...]
+    threshold: float
+    gap_rad: float
+
+    @property
+    def decided(self) -> int:
+        """Directions of which the data know more than the tolerances."""
+        return int(np.count_nonzero(self.spectrum > 1.0))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the data leave open, one sentence a combination; like ones are said once."""
+        return in_words([c.words for c in self.open])
+
+    def held_by_tolerance(self) -> tuple[str, ...]:
+        """Parameters that the data hardly improve."""
+        return tuple(n for n, left in zip(self.parameters.names, self.left, strict=True) if left > HELD)
+
+
+def observability_of(fit: Fit, threshold: float = OPEN) -> Observability:
+    """Observability at a fit."""
+    return analyse(fit.system, fit.model.parameters, threshold)
+
+
+def planned_observability(
+    model: Model, visits: Visits, readings: Sequence[Readings], theta: Array | None = None, threshold: float = OPEN
+) -> Observability:
+    """Observability of a campaign before it is run; values of the readings do not matter.
+
+    theta (p,): deviations at which to look, nominal if None. At nominal an unloaded machine has no internal
+    forces, so that stiffness shows in nothing: a draw within the tolerances is the fairer look.
+    """
+    problem = Problem(model, visits, tuple(readings))
+    z = np.zeros(problem.layout.size)
+    if theta is not None:
+        z[: len(model.parameters)] = theta / model.parameters.sigma
+    return analyse(problem.linearise(z), model.parameters, threshold)
+
+
+def analyse(system: Linearised, parameters: ParameterSet, threshold: float = OPEN) -> Observability:
+    """Observability of a linearised problem whose first unknowns are the machine's parameters."""
+    count = len(parameters)
+    weight = np.ones(len(system.factor))
+    left = np.sqrt(np.diag(posterior_covariance(system, weight)))[:count]
+    _, spectrum, directions = np.linalg.svd(marginal_factor(system, count))
+    loose = directions[spectrum < threshold]
+    found = _name(loose, parameters)
+    return Observability(parameters, left, spectrum, directions, found, threshold, _angle(found, loose, parameters))
+
+
+def marginal_factor(system: Linearised, count: int) -> Array:
+    """R (count, count) of the first unknowns' information once all others are eliminated with their priors."""
+    others = len(system.factor) - count
+    prior = np.hstack([np.eye(others), np.zeros((others, count))])
+    rows = np.hstack([system.factor[:, count:], system.factor[:, :count]])
+    r = np.asarray(np.linalg.qr(np.vstack([rows, prior]), mode="r"))
+    return r[others:, others:]
+
+
+def _name(loose: Array, parameters: ParameterSet) -> tuple[Combination, ...]:
+    """Combinations that span the open directions: known ones first, what they leave over as it stands."""
+    found: list[Combination] = []
+    span = np.zeros((0, len(parameters)))
+    for candidate in candidates(parameters):
+        if len(span) == len(loose):
+            break
+        scaled = _scaled(candidate.coefficients, parameters)
+        if np.linalg.norm(scaled - loose.T @ (loose @ scaled)) > INSIDE:
+            continue
+        rest = scaled - span.T @ (span @ scaled)
+        size = np.linalg.norm(rest)
+        if size > 0.05:
+            span = np.vstack([span, rest / size])
+            found.append(Combination(candidate.coefficients, candidate.words))
+    inside = loose @ span.T
+    u, s, _ = np.linalg.svd(inside) if len(span) else (np.eye(len(loose)), np.zeros(0), None)
+    remainder = u[:, np.count_nonzero(s > 0.5) :].T @ loose
+    return (*found, *(_plain(row, parameters) for row in _sparse(remainder)))
+
+
+def _sparse(basis: Array) -> Array:
+    """The same span with few entries a row: reduced row echelon form with full pivoting."""
+    rows = basis.copy()
+    for i in range(len(rows)):
+        pivot = np.unravel_index(np.argmax(np.abs(rows[i:])), rows[i:].shape)
+        rows[[i, i + int(pivot[0])]] = rows[[i + int(pivot[0]), i]]
+        column = int(pivot[1])
+        rows[i] /= rows[i, column]
+        for k in range(len(rows)):
+            if k != i:
+                rows[k] -= rows[k, column] * rows[i]
+    return rows
+
+
+def _plain(row: Array, parameters: ParameterSet) -> Combination:
+    """A combination as a list of parameters and what each would do."""
+    keep = np.flatnonzero(np.abs(row) > SMALLEST * np.max(np.abs(row)))
+    value = row * parameters.sigma
+    coefficients = {parameters.names[i]: float(value[i]) for i in keep}
+    return Combination(coefficients, plain(parameters, coefficients).words)
+
+
+def _scaled(coefficients: Mapping[str, float], parameters: ParameterSet) -> Array:
+    """Unit vector (p,) of a combination in units of the priors' standard deviation."""
+    vector = np.array([coefficients.get(name, 0.0) for name in parameters.names]) / parameters.sigma
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _angle(found: Sequence[Combination], loose: Array, parameters: ParameterSet) -> float:
+    """Largest principal angle between what is named and what is open."""
+    if not len(loose):
+        return 0.0
+    if len(found) != len(loose):
+        return float(np.pi / 2.0)
+    q, _ = np.linalg.qr(np.array([_scaled(c.coefficients, parameters) for c in found]).T)
+    sines = np.linalg.norm(q - loose.T @ (loose @ q), ord=2)
+    return float(np.arcsin(min(1.0, float(sines))))

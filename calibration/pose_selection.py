@@ -1,0 +1,242 @@
+"""Which poses to measure: exchange of candidate poses for least predicted uncertainty, for given instruments and loads.
+
+I-optimal: least mean variance of the predicted tool point over the workspace, in the instrument's frame. D-optimal:
+largest determinant of the information on the machine's parameters (priors included). A greedy start, then one visit
+after the other is exchanged for the best candidate until nothing improves (Fedorov's exchange). The criterion allows
+a pose to be chosen more than once: it is then measured again, anew approached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from calibration.equilibrium import conditions
+from calibration.inverse import drives_for
+from calibration.machine import Array, Machine
+from calibration.measurements import Readings
+from calibration.model import Model
+from calibration.prediction import tool_derivatives
+from calibration.problem import Layout
+from calibration.toml_file import InputError
+from calibration.visits import Visits
+
+Criterion = Literal["I", "D"]
+MOST_ROUNDS = 20
+WORTH_IT = 1e-6  # relative gain below which an exchange is not worth it
+
+Instrument = Callable[[Visits], Sequence[Readings]]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A payload that a campaign mounts."""
+
+    mass_kg: float = 0.0
+    centre_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """A planned campaign and what it promises: RMS standard uncertainty of the tool over the workspace.
+
+    tool (n, 6): poses, each measured once under every load; u_position_m of the tool point (root of the sum over
+    coordinates), u_orientation_rad; rows (n,): of the candidates.
+    """
+
+    tool: Array
+    rows: NDArray[np.intp]
+    u_position_m: float
+    u_orientation_rad: float
+
+
+def reachable(machine: Machine, unit: Array) -> Array:
+    """Poses (n, 6) of the tool at points (m, k) of the unit cube of the commanded coordinates, within the travel."""
+    low, high = machine.commanded_limits.T
+    tool = np.zeros((len(unit), 6))
+    tool[:, machine.commanded] = low + (high - low) * unit
+    drives, _ = drives_for(machine, machine.nominal, tool)
+    inside = np.all((drives >= machine.travel[:, 0]) & (drives <= machine.travel[:, 1]), axis=1)
+    return tool[inside]
+
+
+def workspace_poses(machine: Machine, count: int, seed: int) -> Array:
+    """Tool poses (count, 6) spread evenly over the reachable workspace (scrambled Sobol points)."""
+    exponent = int(np.ceil(np.log2(max(count, 2))))
+    for more in range(5):
+        sobol = qmc.Sobol(machine.commanded.size, seed=np.random.default_rng(seed))
+        found = reachable(machine, sobol.random_base2(exponent + more))
+        if len(found) >= count:
+            return found[:count]
+    raise InputError(f"machine {machine.name}: hardly any of its workspace is within the drives' travel; check both")
+
+
+def grid_poses(machine: Machine, count: int) -> Array:
+    """The largest regular grid of at most `count` tool poses over the workspace, edges included, that is reachable."""
+    per_axis = [1] * machine.commanded.size
+    while np.prod(per_axis) // min(per_axis) * (min(per_axis) + 1) <= count:
+        per_axis[per_axis.index(min(per_axis))] += 1
+    axes = [np.linspace(0.0, 1.0, k) if k > 1 else np.array([0.5]) for k in per_axis]
+    return reachable(machine, np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1))
+
+
+def candidate_poses(machine: Machine, count: int, seed: int) -> Array:
+    """Tool poses to choose from: the corners of the workspace, points on its faces, points inside."""
+    rng = np.random.default_rng(seed)
+    size = machine.commanded.size
+    corners = np.array(np.meshgrid(*[[0.0, 1.0]] * size)).reshape(size, -1).T
+    inside = qmc.Sobol(size, seed=rng).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+    faces = inside.copy()
+    faces[np.arange(len(faces)), rng.integers(size, size=len(faces))] = rng.integers(2, size=len(faces))
+    return reachable(machine, np.vstack([corners, faces[:count], inside[:count]]))
+
+
+def visits_at(machine: Machine, tool: Array, loads: Sequence[Load]) -> Visits:
+    """Visits of tool poses (n, 6) under every load, load by load, at the reference temperature."""
+    drives, pose = drives_for(machine, machine.nominal, tool, conditions(machine, len(tool)).unloaded())
+    n, k = len(tool), len(loads)
+    return Visits.at(
+        machine,
+        np.tile(drives, (k, 1)),
+        np.tile(pose, (k, 1)),
+        np.repeat([load.mass_kg for load in loads], n),
+        np.repeat([load.centre_of_mass_m for load in loads], n, axis=0),
+    )
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Information of candidate poses and the uncertainty it would leave, linearised at given deviations.
+
+    tool (n, 6): candidates; rows (n, m, u): whitened derivatives of each candidate's readings, under all loads, with
+    the scaled unknowns; aim (u, u): mean over the workspace of the predicted tool point's squared derivatives; turn
+    (u, u): likewise of its orientation.
+    """
+
+    tool: Array
+    rows: Array
+    aim: Array
+    turn: Array
+    parameters: int
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        tool: Array,
+        loads: Sequence[Load],
+        instrument: Instrument,
+        over: Visits,
+        theta: Array | None = None,
+    ) -> Selection:
+        """Prepare a selection from tool poses (n, 6), each to be measured under every load.
+
+        instrument: the readings (values do not matter) that one visit of each row gives; over: visits over which
+        prediction matters; theta (p,): deviations at which to look (a draw within the tolerances shows internal
+        forces).
+        """
+        candidates = visits_at(model.machine, tool, loads)
+        readings = tuple(instrument(candidates))
+        layout = Layout.of(model, readings)
+        values = np.zeros(layout.size)
+        if theta is not None:
+            values[: len(model.parameters)] = theta
+        predicted = tool_derivatives(model, layout, readings, values, over)
+        aim, turn = (
+            np.einsum("niu,niv->uv", d * layout.sigma, d * layout.sigma) / len(over)
+            for d in (predicted.position, predicted.orientation)
+        )
+        by_visit = _rows_by_visit(model, layout, readings, values, candidates)
+        rows = by_visit.reshape(len(loads), len(tool), -1, layout.size).transpose(1, 0, 2, 3)
+        return cls(tool, rows.reshape(len(tool), -1, layout.size), aim, turn, len(model.parameters))
+
+    def prospect(self, rows: NDArray[np.intp]) -> Prospect:
+        """What measuring some candidates promises."""
+        covariance = np.linalg.inv(self._information(rows))
+        position, orientation = float(np.sum(covariance * self.aim)), float(np.sum(covariance * self.turn))
+        return Prospect(self.tool[rows], rows, float(np.sqrt(position)), float(np.sqrt(orientation)))
+
+    def whole(self) -> Prospect:
+        """What measuring every candidate once promises."""
+        return self.prospect(np.arange(len(self.rows)))
+
+    def choose(self, count: int, criterion: Criterion = "I") -> Prospect:
+        """The best `count` candidates found; InputError if there are no candidates."""
+        if not len(self.rows) or count < 1:
+            raise InputError("poses: nothing to choose from; check workspace, travel and count")
+        chosen: list[int] = []
+        covariance = np.eye(self.aim.shape[0])
+        for _ in range(count):
+            best = int(np.argmax(self._gain(covariance, criterion)))
+            covariance = _with(covariance, self.rows[best])
+            chosen.append(best)
+        score = self._score(np.array(chosen), criterion)
+        for _ in range(MOST_ROUNDS):
+            before = score
+            for place in range(count):
+                rest = np.array(chosen[:place] + chosen[place + 1 :], dtype=np.intp)
+                without = np.asarray(np.linalg.inv(self._information(rest)), dtype=np.float64)
+                chosen[place] = int(np.argmax(self._gain(without, criterion)))
+            score = self._score(np.array(chosen), criterion)
+            if before - score < WORTH_IT * abs(before):
+                break
+        return self.prospect(np.sort(np.array(chosen)))
+
+    def _information(self, rows: NDArray[np.intp]) -> Array:
+        stacked = self.rows[rows].reshape(-1, self.rows.shape[2])
+        return np.asarray(np.eye(self.rows.shape[2]) + stacked.T @ stacked)
+
+    def _score(self, rows: NDArray[np.intp], criterion: Criterion) -> float:
+        """To be made small: predicted variance, or minus the log determinant of the parameters' information."""
+        covariance = np.linalg.inv(self._information(rows))
+        if criterion == "I":
+            return float(np.sum(covariance * self.aim))
+        return float(np.linalg.slogdet(covariance[: self.parameters, : self.parameters])[1])
+
+    def _gain(self, covariance: Array, criterion: Criterion) -> Array:
+        """What each candidate (n,) would gain, by the matrix inversion lemma."""
+        spread = self.rows @ covariance
+        inner = spread @ self.rows.transpose(0, 2, 1) + np.eye(self.rows.shape[1])
+        if criterion == "I":
+            weighted = spread @ self.aim @ spread.transpose(0, 2, 1)
+            return np.asarray(np.trace(np.linalg.solve(inner, weighted), axis1=1, axis2=2))
+        p = self.parameters
+        block = covariance[:p, :p]
+        part = spread[:, :, :p]
+        shrunk = inner - part @ np.linalg.solve(block, part.transpose(0, 2, 1))
+        return np.asarray(np.linalg.slogdet(inner)[1] - np.linalg.slogdet(shrunk)[1])
+
+
+def _with(covariance: Array, rows: Array) -> Array:
+    """Covariance (u, u) after more rows (m, u)."""
+    spread = rows @ covariance
+    inner = spread @ rows.T + np.eye(len(rows))
+    return np.asarray(covariance - spread.T @ np.linalg.solve(inner, spread))
+
+
+def _rows_by_visit(model: Model, layout: Layout, readings: Sequence[Readings], values: Array, visits: Visits) -> Array:
+    """Whitened derivatives (n, m, u) of what is read at each visit, filled with zeros where less is read."""
+    poses = model.predict(values[: len(model)], visits, visits.target_m)
+    per_visit: list[list[Array]] = [[] for _ in range(len(visits))]
+    for part, own in zip(readings, layout.own, strict=True):
+        needed = part.visits_of()
+        if needed.shape[1] != 1:
+            raise InputError(
+                "poses: distances between two poses cannot be planned pose by pose; use a ball on the base"
+            )
+        found = part.compare(poses, needed, values[own])
+        full = np.zeros((len(part), part.width, layout.size))
+        full[:, :, : len(model)] = found.by_model
+        full[:, :, own] = found.by_own
+        for visit, rows in zip(needed[:, 0], full, strict=True):
+            per_visit[visit].append(rows)
+    stacked = [np.concatenate(rows) for rows in per_visit]
+    out = np.zeros((len(visits), max(len(rows) for rows in stacked), layout.size))
+    for visit, rows in enumerate(stacked):
+        out[visit, : len(rows)] = rows
+    return out * layout.sigma

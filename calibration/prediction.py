@@ -1,0 +1,124 @@
+"""Predicted tool poses and their uncertainty, linear and by Monte Carlo.
+
+A station of unknown frame that sees reflectors of unknown mounting knows a pose only up to one rigid motion of
+the machine and one of the tool on its platform. Both are fixed once by the readings (docs/definitions.md, frame), so
+that neither is an error: what fits such motions best over all visits is taken out of the derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.identification import Fit
+from calibration.machine import Array
+from calibration.measurements import Readings
+from calibration.measurements.smr_positions import SmrPositions
+from calibration.model import Model
+from calibration.problem import Layout, Problem
+from calibration.rotation import rotation_vector, skew
+from calibration.visits import Visits
+
+LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
+DRAWS = 1000
+
+
+@dataclass(frozen=True)
+class ToolDerivatives:
+    """Derivatives of tool points (n, 3, u) in m and orientations (n, 3, u) in rad with all unknowns."""
+
+    position: Array
+    orientation: Array
+
+    @property
+    def both(self) -> Array:
+        """(n, 6, u)."""
+        return np.concatenate([self.position, self.orientation], axis=1)
+
+
+def tool_derivatives(
+    model: Model, layout: Layout, readings: Sequence[Readings], values: Array, visits: Visits
+) -> ToolDerivatives:
+    """Derivatives at values (u,) of the unknowns, in the machine's frame.
+
+    If a station's frame is unknown, without what one rigid motion each of machine and tool explains over these visits;
+    they should cover the workspace.
+    """
+    poses = model.predict(values[: len(model)], visits)
+    tool, by_point = poses.point(model.machine.tool_point_m)
+    position = np.zeros((len(visits), 3, layout.size))
+    orientation = np.zeros((len(visits), 3, layout.size))
+    position[:, :, : len(model)] = by_point
+    orientation[:, :, : len(model)] = poses.jacobian[:, 3:]
+    if any(_moves(part) for part in readings):
+        return _without_rigid_motions(position, orientation, tool, poses.rest.rotation)
+    return ToolDerivatives(position, orientation)
+
+
+def _without_rigid_motions(position: Array, orientation: Array, tool_m: Array, rotation: Array) -> ToolDerivatives:
+    """Take out what a motion of the machine (acting on the left) and one of the tool (on the right) explain best."""
+    n, eye = len(tool_m), np.broadcast_to(np.eye(3), (len(tool_m), 3, 3))
+    none = np.zeros((n, 3, 3))
+    moved = np.concatenate([eye, -skew(tool_m), rotation, none], axis=2)
+    turned = np.concatenate([none, eye, none, rotation], axis=2)
+    gauge = np.concatenate([moved, LEVER_M * turned], axis=1).reshape(6 * n, 12)
+    both = np.concatenate([position, LEVER_M * orientation], axis=1).reshape(6 * n, -1)
+    left = (both - gauge @ (np.linalg.pinv(gauge) @ both)).reshape(n, 6, -1)
+    return ToolDerivatives(left[:, :3], left[:, 3:] / LEVER_M)
+
+
+def _moves(readings: Readings) -> bool:
+    return isinstance(readings, SmrPositions) and not readings.station.known_frame
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Predicted tool poses of visits: coordinates (n, 6) and their covariance (n, 6, 6)."""
+
+    coordinates: Array
+    covariance: Array
+
+    @property
+    def u(self) -> Array:
+        """Standard uncertainties (n, 6) in m and rad."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+
+
+def predict_tool(fit: Fit, visits: Visits) -> Predicted:
+    """Tool poses with the covariance of the fit propagated linearly (GUM)."""
+    d = tool_derivatives(fit.model, fit.layout, fit.instruments, fit.unknowns, visits).both
+    poses = fit.predict(visits)
+    stated = np.concatenate([poses.tool_m(), rotation_vector(poses.rest.rotation)], axis=1)
+    return Predicted(stated, d @ fit.covariance @ d.transpose(0, 2, 1))
+
+
+def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = DRAWS) -> Predicted:
+    """The same by propagation of distributions (JCGM 101) through the estimator itself.
+
+    Each draw takes new errors for every reading and every prior, fits again with the full model and predicts. Drawing from
+    the linear covariance instead would be wrong: stiffness and misfit are each known poorly, but their product well. Costs
+    a fit a draw; a standard deviation from n draws is good to 1 / sqrt(2 n).
+    """
+    rng = np.random.default_rng(seed)
+    sigma = fit.layout.sigma
+    z = fit.unknowns / sigma
+    poses = fit.predict(visits)
+    tool, rotation = poses.tool_m(), poses.rest.rotation
+    gauged = any(_moves(part) for part in fit.instruments)
+    perfect = [part.moved(r) for part, r in zip(fit.instruments, fit.residuals, strict=True)]
+    total, square = np.zeros((len(visits), 6)), np.zeros((len(visits), 6, 6))
+    for _ in range(draws):
+        noisy = [part.moved(rng.standard_normal((len(part), part.width))) for part in perfect]
+        problem = Problem(fit.model, fit.visits, noisy, centre=z + rng.standard_normal(z.size))
+        drawn = fit.model.predict((problem.minimise(z, np.arange(z.size), 1.0) * sigma)[: len(fit.model)], visits)
+        shift = (drawn.tool_m() - tool)[:, :, None]
+        turn = rotation_vector(drawn.rest.rotation @ rotation.transpose(0, 2, 1))[:, :, None]
+        found = _without_rigid_motions(shift, turn, tool, rotation) if gauged else ToolDerivatives(shift, turn)
+        error = found.both[:, :, 0]
+        total += error
+        square += error[:, :, None] * error[:, None, :]
+    mean = total / draws
+    covariance = square / draws - mean[:, :, None] * mean[:, None, :]
+    return Predicted(np.concatenate([tool, rotation_vector(rotation)], axis=1) + mean, covariance)

@@ -1,0 +1,116 @@
+"""What the data leave open is named, and what is named spans what is open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import orth, subspace_angles
+
+from calibration.frame import Frame
+from calibration.inverse import drives_for
+from calibration.machine import load_machine, shipped_machine, shipped_machines
+from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.measurements.tool_coordinates import ToolCoordinates
+from calibration.model import Model
+from calibration.observability import observability_of, planned_observability
+from calibration.parameters import ParameterSet
+from calibration.problem import Problem
+from calibration.visits import Visits
+
+POSES = 60
+
+
+def campaign(name, payload_kg=0.0, loads=False):
+    machine = load_machine(shipped_machine(name))
+    rng = np.random.default_rng(3)
+    target = rng.uniform(*machine.workspace.T, (POSES, 6))
+    drives, pose = drives_for(machine, machine.nominal, target)
+    payload = np.where(np.arange(POSES) % 2 == 0, 0.0, payload_kg)
+    return Model(ParameterSet.of(machine), loads=loads), Visits.at(machine, drives, pose, payload)
+
+
+def full_pose(model, visits):
+    machine = model.machine
+    sigma = np.where(machine.dof < 3, 7e-6, 3e-5)
+    return ToolCoordinates.of(visits, tuple(machine.dof.tolist()), visits.target_m, sigma)
+
+
+def reflectors(model, visits):
+    smrs = tuple(i for i, s in enumerate(model.machine.smrs) if s.on == "platform")
+    count = len(visits) * len(smrs)
+    seen = Observations(
+        visits,
+        np.repeat(np.arange(len(visits)), len(smrs)),
+        np.tile(smrs, len(visits)),
+        np.zeros((count, 3)),
+        np.tile(np.eye(3) * 1e-10, (count, 1, 1)),
+    )
+    return SmrPositions(seen, Station(Frame(np.eye(3), np.array([0.3, 0.2, 4.0])), smrs))
+
+
+def dense_null_space(model, visits, readings, tolerance):
+    """Null space of the parameters, others projected out densely, the frame without any prior."""
+    count = len(model.parameters)
+    problem = Problem(model, visits, (readings,))
+    z = np.zeros(problem.layout.size)
+    rows = []
+    for _, _, found in problem._compared(z, derivatives=True):
+        rows.append(np.concatenate([found.by_model, found.by_own], axis=2).reshape(-1, z.size))
+    jacobian = np.vstack(rows) * problem.layout.sigma
+    mounted = [i for i, name in enumerate(problem.layout.names) if name.startswith("mounting.")]
+    jacobian = np.vstack([jacobian, np.eye(z.size)[mounted]])  # reflectors are known to their tolerance
+    others = jacobian[:, count:]
+    machine = jacobian[:, :count]
+    if others.shape[1]:
+        basis = orth(others / np.linalg.norm(others, axis=0), rcond=1e-10)
+        machine = machine - basis @ (basis.T @ machine)
+    _, s, vt = np.linalg.svd(machine)
+    return vt[s < tolerance].T
+
+
+@pytest.mark.parametrize("name", shipped_machines())
+@pytest.mark.parametrize("readings", [full_pose, reflectors])
+def test_named_combinations_span_the_null_space_of_every_machine(name, readings):
+    model, visits = campaign(name)
+    seen = readings(model, visits)
+    found = planned_observability(model, visits, [seen], threshold=1e-3 if readings is reflectors else 1e-6)
+    named = np.array([[c.coefficients.get(n, 0.0) for n in model.parameters.names] for c in found.open]).T
+    named = named / model.parameters.sigma[:, None]
+    null = dense_null_space(model, visits, seen, 1e-6)
+    assert null.shape[1] == len(found.open)
+    assert np.max(subspace_angles(named, null)) < 1e-3
+    assert found.gap_rad < 1e-3
+    assert all(c.words for c in found.open)
+
+
+def test_the_words_for_the_default_machine():
+    model, visits = campaign("planar4")
+    pose = planned_observability(model, visits, [full_pose(model, visits)], threshold=1e-6).sentences
+    assert any("platform and base joint along x of left_upper, left_lower" in s for s in pose)
+    assert any(s.startswith("stiffness of left_upper") for s in pose)
+    seen = planned_observability(model, visits, [reflectors(model, visits)], threshold=1e-3).sentences
+    assert "heights of the sliders left, right along y only as differences" in seen
+    assert "the base as a body about z not at all: only relative to the instrument's frame" in seen
+
+
+def test_a_known_load_difference_makes_stiffness_observable():
+    rows = None
+    left = []
+    for payload_kg in (0.0, 400.0):
+        model, visits = campaign("planar4", payload_kg, loads=True)
+        rows = model.parameters.rows("ln_stiffness")
+        left.append(planned_observability(model, visits, [full_pose(model, visits)]).left[rows])
+    assert np.all(left[0] > 0.9)
+    assert np.all(left[1] < 0.8)
+
+
+def test_a_planned_campaign_promises_what_the_fit_then_has(synthetic):
+    rig = synthetic(50)
+    xy = rig.workspace(30)
+    seen = rig.see(rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, 400.0], 30)))
+    fit = rig.fit(seen, rig.rough)
+    promised = planned_observability(rig.model, seen.visits, fit.instruments, rig.truth[: len(rig.model.parameters)])
+    found = observability_of(fit)
+    np.testing.assert_allclose(found.left, promised.left, rtol=0.05)
+    np.testing.assert_allclose(found.left, fit.theta_u / rig.model.parameters.sigma, rtol=1e-9)
+    assert set(found.held_by_tolerance()) <= set(rig.model.parameters.names)

@@ -99,19 +99,19 @@ def _bodies(parameters: ParameterSet) -> Iterator[Candidate]:
     """Base and platform as bodies: they may lie anywhere if the instrument's frame and the reflectors are unknown."""
     machine = parameters.machine
     for k, c in enumerate(AXES):
-        words = f"the base as a body along {c} not at all: only relative to the instrument's frame"
+        words = f"the base as a body along {c} not at all"
         if set(machine.drive_kinds) == {"slider"} and np.all(np.abs(machine.nominal.axis[:, k]) > 0.99):
             upright = abs(machine.gravity_m_per_s2[k]) > 0.99 * np.linalg.norm(machine.gravity_m_per_s2)
             what = "heights" if upright else "places"
             words = f"{what} of the sliders {', '.join(machine.drive_names)} along {c} only as differences"
         yield Candidate(_base_moved(parameters, np.eye(3)[k], np.zeros(3)), words)
     for k, c in enumerate(AXES):
-        words = f"the base as a body about {c} not at all: only relative to the instrument's frame"
+        words = f"the base as a body about {c} not at all"
         yield Candidate(_base_moved(parameters, np.zeros(3), np.eye(3)[k]), words)
     joints = machine.nominal.platform_joint_m
     for c in AXES:
         along = {f"platform_joint.{n}.{c}": 1.0 for n in machine.strut_names}
-        yield Candidate(along, f"the platform's joints as a body along {c} not at all: only relative to the reflectors")
+        yield Candidate(along, f"the platform's joints as a body along {c} not at all")
     for k, c in enumerate(AXES):
         turned = np.cross(np.eye(3)[k], joints)
         about = {
@@ -119,7 +119,7 @@ def _bodies(parameters: ParameterSet) -> Iterator[Candidate]:
             for i, n in enumerate(machine.strut_names)
             for j, a in enumerate(AXES)
         }
-        words = f"the platform's joints as a body about {c} not at all: only relative to the reflectors"
+        words = f"the platform's joints as a body about {c} not at all"
         yield Candidate(about, words)
 
 

@@ -180,31 +180,32 @@ class MachineFile(Section):
             raise ValueError(f"commanded: {sorted(stray)[0]} is not a free coordinate")
         if len(self.commanded) > len(self.drives):
             raise ValueError("commanded: more coordinates than drives")
-        drives = {d.name: d for d in self.drives}
-        carried: dict[str, int] = {}
-        for strut in self.struts:
-            if strut.drive is not None and strut.drive not in drives:
-                raise ValueError(f"strut '{strut.name}' names the unknown drive '{strut.drive}'")
-            if strut.drive is not None:
-                carried[strut.drive] = carried.get(strut.drive, 0) + 1
-        for name, drive in drives.items():
-            if name not in carried:
-                raise ValueError(f"drive '{name}' drives no strut")
-            if drive.kind == "leg" and carried[name] != 1:
-                raise ValueError(f"leg '{name}' must drive exactly one strut")
-            if drive.kind != "leg":
-                _unit(drive.axis, f"axis of drive '{name}'")
-            if not drive.travel[0] < drive.travel[1]:
-                raise ValueError(f"travel of drive '{name}' is not a range")
+        constraints = len(self.struts) + sum(2 if g.kind == "line" else 1 for g in self.guides)
+        if constraints < len(free):
+            raise ValueError(f"{constraints} constraints cannot hold {len(free)} free coordinates")
+        self._drives_fit()
         for guide in self.guides:
             _unit(guide.direction, f"direction of guide '{guide.name}'")
             if guide.joint not in {s.name for s in self.struts}:
                 raise ValueError(f"guide '{guide.name}' names the unknown strut '{guide.joint}'")
-        constraints = len(self.struts) + sum(2 if g.kind == "line" else 1 for g in self.guides)
-        if constraints < len(free):
-            raise ValueError(f"{constraints} constraints cannot hold {len(free)} free coordinates")
         self._needed_tolerances()
         return self
+
+    def _drives_fit(self) -> None:
+        names = {d.name for d in self.drives}
+        driven = [s.drive for s in self.struts]
+        for strut in self.struts:
+            if strut.drive is not None and strut.drive not in names:
+                raise ValueError(f"strut '{strut.name}' names the unknown drive '{strut.drive}'")
+        for drive in self.drives:
+            if drive.name not in driven:
+                raise ValueError(f"drive '{drive.name}' drives no strut")
+            if drive.kind == "leg" and driven.count(drive.name) != 1:
+                raise ValueError(f"leg '{drive.name}' must drive exactly one strut")
+            if drive.kind != "leg":
+                _unit(drive.axis, f"axis of drive '{drive.name}'")
+            if not drive.travel[0] < drive.travel[1]:
+                raise ValueError(f"travel of drive '{drive.name}' is not a range")
 
     def _needed_tolerances(self) -> None:
         kinds = {d.kind for d in self.drives}

@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,8 @@ import numpy as np
 from calibration.machine import parse_machine
 from calibration.recording import TEXT_COLUMNS, Recording, column_names, make_recording
 from calibration.recording_header import RecordingFile
-from calibration.toml_file import InputError, Section, parse_toml, read_text
+from calibration.toml_file import InputError, parse_toml, read_text
+from calibration.toml_text import to_toml
 
 MAX_ROWS = 200_000
 MAX_CSV_BYTES = 300_000_000
@@ -37,7 +37,7 @@ def write_folder(recording: Recording, folder: Path) -> None:
     for row in range(len(recording)):
         writer.writerow([_cell(recording.columns[name][row]) for name in names])
     for name, content in (
-        ("recording.toml", _to_toml(recording.file)),
+        ("recording.toml", to_toml(recording.file)),
         ("machine.toml", recording.machine.text),
         ("readings.csv", text.getvalue()),
     ):
@@ -100,42 +100,3 @@ def _cell(value: object) -> str:
         return str(value)
     number = float(value)  # type: ignore[arg-type]
     return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
-
-
-def _to_toml(section: Section) -> str:
-    """TOML of nested sections: scalars first, then tables and arrays of tables."""
-    lines: list[str] = []
-    _emit(section.model_dump(exclude_none=True), "", lines)
-    return "\n".join(lines) + "\n"
-
-
-def _emit(table: Mapping[str, object], prefix: str, lines: list[str]) -> None:
-    nested = {k: v for k, v in table.items() if isinstance(v, dict) or _is_table_array(v)}
-    for key, value in table.items():
-        if key not in nested:
-            lines.append(f"{key} = {_toml_value(value)}")
-    for key, value in nested.items():
-        path = f"{prefix}{key}"
-        if isinstance(value, dict):
-            lines += ["", f"[{path}]"]
-            _emit(value, path + ".", lines)
-        else:
-            assert isinstance(value, tuple | list)
-            for item in value:
-                lines += ["", f"[[{path}]]"]
-                _emit(item, path + ".", lines)
-
-
-def _is_table_array(value: object) -> bool:
-    return isinstance(value, tuple | list) and bool(value) and all(isinstance(v, dict) for v in value)
-
-
-def _toml_value(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
-    return repr(value)

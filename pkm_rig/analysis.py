@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,12 +12,14 @@ from scipy.interpolate import RegularGridInterpolator
 from calibration.baselines import Baseline, fit_baselines
 from calibration.closure import MeasuredPoses
 from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
+from calibration.data_checks import check_cover
 from calibration.identification import Estimator, Fit, identify
-from calibration.machine import Array
+from calibration.machine import Array, Machine
 from calibration.measurements.smr_positions import SmrPositions, Station
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording
+from calibration.recording_header import PayloadEntry
 from calibration.report_frame import ReportFrame
 from calibration.visits import Visits
 from pkm_rig.figures import Figures, figures, free_axes, scale_part
@@ -68,12 +71,13 @@ def identify_recording(
     """Identify a recording. Stiffness is free if two payloads were measured, else its prior holds it."""
     reduction = reduce(calibration_part(recording))
     seen = reduction.calibration()
+    check_cover(recording.machine, seen.visits.target_m)
     smrs = tuple(sorted(set(seen.smr.tolist())))
     stated = recording.file.station.accuracy
     station = Station(
         reduction.report.frame, smrs, reduction.range_constant_u_m, stated.range_scale_u, REFRACTION_U_PER_M
     )
-    model = Model(ParameterSet.of(recording.machine), _systematic(recording))
+    model = Model(ParameterSet.of(recording.machine), systematic(recording.file.payloads, recording.machine))
     fit = identify(model, seen.visits, [SmrPositions(seen, station)], estimator, robust=robust)
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
@@ -94,14 +98,13 @@ def _baselines(reduction: Reduction, station: Station) -> tuple[Baseline, ...]:
     return fit_baselines(reduction.recording.machine, seen.visits, fit, stated, measured)
 
 
-def _systematic(recording: Recording) -> Systematic:
-    """What is known of payloads (the largest uncertainty of the rig's list) and of thermal expansion."""
-    payloads = recording.file.payloads
+def systematic(payloads: Sequence[PayloadEntry], machine: Machine) -> Systematic:
+    """What is known of payloads (the largest uncertainty of the list) and of thermal expansion."""
     shares = [p.u_mass_kg / p.mass_kg for p in payloads if p.mass_kg > 0.0]
     return Systematic(
         payload_mass=max(shares, default=0.0),
         payload_com_m=max(p.u_com_m for p in payloads),
-        expansion_per_k=recording.machine.u_expansion_per_k,
+        expansion_per_k=machine.u_expansion_per_k,
     )
 
 

@@ -11,6 +11,7 @@ import bluesky.plan_stubs as bps
 import numpy as np
 
 from calibration.compensation import CompensationTable
+from calibration.observability import observability_of
 from calibration.recording import Recording
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
@@ -268,6 +269,7 @@ def identified_summary(identified: Calibration) -> dict[str, Any]:
         "rank": int((fit.spectrum > 1.0).sum()),
         "unknowns": fit.layout.size,
         "chi2_per_dof": fit.chi2_per_dof,
+        "aliased": list(observability_of(fit).sentences),
         "range_constant_m": identified.reduction.range_constant_m,
         "u_range_constant_m": identified.reduction.range_constant_u_m,
         "dropped": identified.reduction.dropped,

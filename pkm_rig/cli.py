@@ -21,13 +21,16 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from calibration.machine import load_machine, shipped_machine
 from calibration.recording_folder import read_folder, write_folder
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
-from pkm_rig import mock_rig, stages
+from pkm_rig import mock_rig, planning, stages
 from pkm_rig.calibrate import Outcome
-from pkm_rig.config import MockSection, load_rig
+from pkm_rig.config import MockSection, embedded_rig_path, load_rig
+from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
+from pkm_rig.measured_print import print_measured
 from pkm_rig.output import messages, outcome_json, print_json, print_outcome, results
 from pkm_rig.plans import CampaignRefused
 from pkm_rig.report import write_report
@@ -129,14 +132,47 @@ def identify(
     campaign: CampaignArgument,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
-    estimator: Annotated[str, typer.Option(help="map, least_squares, tikhonov or truncated_svd")] = "map",
+    estimator: Annotated[str, typer.Option(help="map, least_squares, tikhonov, l_curve or truncated_svd")] = "map",
+    robust: Annotated[bool, typer.Option("--robust", help="bear outliers (Huber's loss); recordings only")] = False,
+    monte_carlo: Annotated[int, typer.Option(help="draws of a Monte Carlo check; recordings only")] = 0,
 ) -> None:
-    """Identify a recording: parameters with uncertainty, held-out error, bound."""
-    found = stages.identify(find_recording(campaign, out), estimator)
+    """Identify a recording or a measurement folder: parameters with uncertainty, held-out error, bound."""
+    measured = find_measurements(campaign, out)
+    if measured is not None:
+        if robust or monte_carlo:
+            raise InputError("identify: --robust and --monte-carlo are for recordings; leave them out for a folder")
+        found, show_found = identify_measured(measured, estimator), print_measured
+    else:
+        recording = find_recording(campaign, out)
+        found = stages.identify(recording, estimator, robust=robust, draws=monte_carlo)
+        show_found = stages.print_identified
     if json:
         print_json(found)
     else:
-        stages.print_identified(found)
+        show_found(found)
+
+
+@app.command()
+def poses(
+    rig: RigOption = None,
+    machine: Annotated[str | None, typer.Option(help="a machine instead: shipped name or path; full poses")] = None,
+    count: Annotated[int, typer.Option(help="how many poses to measure under each load")] = 40,
+    criterion: Annotated[str, typer.Option(help="I: least predicted variance; D: largest information")] = "I",
+    json: JsonOption = False,
+) -> None:
+    """Choose the poses that tell most, compare them with a grid, and say what they would leave open."""
+    if rig is not None and machine is not None:
+        raise InputError("poses: give --rig or --machine, not both")
+    if machine is not None:
+        path = Path(machine) if machine.endswith(".toml") else shipped_machine(machine)
+        planner = planning.Planner.of_machine(load_machine(path))
+    else:
+        planner = planning.Planner.of_rig(*load_rig(rig or embedded_rig_path()))
+    found = planner.plan(planning.checked_count(count), planning.checked_criterion(criterion))
+    if json:
+        print_json(found)
+    else:
+        planning.print_plan(found)
 
 
 @app.command()
@@ -220,16 +256,34 @@ def export_campaign(
 
 @app.command(name="import")
 def import_folder(
-    folder: Annotated[Path, typer.Argument()], out: OutOption = Path("runs"), json: JsonOption = False
+    source: Annotated[Path, typer.Argument(help="recording folder, or Klipper's printer.cfg of a linear delta")],
+    folder: Annotated[Path | None, typer.Argument(help="new measurement folder, of a printer.cfg only")] = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
 ) -> None:
-    """Read a recording folder into the store."""
-    recording = read_folder(folder)
+    """Read a recording folder into the store, or a printer.cfg into a measurement folder (docs/measurements.md)."""
+    if source.is_file():
+        _import_printer(source, folder, out, json)
+        return
+    if folder is not None:
+        raise InputError(f"{source}: not a file; a second folder is only for what a printer.cfg holds")
+    recording = read_folder(source)
     with open_store(out) as store:
         store.add_recording(recording)
     if json:
         print_json({"campaign": recording.file.campaign, "readings": len(recording)})
     else:
         results.print(f"campaign {recording.file.campaign}: {len(recording)} readings", soft_wrap=True)
+
+
+def _import_printer(source: Path, folder: Path | None, out: Path, json: bool) -> None:
+    folder = folder or out / source.stem
+    found = import_printer(source, folder)
+    if json:
+        print_json(found)
+    else:
+        results.print(f"{found['readings']} readings: {folder}", soft_wrap=True)
+        results.print(f"next: pkm-rig identify {folder}", soft_wrap=True)
 
 
 class Interrupted(BaseException):

@@ -59,6 +59,7 @@ class CampaignSettings(Section):
 
     seed: int = Field(ge=0, default=1)
     calibration_poses: int = Field(ge=6, default=40)
+    targets: tuple[tuple[float, ...], ...] = Field(default=(), max_length=1000)
     loaded_payload: int = Field(ge=1, default=2)
     readings_per_smr: int = Field(ge=1, le=20, default=1)
     readings_per_nest: int = Field(ge=1, le=20, default=5)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import station
+from calibration.data_checks import check_units
 from calibration.frame import Frame
 from calibration.machine import Array
 from calibration.measurements.smr_positions import Observations
@@ -89,6 +90,7 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     With a `basis` (the reduction that was identified) its range constant and report frame are kept: figures before
     and after are stated in one frame.
     """
+    check_units(recording.machine, _observations(recording, recording.positions_m, recording.covariances_m2)[0])
     dropped = {}
     usable = between_good_checks(recording)
     dropped["failed nest check"] = int(np.count_nonzero(~usable))

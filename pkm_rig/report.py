@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 import pkm_rig
 from calibration.compensation import predict_poses
 from calibration.identification import Fit
+from calibration.observability import observability_of
 from pkm_rig import pictures
 from pkm_rig.analysis import error_map
 from pkm_rig.calibrate import Outcome, Verified
@@ -81,7 +82,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
         floor=outcome.floor,
         conditions=_conditions(outcome),
         parameters=_parameters(outcome.calibration.fit),
-        unobserved=_unobserved(outcome.calibration.fit),
+        unobserved=list(observability_of(outcome.calibration.fit).sentences),
         correlations=_correlations(outcome.calibration.fit),
         pictures={
             "conditions": pictures.data_uri(pictures.conditions(outcome.reduction)),
@@ -161,12 +162,6 @@ def _parameters(fit: Fit) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _unobserved(fit: Fit) -> list[str]:
-    """Parameters whose uncertainty is still that of their tolerance."""
-    names = fit.model.parameters.names
-    return [n for n, u, s in zip(names, fit.theta_u, fit.model.parameters.sigma, strict=True) if u > 0.9 * s]
 
 
 def _correlations(fit: Fit, limit: float = 0.9) -> list[str]:

@@ -9,9 +9,11 @@ from scipy.stats import qmc
 
 from calibration.compensation import nominal_drives
 from calibration.machine import Array, Machine
+from calibration.rotation import rotation_matrix
 from calibration.toml_file import InputError
 from pkm_rig.config import CampaignSettings
 
+LEAST_TARGETS = 6
 POSE_STREAM, ORDER_STREAM, VERIFICATION_STREAM = 1, 2, 3
 
 
@@ -81,18 +83,42 @@ def verification_block(machine: Machine, settings: CampaignSettings, payload: in
 
 
 def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
-    """Targets (n, 6): a Sobol sequence drawn towards the workspace's edges, where poses inform most."""
+    """Targets (n, 6): those of the settings, else a Sobol sequence drawn towards the edges, where poses inform most."""
+    if settings.targets:
+        return _chosen_targets(machine, settings.targets)
     sobol = qmc.Sobol(2, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
     count = settings.calibration_poses
     unit = sobol.random_base2(int(np.ceil(np.log2(count))))[:count]
     return _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
 
 
+def _chosen_targets(machine: Machine, chosen: tuple[tuple[float, ...], ...]) -> Array:
+    """Platform poses (n, 6) of tool poses given by their commanded coordinates; InputError outside the workspace."""
+    size = machine.commanded.size
+    for number, row in enumerate(chosen, start=1):
+        if len(row) != size:
+            raise InputError(f"campaign.targets: row {number} has {len(row)} numbers; the machine commands {size}")
+    if len(chosen) < LEAST_TARGETS:
+        raise InputError(f"campaign.targets: {len(chosen)} poses; give {LEAST_TARGETS} or more")
+    low, high = machine.commanded_limits.T
+    values = np.array(chosen)
+    outside = np.flatnonzero(~np.all((values >= low - 1e-9) & (values <= high + 1e-9), axis=1))
+    if outside.size:
+        raise InputError(f"campaign.targets: row {outside[0] + 1} lies outside the workspace of {machine.name}")
+    return _platform_poses(machine, values)
+
+
 def _in_workspace(machine: Machine, unit: Array) -> Array:
     low, high = machine.commanded_limits.T
-    targets = np.zeros((len(unit), 6))
-    targets[:, machine.commanded] = low + (high - low) * unit
-    return targets
+    return _platform_poses(machine, low + (high - low) * unit)
+
+
+def _platform_poses(machine: Machine, commanded: Array) -> Array:
+    """Platform poses (n, 6) that have the tool at commanded coordinates (n, k)."""
+    poses = np.zeros((len(commanded), 6))
+    poses[:, machine.commanded] = commanded
+    poses[:, :3] -= rotation_matrix(poses[:, 3:]) @ machine.tool_point_m
+    return poses
 
 
 def commanded_drives(machine: Machine, targets: Array) -> Array:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from calibration.compensation import predict_poses
 from calibration.identification import Estimator
+from calibration.prediction import monte_carlo, predict_tool
 from calibration.recording import Recording
 from calibration.toml_file import InputError
 from pkm_rig.analysis import Calibration, identify_recording, pose_u
@@ -24,6 +25,8 @@ from pkm_rig.rig import Rig
 from pkm_rig.store import Store
 
 HELD_OUT_EVERY = 5
+MOST_DRAWS = 200_000
+MC_SEED = 1
 
 
 def check(rig: Rig) -> dict[str, Any]:
@@ -65,19 +68,33 @@ def print_check(found: dict[str, Any]) -> None:
     results.print("fit for a campaign" if not found["problems"] else "not fit")
 
 
-def identify(recording: Recording, estimator: str) -> dict[str, Any]:
-    """Identification with held-out error and posterior bound (docs/json.md)."""
+def identify(recording: Recording, estimator: str, *, robust: bool = False, draws: int = 0) -> dict[str, Any]:
+    """Identification with held-out error and posterior bound (docs/json.md); draws: of a Monte Carlo check."""
     if estimator not in get_args(Estimator):
         raise InputError(f"estimator '{estimator}' is unknown; use {', '.join(get_args(Estimator))}")
     chosen: Estimator = estimator  # type: ignore[assignment]
-    identified = identify_recording(recording, chosen, baselines=False)
+    if not 0 <= draws <= MOST_DRAWS:
+        raise InputError(f"monte carlo: {draws} draws; choose 0 (none) to {MOST_DRAWS}")
+    identified = identify_recording(recording, chosen, baselines=False, robust=robust)
     held_out, bound = held_out_error(identified, chosen)
     return {
         "calibration": recording.file.campaign,
         **identified_summary(identified),
         "held_out": held_out,
         "bound": bound,
+        **({"monte_carlo": cross_check(identified, draws)} if draws else {}),
     }
+
+
+def cross_check(identified: Calibration, draws: int) -> dict[str, float]:
+    """RMS standard uncertainty of the tool over the visited poses, linear and by Monte Carlo through the estimator."""
+    fit = identified.fit
+    visits = fit.visits.take(np.unique(fit.visits.target_m, axis=0, return_index=True)[1])
+    out: dict[str, float] = {"draws": draws}
+    for name, found in (("linear", predict_tool(fit, visits)), ("drawn", monte_carlo(fit, visits, MC_SEED, draws))):
+        out[f"{name}_u_position_m"] = float(np.sqrt(np.mean(np.sum(found.u[:, :3] ** 2, axis=1))))
+        out[f"{name}_u_orientation_rad"] = float(np.sqrt(np.mean(np.sum(found.u[:, 3:] ** 2, axis=1))))
+    return out
 
 
 def held_out_error(identified: Calibration, estimator: Estimator) -> tuple[dict[str, float], dict[str, float]]:
@@ -125,7 +142,15 @@ def print_identified(found: dict[str, Any]) -> None:
         f"(measurement noise included; bound of the model alone {bound['position_rms_m'] * 1e6:.1f} um, "
         f"{bound['orientation_rms_rad'] * 1e6:.1f} urad)"
     )
-    results.print(f"{found['rank']} of {found['unknowns']} directions decided by the data")
+    results.print(f"{found['rank']} of {found['unknowns']} directions decided by the data; left open:")
+    for sentence in found["aliased"]:
+        results.print(f"- {sentence}", soft_wrap=True, markup=False)
+    if "monte_carlo" in found:
+        check = found["monte_carlo"]
+        results.print(
+            f"uncertainty of the tool: {check['linear_u_position_m'] * 1e6:.2f} um linear, "
+            f"{check['drawn_u_position_m'] * 1e6:.2f} um by {check['draws']} Monte Carlo draws"
+        )
 
 
 def compensate(recording: Recording, payload: int, out: Path) -> dict[str, Any]:

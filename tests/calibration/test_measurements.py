@@ -147,7 +147,7 @@ def test_two_instruments_join_in_one_fit():
     alone, both = identify(model, visits, [height]), identify(model, visits, [height, bar])
     assert np.all(np.diag(both.covariance)[: len(model)] <= np.diag(alone.covariance)[: len(model)] * (1.0 + 1e-9))
     assert both.value("bar.length")[1] < 1e-4
-    with pytest.raises(InputError, match="no unknown 'range.scale'"):
+    with pytest.raises(InputError, match=r"no unknown 'range\.scale'"):
         both.value("range.scale")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,8 +91,6 @@ def test_later_readings_do_not_change_what_was_identified(recording):
     alone = recording.rows("calibration", "nests")
     last = alone["nest_check"][np.asarray(alone["phase"]) == "calibration"].max() + 1
     keep = alone["nest_check"] <= last
-    from dataclasses import replace  # noqa: PLC0415
-
     alone = replace(alone, columns={n: c[keep] for n, c in alone.columns.items()})
     np.testing.assert_array_equal(
         identify_recording(alone, baselines=False).fit.unknowns,
@@ -99,9 +99,34 @@ def test_later_readings_do_not_change_what_was_identified(recording):
 
 
 def test_a_recording_without_an_unloaded_calibration_is_refused(recording):
-    from dataclasses import replace  # noqa: PLC0415
-
     keep = recording["payload"] > 0
     loaded = replace(recording, columns={n: c[keep] for n, c in recording.columns.items()})
     with pytest.raises(InputError, match="without payload"):
         reduce(loaded)
+
+
+def changed(recording, columns):
+    return replace(recording, columns={**recording.columns, **columns})
+
+
+def test_millimetres_taken_for_metres_are_named(recording):
+    wide = {c: recording[c] * 1e3 for c in ("x_m", "y_m", "z_m")}
+    with pytest.raises(InputError, match=r"reflectors P1 and P2 are .* positions are in millimetres; state metres"):
+        reduce(changed(recording, wide))
+    with pytest.raises(InputError, match=r"drive left: .* looks as if it were in millimetres"):
+        reduce(changed(recording, {"left_actual_m": recording["left_actual_m"] * 1e3}))
+
+
+def test_mixed_up_reflectors_are_named(recording):
+    smr = np.asarray(recording["smr"]).copy()
+    smr[smr == "P3"], smr[np.asarray(recording["smr"]) == "P1"] = "P1", "P3"
+    with pytest.raises(InputError, match="check which reflector is which"):
+        reduce(changed(recording, {"smr": smr}))
+
+
+def test_poses_from_one_corner_are_named(recording):
+    corner = (recording["target_x_m"] < -0.15) | (np.asarray(recording["phase"]) != "calibration")
+    few = replace(recording, columns={n: c[corner] for n, c in recording.columns.items()})
+    narrow = {"target_x_m": np.where(np.asarray(few["phase"]) == "calibration", -0.3, few["target_x_m"])}
+    with pytest.raises(InputError, match="all poses lie in one corner: x covers 0 % of the workspace"):
+        identify_recording(changed(few, narrow), baselines=False)

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.machine import load_machine, shipped_machine
+from calibration.toml_file import InputError
 from pkm_rig.config import CampaignSettings
-from pkm_rig.schedule import calibration_blocks, verification_block
+from pkm_rig.schedule import calibration_blocks, calibration_targets, verification_block
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +66,26 @@ def test_verification_poses_are_others_than_the_calibrations_and_reach_the_edge(
     assert sum(on_edge) >= 7
     again = verification_block(machine, chosen, 1)
     assert {tuple(v.target_m) for v in again.visits} == {tuple(v.target_m) for v in block.visits}
+
+
+def test_chosen_targets_replace_the_drawn_ones(machine):
+    rows = ((-0.35, -0.3), (0.35, 0.3), (0.0, 0.0), (0.35, -0.3), (-0.35, 0.3), (0.1, 0.1))
+    chosen = CampaignSettings(targets=rows)
+    found = calibration_targets(machine, chosen)
+    np.testing.assert_allclose(found[:, :2], rows)
+    blocks = calibration_blocks(machine, chosen)
+    assert {v.pose for b in blocks for v in b.visits} == set(range(6))
+
+
+@pytest.mark.parametrize(
+    ("rows", "complaint"),
+    [
+        (((0.0, 0.0),) * 3, "give 6 or more"),
+        (((0.0, 0.0, 0.0),) * 6, "row 1 has 3 numbers"),
+        (((0.0, 0.0),) * 5 + ((0.0, 0.9),), "row 6 lies outside the workspace"),
+        (((0.0, 0.0),) * 5 + ((0.0, float("nan")),), "row 6 lies outside the workspace"),
+    ],
+)
+def test_unfit_targets_are_named(machine, rows, complaint):
+    with pytest.raises(InputError, match=complaint):
+        calibration_targets(machine, CampaignSettings().model_copy(update={"targets": rows}))

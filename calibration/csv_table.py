@@ -1,0 +1,98 @@
+"""Tables of numbers as CSV: bounded, every cell checked, written to round-trip."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from calibration.machine import Array
+from calibration.toml_file import InputError
+
+MAX_ROWS = 200_000
+MAX_BYTES = 100_000_000
+
+
+def read_table(
+    path: Path, needed: Collection[str], optional: Collection[str] = (), may_be_empty: Collection[str] = ()
+) -> dict[str, Array]:
+    """Columns (n,) of a CSV file by name; an empty cell of a column that may be empty is NaN, all else is finite.
+
+    Raises InputError in one line for a missing, unknown or doubled column, a cell that is no finite number, a row of
+    the wrong length, no row at all, and too large a file.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES} bytes; split it")
+        with path.open(encoding="utf-8", newline="") as stream:
+            reader = csv.reader(stream)
+            header = next(reader, [])
+            _check_header(path, header, needed, optional)
+            rows = list(_rows(path, reader, header, may_be_empty))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; check the path") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: not CSV in UTF-8: {error}") from error
+    if not rows:
+        raise InputError(f"{path}: no rows; it needs at least one")
+    table = np.array(rows, dtype=np.float64)
+    return {name: table[:, i] for i, name in enumerate(header)}
+
+
+def write_table(columns: Mapping[str, Array]) -> str:
+    """The text of a CSV file; NaN becomes an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow([_cell(float(value)) for value in row])
+    return text.getvalue()
+
+
+def counts(path: Path, name: str, column: Array) -> Array:
+    """The same column if it holds counts (0, 1, 2 ... 1e9) only."""
+    wrong = np.flatnonzero((column != np.floor(column)) | (column < 0) | (column > 1e9))
+    if wrong.size:
+        raise InputError(f"{path}: line {wrong[0] + 2}, column '{name}': {column[wrong[0]]:g} is not a count")
+    return column
+
+
+def _check_header(path: Path, header: list[str], needed: Collection[str], optional: Collection[str]) -> None:
+    if len(set(header)) != len(header):
+        raise InputError(f"{path}: a column stands twice in the header; remove one")
+    if missing := [name for name in needed if name not in header]:
+        raise InputError(f"{path}: no column '{missing[0]}'; see docs/measurements.md")
+    if unknown := [name for name in header if name not in needed and name not in optional]:
+        raise InputError(f"{path}: unknown column '{unknown[0][:40]}'; remove it or correct its spelling")
+
+
+def _rows(path: Path, reader: Iterator[list[str]], header: list[str], empty: Collection[str]) -> Iterator[list[float]]:
+    for number, cells in enumerate(reader, start=2):
+        if len(cells) != len(header):
+            raise InputError(f"{path}: line {number} has {len(cells)} cells, the header {len(header)}")
+        if number > MAX_ROWS + 1:
+            raise InputError(f"{path}: more than {MAX_ROWS} rows; split it")
+        yield [
+            math.nan if not cell.strip() and name in empty else _number(cell, f"{path}: line {number}, column '{name}'")
+            for name, cell in zip(header, cells, strict=True)
+        ]
+
+
+def _number(cell: str, where: str) -> float:
+    try:
+        found = float(cell)
+    except ValueError:
+        raise InputError(f"{where}: {cell[:40]!r} is not a number") from None
+    if not math.isfinite(found):
+        raise InputError(f"{where}: {cell[:40]!r} is not finite; repair or remove the row")
+    return found
+
+
+def _cell(number: float) -> str:
+    if math.isnan(number):
+        return ""
+    return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)

@@ -1,0 +1,99 @@
+"""What else could have made the residual of a fit: kinds of error that it did not vary, and which of them are alike.
+
+At the solution the readings are linear in every unknown. For each kind of unknown that the fit left alone, the part of
+its effect that the fitted unknowns cannot absorb is fitted to the residual, by the smallest change in units of the
+tolerances. Kinds whose explanations differ by less than ALIKE standard deviations of a reading (RMS) are one
+equivalence class on these readings: nothing in the data tells them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.identification import Fit
+from calibration.machine import Array
+from calibration.measurements import Readings
+from calibration.model import Model
+from calibration.problem import Problem
+
+ALIKE = 0.3  # standard deviations of a reading, RMS
+ABSORBED = 1e-9  # of the largest singular value: directions of the fit itself
+FAINT = 1e-2  # of a kind's largest singular value: fainter directions are not used to explain
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A kind of error and the changes (k,) of its unknowns that explain a residual best.
+
+    share: of the residual's weighted squares that they explain; tolerances: RMS of the changes in standard deviations
+    of the priors; absorbed: share of what the kind does to the readings that the fitted unknowns take up; effect
+    (u + 1,): of the changes on the readings, whitened and rotated.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    unit: str
+    value: Array
+    share: float
+    tolerances: float
+    absorbed: float
+    effect: Array
+
+    @property
+    def size(self) -> float:
+        """RMS of the changes, in `unit`."""
+        return float(np.sqrt(np.mean(self.value**2)))
+
+
+def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[Explanation, ...]:
+    """Explanations of a fit's residual by the unknowns of a wider model and of its instruments, the best first.
+
+    readings: those of the fit; unknowns of their instruments that the fit did not have may explain too.
+    """
+    problem = Problem(wider, fit.visits, tuple(readings))
+    names = problem.layout.names
+    varied = np.array([name in fit.layout.names for name in names])
+    z = np.zeros(len(names))
+    for i in np.flatnonzero(varied):
+        z[i] = fit.value(names[i])[0] / problem.layout.sigma[i]
+    system = problem.linearise(z)
+    columns = np.vstack([system.factor, np.zeros(len(names))])
+    residual = np.append(system.right, np.sqrt(max(system.rest, 0.0)))
+    u, s, _ = np.linalg.svd(columns[:, varied], full_matrices=False)
+    absorbed = u[:, s > ABSORBED * np.max(s, initial=0.0)]
+    left = columns - absorbed @ (absorbed.T @ columns)
+    residual = residual - absorbed @ (absorbed.T @ residual)
+    out = []
+    for kind in dict.fromkeys(name.partition(".")[0] for name, known in zip(names, varied, strict=True) if not known):
+        rows = [i for i, name in enumerate(names) if not varied[i] and name.partition(".")[0] == kind]
+        for unit in dict.fromkeys(problem.layout.unknowns[i].unit for i in rows):
+            some = [i for i in rows if problem.layout.unknowns[i].unit == unit]
+            if np.linalg.norm(left[:, some]) < ABSORBED * np.linalg.norm(columns[:, some]):
+                continue
+            step = -np.linalg.pinv(left[:, some], rcond=FAINT) @ residual
+            effect = left[:, some] @ step
+            share = 1.0 - float(np.sum((residual + effect) ** 2) / max(np.sum(residual**2), 1e-300))
+            label = kind if len(some) > 1 else names[some[0]]
+            value = step * problem.layout.sigma[some]
+            size = float(np.sqrt(np.mean(step**2)))
+            kept = float(np.sum(left[:, some] ** 2) / np.sum(columns[:, some] ** 2))
+            parts = tuple(names[i] for i in some)
+            out.append(Explanation(label, parts, unit, value, share, size, 1.0 - kept, effect))
+    return tuple(sorted(out, key=lambda e: -e.share))
+
+
+def alike(found: Sequence[Explanation], readings: int) -> tuple[tuple[Explanation, ...], ...]:
+    """Groups of explanations that the readings (their number) do not tell apart, by single linkage."""
+    groups: list[list[Explanation]] = []
+    for one in found:
+        near = [
+            group
+            for group in groups
+            if any(np.linalg.norm(one.effect - other.effect) < ALIKE * np.sqrt(readings) for other in group)
+        ]
+        groups = [group for group in groups if group not in near]
+        groups.append([*(other for group in near for other in group), one])
+    return tuple(tuple(group) for group in groups)

@@ -1,0 +1,61 @@
+"""Leave-one-out: how well a fit predicts each reading that it has not seen.
+
+For squares with priors the refit without reading i misses it by e_i = (1 - H_ii)^-1 r_i, with the residual r_i and the
+block H_ii = J_i C J_i^T of the hat matrix, C the posterior covariance (Allen's PRESS, 1974). It is exact for a linear
+model, and as good as the model is linear over the change that one reading makes. A residual beside it is small for two
+reasons, a good model or a reading that the fit follows; this tells them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.identification import Fit
+from calibration.machine import Array
+from calibration.measurements import parts
+from calibration.problem import VISITS_AT_ONCE
+from calibration.toml_file import InputError
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One instrument's readings (r, w), in standard deviations of a reading.
+
+    residual: of the fit; error: of the refits without the reading, prediction minus reading; u: standard
+    uncertainty of that prediction by the model with its priors, noise of the reading not included.
+    """
+
+    residual: Array
+    error: Array
+    u: Array
+
+
+def leave_one_out(fit: Fit) -> tuple[LeftOut, ...]:
+    """Residuals and leave-one-out errors of every instrument's readings, of a fit by squares with priors.
+
+    Not for a truncated or robust fit. InputError if a reading is followed exactly, so that nothing is left to judge it.
+    """
+    out = []
+    count = len(fit.model)
+    for readings, own in zip(fit.instruments, fit.layout.own, strict=True):
+        residual, error, u = (np.empty((len(readings), readings.width)) for _ in range(3))
+        for rows, some, needed, local in parts(readings, VISITS_AT_ONCE):
+            poses = fit.predict(fit.visits.take(needed))
+            at = some.compare(poses, local, fit.unknowns[own])
+            columns = np.concatenate([np.arange(count), np.arange(own.start, own.stop)])
+            jacobian = np.concatenate([at.by_model, at.by_own], axis=2)
+            hat = jacobian @ fit.covariance[np.ix_(columns, columns)] @ jacobian.transpose(0, 2, 1)
+            try:
+                kept = np.linalg.inv(np.eye(readings.width) - hat)
+            except np.linalg.LinAlgError:
+                raise InputError(
+                    "identification: one reading alone decides an unknown, nothing is left to judge it by; "
+                    "measure more poses"
+                ) from None
+            residual[rows] = at.residual
+            error[rows] = np.einsum("rij,rj->ri", kept, at.residual)
+            u[rows] = np.sqrt(np.maximum(np.einsum("rij,rji->ri", hat, kept), 0.0))
+        out.append(LeftOut(residual, error, u))
+    return tuple(out)

@@ -1,0 +1,239 @@
+"""Measurement folders: a machine measured by anything but reflectors, as plain files that any program can write.
+
+docs/measurements.md defines the format: measurements.toml, machine.toml, coordinates.csv and distances.csv. A folder is
+hostile input: data only, bounded in size, checked.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.csv_table import counts, read_table, write_table
+from calibration.equilibrium import workspace_middle
+from calibration.machine import COORDINATES, Array, Machine, parse_machine
+from calibration.measurement_header import MeasurementFile
+from calibration.measurements import Readings
+from calibration.measurements.distances import Distances
+from calibration.measurements.tool_coordinates import ToolCoordinates
+from calibration.parameters import KINDS, ParameterSet
+from calibration.toml_file import InputError, parse_toml, read_text
+from calibration.toml_text import to_toml
+from calibration.visits import Visits
+
+HEADER, MACHINE, COORDINATE_TABLE, DISTANCE_TABLE = (
+    "measurements.toml",
+    "machine.toml",
+    "coordinates.csv",
+    "distances.csv",
+)
+COLUMNS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
+TARGETS = tuple(f"target_{c}" for c in COLUMNS)
+SLACK = 0.1  # of a drive's travel, by which a coordinate may lie beyond it
+
+
+@dataclass(frozen=True)
+class MeasuredMachine:
+    """A machine with visits and what was measured of them.
+
+    visits (v); number (v,): how distances.csv calls each; coordinates (v, 6), NaN where not measured; pairs (r, 2)
+    rows of the visits (a single one, (r, 1), with a ball on the base) with distance_m (r,).
+    """
+
+    file: MeasurementFile
+    machine: Machine
+    visits: Visits
+    number: Array
+    coordinates: Array
+    pairs: Array
+    distance_m: Array
+
+    def readings(self, *, nuisances: bool = True) -> tuple[Readings, ...]:
+        """The readings of each kind that there are; without nuisances instruments have no unknowns but a frame."""
+        out: list[Readings] = []
+        if self.file.columns:
+            chosen = sorted(COLUMNS.index(c) for c in self.file.columns)
+            entries = [self.file.columns[COLUMNS[c]] for c in chosen]  # type: ignore[index]
+            rows = np.flatnonzero(np.isfinite(self.coordinates[:, chosen[0]]))
+            value = np.nan_to_num(self.coordinates[rows])
+            sigma = np.tile([e.sd for e in entries], (len(rows), 1))
+            offset = tuple(e.offset_u for e in entries) if nuisances else ()
+            out.append(ToolCoordinates(rows, tuple(chosen), value, sigma, self.file.own_frame, offset))
+        stated = self.file.distances
+        if stated is not None:
+            pairs = self.pairs.astype(np.intp)
+            sigma = np.full(len(pairs), stated.sd_m)
+            ball = stated.centre_m is not None
+            out.append(
+                Distances(
+                    pairs[:, 0],
+                    None if ball else pairs[:, 1],
+                    self.distance_m,
+                    sigma,
+                    np.array(stated.centre_m) if ball else None,
+                    stated.centre_u_m if nuisances else 0.0,
+                    stated.length_u_m if nuisances else 0.0,
+                    stated.scale_u if nuisances else 0.0,
+                )
+            )
+        return tuple(out)
+
+    def parameters(self) -> ParameterSet:
+        """The parameters to be fitted: the kinds that the file names, all if it names none."""
+        return ParameterSet.of(self.machine, self.file.unknowns or KINDS)
+
+
+def is_measurement_folder(folder: Path) -> bool:
+    """Whether a folder says that it is one."""
+    return (folder / HEADER).is_file()
+
+
+def write_measurements(measured: MeasuredMachine, folder: Path) -> None:
+    """Write the files of a folder that does not exist yet; floats round-trip."""
+    if folder.exists():
+        raise InputError(f"{folder}: exists already; choose another folder")
+    machine, visits = measured.machine, measured.visits
+    table = {"visit": measured.number}
+    table |= {name: visits.drives[:, a] for a, name in enumerate(_drive_columns(machine))}
+    table |= {f"{sensor}_temperature_c": t for sensor, t in visits.temperatures_c.items()}
+    table |= {name: visits.target_m[:, c] for c, name in enumerate(TARGETS)}
+    table |= {name: measured.coordinates[:, COLUMNS.index(name)] for name in measured.file.columns}
+    files = {HEADER: to_toml(measured.file), MACHINE: machine.text, COORDINATE_TABLE: write_table(table)}
+    if measured.file.distances is not None:
+        names = ("first", "second")[: measured.pairs.shape[1]]
+        pairs = {name: measured.number[measured.pairs[:, i].astype(int)] for i, name in enumerate(names)}
+        files[DISTANCE_TABLE] = write_table({**pairs, "distance_m": measured.distance_m})
+    try:
+        folder.mkdir(parents=True)
+        for name, content in files.items():
+            with (folder / name).open("w", encoding="utf-8") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror}; choose another folder") from error
+
+
+def read_measurements(folder: Path) -> MeasuredMachine:
+    """Read and check a measurement folder; InputError in one line if it is not fit."""
+    header = folder / HEADER
+    file = parse_toml(read_text(header), MeasurementFile, str(header))
+    machine = parse_machine(read_text(folder / MACHINE), str(folder / MACHINE))
+    _check_names(file, machine, header)
+    path = folder / COORDINATE_TABLE
+    drives = _drive_columns(machine)
+    sensors = tuple(dict.fromkeys(machine.sensors.values()))
+    warm = [f"{sensor}_temperature_c" for sensor in sensors]
+    table = read_table(path, ["visit", *drives, *file.columns], [*warm, *TARGETS], file.columns)
+    number = counts(path, "visit", table["visit"])
+    if len(np.unique(number)) != len(number):
+        raise InputError(f"{path}: a visit's number stands twice; number the visits 0, 1, 2 ...")
+    n = len(number)
+    positions = np.column_stack([table[name] for name in drives])
+    _check_travel(path, machine, positions)
+    given = [name for name in TARGETS if name in table]
+    if given and len(given) != len(TARGETS):
+        raise InputError(f"{path}: of the six target columns some are missing; give all or none")
+    target = np.column_stack([table[c] for c in TARGETS]) if given else np.tile(workspace_middle(machine), (n, 1))
+    reference = np.full(n, machine.reference_temperature_c)
+    visits = Visits(
+        positions,
+        target,
+        np.zeros(n),
+        np.zeros((n, 3)),
+        {sensor: table.get(f"{sensor}_temperature_c", reference) for sensor in sensors},
+    )
+    coordinates = np.full((n, 6), np.nan)
+    for name in file.columns:
+        coordinates[:, COLUMNS.index(name)] = table[name]
+    _check_coordinates(path, file, machine, coordinates)
+    pairs, distance = _distances(folder / DISTANCE_TABLE, file, machine, number)
+    return MeasuredMachine(file, machine, visits, number, coordinates, pairs, distance)
+
+
+def _drive_columns(machine: Machine) -> list[str]:
+    kinds = zip(machine.drive_names, machine.drive_kinds, strict=True)
+    return [f"{name}_actual_{'rad' if kind == 'crank' else 'm'}" for name, kind in kinds]
+
+
+def _check_names(file: MeasurementFile, machine: Machine, header: Path) -> None:
+    known = ParameterSet.of(machine).names
+    for quantity in file.quantities:
+        if strange := [name for name in quantity.of if name not in known]:
+            raise InputError(
+                f"{header}: quantity '{quantity.name}' names the unknown parameter '{strange[0][:60]}'; correct it"
+            )
+    for what, kinds in (("unknowns", file.unknowns), ("former.unknowns", file.former and file.former.unknowns)):
+        if kinds and not len(ParameterSet.of(machine, kinds)):
+            raise InputError(f"{header}: {what}: the machine has no such parameter; name other kinds")
+
+
+def _check_travel(path: Path, machine: Machine, positions: Array) -> None:
+    slack = SLACK * (machine.travel[:, 1] - machine.travel[:, 0])
+    outside = (positions < machine.travel[:, 0] - slack) | (positions > machine.travel[:, 1] + slack)
+    if np.any(outside):
+        row, drive = np.argwhere(outside)[0]
+        raise InputError(
+            f"{path}: line {row + 2}, drive {machine.drive_names[drive]}: {positions[row, drive]:g} is outside its "
+            "travel; use metres and radians, or correct the travel in machine.toml"
+        )
+
+
+def _check_coordinates(path: Path, file: MeasurementFile, machine: Machine, coordinates: Array) -> None:
+    if not file.columns:
+        return
+    chosen = sorted(COLUMNS.index(c) for c in file.columns)
+    there = np.isfinite(coordinates[:, chosen])
+    if wrong := np.flatnonzero(np.any(there, axis=1) & ~np.all(there, axis=1)).tolist():
+        raise InputError(f"{path}: line {wrong[0] + 2}: some coordinates are empty; give all of a visit or none")
+    if not np.any(there):
+        raise InputError(f"{path}: no visit has a measured coordinate; remove [columns] from {HEADER}")
+    if unfree := [c for c in chosen if c not in machine.dof and not file.own_frame]:
+        raise InputError(
+            f"{path}: {COORDINATES[unfree[0]]} is measured, but the machine is not free in it; leave it out"
+        )
+    if file.own_frame:
+        return
+    room = np.max(machine.workspace[:3, 1] - machine.workspace[:3, 0])
+    for c in (c for c in chosen if c < 3):
+        low, high = machine.workspace[c]
+        far = np.flatnonzero((coordinates[:, c] < low - room) | (coordinates[:, c] > high + room))
+        if far.size:
+            raise InputError(
+                f"{path}: line {far[0] + 2}, column '{COLUMNS[c]}': {coordinates[far[0], c]:g} is far outside the "
+                "workspace; use metres, or correct the workspace in machine.toml"
+            )
+
+
+def _distances(path: Path, file: MeasurementFile, machine: Machine, number: Array) -> tuple[Array, Array]:
+    """Rows of the visits of each distance, and the distances; none where the file states none."""
+    if file.distances is None:
+        if path.exists():
+            raise InputError(f"{path}: {HEADER} has no [distances] for it; state their sd_m")
+        return np.zeros((0, 2)), np.zeros(0)
+    ball = file.distances.centre_m is not None
+    names = ["first"] if ball else ["first", "second"]
+    table = read_table(path, [*names, "distance_m"])
+    order = np.argsort(number)
+    pairs = np.empty((len(table["distance_m"]), len(names)))
+    for i, name in enumerate(names):
+        wanted = counts(path, name, table[name])
+        found = order[np.minimum(np.searchsorted(number[order], wanted), len(number) - 1)]
+        if (strange := np.flatnonzero(number[found] != wanted)).size:
+            raise InputError(
+                f"{path}: line {strange[0] + 2}: there is no visit {wanted[strange[0]]:g} in {COORDINATE_TABLE}"
+            )
+        pairs[:, i] = found
+    if not ball and (same := np.flatnonzero(pairs[:, 0] == pairs[:, 1])).size:
+        raise InputError(f"{path}: line {same[0] + 2}: a distance from a visit to itself; name two visits")
+    room = 2.0 * np.linalg.norm(machine.workspace[:3, 1] - machine.workspace[:3, 0])
+    distance = table["distance_m"]
+    wrong = np.flatnonzero((distance <= 0.0) | ((distance > room) & (not ball)))
+    if wrong.size:
+        raise InputError(
+            f"{path}: line {wrong[0] + 2}: {distance[wrong[0]]:g} is no distance within the workspace; use metres"
+        )
+    return pairs, distance

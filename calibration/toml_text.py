@@ -1,0 +1,55 @@
+"""Writing sections as TOML that reads back as it was."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from calibration.toml_file import Section
+
+
+def to_toml(section: Section) -> str:
+    """TOML of nested sections: scalars first, then tables and arrays of tables."""
+    lines: list[str] = []
+    _emit(section.model_dump(exclude_none=True), "", lines)
+    return "\n".join(lines) + "\n"
+
+
+def _emit(table: Mapping[str, object], prefix: str, lines: list[str]) -> None:
+    nested = {k: v for k, v in table.items() if isinstance(v, dict) or _is_table_array(v)}
+    for key, value in table.items():
+        if key not in nested:
+            lines.append(f"{_key(key)} = {_value(value)}")
+    for key, value in nested.items():
+        path = f"{prefix}{_key(key)}"
+        if isinstance(value, dict):
+            lines += ["", f"[{path}]"]
+            _emit(value, path + ".", lines)
+        else:
+            assert isinstance(value, tuple | list)
+            for item in value:
+                lines += ["", f"[[{path}]]"]
+                _emit(item, path + ".", lines)
+
+
+def _is_table_array(value: object) -> bool:
+    return isinstance(value, tuple | list) and bool(value) and all(isinstance(v, dict) for v in value)
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _quoted(key)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(_value(v) for v in value) + "]"
+    return repr(value)
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + re.sub(r"[\x00-\x1f\x7f]", lambda c: f"\\u{ord(c[0]):04x}", escaped) + '"'

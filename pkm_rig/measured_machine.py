@@ -1,0 +1,250 @@
+"""`import printer.cfg` and `identify` of a measurement folder: a machine measured by anything but reflectors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from calibration.delta_printer import measured_printer
+from calibration.explanations import Explanation, alike, explanations
+from calibration.identification import Estimator, Fit, identify
+from calibration.klipper import read_printer
+from calibration.leave_one_out import LeftOut, leave_one_out
+from calibration.machine import COORDINATES, Array
+from calibration.measurement_folder import MeasuredMachine, is_measurement_folder, read_measurements, write_measurements
+from calibration.measurements import Readings
+from calibration.measurements.tool_coordinates import ToolCoordinates
+from calibration.model import Model
+from calibration.observability import Observability, observability_of
+from calibration.parameters import ParameterSet
+from calibration.step_size import check_step_size
+from calibration.toml_file import InputError
+
+FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
+SHARE = 0.8  # of the readings' numbers; with less left over the fit follows its readings
+PLAIN = 4  # parameters of a combination that people can take in
+SCATTER = 2.0  # times the stated deviations, from which on it is said
+HIDDEN = 0.01  # share of an effect that is left after the owner's fit, below which it is called aliased with it
+WORDS = {
+    "strut_length": "length of the struts (arms)",
+    "axis_tilt": "leaning axes (rails)",
+    "drive_scale": "drive scale",
+    "platform_joint": "joints on the platform",
+    "base_joint": "joints on the base",
+    "pivot": "pivots",
+    "guide_position": "places of the guides",
+    "guide_tilt": "tilts of the guides",
+    "ln_stiffness": "stiffness",
+    "bar.length": "zero of the distances",
+    "bar.scale": "scale of the distances",
+    "ball": "place of the ball",
+    "frame": "frame of the instrument",
+    "offset.z": "offset of the heights",
+}
+
+
+def find_measurements(what: str, out: Path) -> MeasuredMachine | None:
+    """A measurement folder by its path or its name in `out`; None if it is none."""
+    for folder in (Path(what), out / what):
+        if is_measurement_folder(folder):
+            return read_measurements(folder)
+    return None
+
+
+def import_printer(path: Path, folder: Path) -> dict[str, Any]:
+    """Write the calibration that a printer.cfg holds as a measurement folder; what was written (docs/json.md)."""
+    printer = read_printer(path)
+    name = re.sub(r"[^A-Za-z0-9._-]", "-", path.stem).lstrip("._-")[:100] or "printer"
+    measured = measured_printer(printer, name, f"Klipper's delta_calibrate block in {path.name}"[:1000])
+    write_measurements(measured, folder)
+    counted = {_what(r): len(r) for r in measured.readings()}
+    return {"campaign": name, "readings": sum(counted.values()), **counted, "folder": str(folder)}
+
+
+def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, Any]:
+    """Identification of a measurement folder (docs/json.md). InputError where nothing can be said of it."""
+    if estimator not in get_args(Estimator) or estimator == "truncated_svd":
+        known = ", ".join(e for e in get_args(Estimator) if e != "truncated_svd")
+        raise InputError(f"estimator '{estimator}' is not known for a measurement folder; use {known}")
+    chosen: Estimator = estimator  # type: ignore[assignment]
+    readings = measured.readings()
+    numbers = sum(len(r) * r.width for r in readings)
+    former = measured.file.former
+    if former is not None and numbers <= former.parameters:
+        raise InputError(
+            f"{measured.file.name}: {numbers} numbers read leave nothing to judge {former.parameters} parameters by; "
+            "measure more poses"
+        )
+    check_step_size(measured)
+    model = Model(measured.parameters())
+    fit = identify(model, measured.visits, readings, chosen)
+    observed = observability_of(fit)
+    out: dict[str, Any] = {
+        "calibration": measured.file.name,
+        "source": measured.file.source,
+        "estimator": chosen,
+        "readings": {_what(r): len(r) for r in readings},
+        "parameters": _parameters(fit),
+        "quantities": _quantities(measured, fit),
+        **_figures(fit),
+        "rank": observed.decided,
+        "unknowns": fit.layout.size,
+        "former": None,
+        "explanations": [],
+        "alike": [],
+        "aliased": list(observed.sentences),
+        "aliased_in_short": list(_short(observed)),
+    }
+    if former is not None:
+        before = _former_fit(measured)
+        found = explanations(before, model, readings)
+        groups = alike(found, numbers)
+        out["former"] = {
+            "parameters": former.parameters,
+            "unknowns": list(former.unknowns),
+            "bare_degrees_of_freedom": numbers - former.parameters,
+            "quantities": _quantities(measured, before),
+            **_figures(before),
+        }
+        out["explanations"] = [_explanation(e) for e in found]
+        out["alike"] = [[e.kind for e in group] for group in groups if len(group) > 1]
+    out["remarks"] = _remarks(out, numbers)
+    return out
+
+
+def _former_fit(measured: MeasuredMachine) -> Fit:
+    """The owner's kinds of unknowns by least squares, every instrument taken at its word."""
+    assert measured.file.former is not None
+    model = Model(ParameterSet.of(measured.machine, measured.file.former.unknowns))
+    return identify(model, measured.visits, measured.readings(nuisances=False), "least_squares")
+
+
+def _parameters(fit: Fit) -> dict[str, Any]:
+    u = np.sqrt(np.diag(fit.covariance))
+    return {
+        unknown.name: {
+            "value": float(value),
+            "u": float(size),
+            "unit": unknown.unit,
+            "observable": bool(size < 0.5 * unknown.sigma),
+        }
+        for unknown, value, size in zip(fit.layout.unknowns, fit.unknowns, u, strict=True)
+    }
+
+
+def _quantities(measured: MeasuredMachine, fit: Fit) -> dict[str, Any]:
+    """The numbers that the owner knows the machine by, with standard uncertainties."""
+    names = fit.model.parameters.names
+    count = len(names)
+    out = {}
+    for quantity in measured.file.quantities:
+        by = np.array([quantity.of.get(name, 0.0) for name in names])
+        u = float(np.sqrt(max(0.0, by @ fit.covariance[:count, :count] @ by)))
+        value = quantity.nominal + float(by @ fit.theta)
+        out[quantity.name] = {"value": value, "u": u, "unit": quantity.unit, "nominal": quantity.nominal}
+    return out
+
+
+def _figures(fit: Fit) -> dict[str, Any]:
+    """Residual, leave-one-out error and its bound, by kind of reading and for all lengths and all angles together."""
+    left = leave_one_out(fit)
+    return {
+        "residual": _by_kind(fit.instruments, left, "residual"),
+        "leave_one_out": _by_kind(fit.instruments, left, "error"),
+        "held_out": _together(fit.instruments, left, "error"),
+        "bound": _together(fit.instruments, left, "u"),
+        "effective_unknowns": sum(r.residual.size for r in left) - fit.degrees_of_freedom,
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "chi2_per_dof": fit.chi2_per_dof,
+    }
+
+
+def _in_si(readings: Readings, part: Array) -> list[tuple[str, str, Array]]:
+    """Name, unit and values (r,) of each number of a reading, in SI."""
+    if isinstance(readings, ToolCoordinates):
+        return [
+            (COORDINATES[c], "rad" if c > 2 else "m", part[:, i] * readings.sigma[:, i])
+            for i, c in enumerate(readings.coordinates)
+        ]
+    return [("distance", "m", part[:, 0] * readings.sigma_m)]  # type: ignore[attr-defined]
+
+
+def _by_kind(instruments: Sequence[Readings], left: Sequence[LeftOut], field: str) -> dict[str, float]:
+    return {
+        f"{name}_rms_{unit}": float(np.sqrt(np.mean(values**2)))
+        for readings, part in zip(instruments, left, strict=True)
+        for name, unit, values in _in_si(readings, getattr(part, field))
+    }
+
+
+def _together(instruments: Sequence[Readings], left: Sequence[LeftOut], field: str) -> dict[str, float | None]:
+    """None where no such number was read."""
+    found: dict[str, list[Array]] = {"m": [], "rad": []}
+    for readings, part in zip(instruments, left, strict=True):
+        for _, unit, values in _in_si(readings, getattr(part, field)):
+            found[unit].append(values)
+    rms = {unit: float(np.sqrt(np.mean(np.concatenate(v) ** 2))) if v else None for unit, v in found.items()}
+    return {"position_rms_m": rms["m"], "orientation_rms_rad": rms["rad"]}
+
+
+def _what(readings: Readings) -> str:
+    if isinstance(readings, ToolCoordinates):
+        return "heights" if readings.coordinates == (2,) else "coordinates"
+    return "distances"
+
+
+def _short(observed: Observability) -> tuple[str, ...]:
+    """Sentences on what stays open with few parameters in it, and how many others there are."""
+    few = tuple(c for c in observed.open if len(c.coefficients) <= PLAIN)
+    sentences = replace(observed, open=few).sentences
+    others = len(observed.open) - len(few)
+    return (*sentences, f"{others} more combinations of many parameters") if others else sentences
+
+
+def _explanation(found: Explanation) -> dict[str, Any]:
+    return {
+        "kind": found.kind,
+        "rms": found.size,
+        "unit": found.unit,
+        "share": found.share,
+        "prior_standard_deviations": found.tolerances,
+        "absorbed": found.absorbed,
+    }
+
+
+def _remarks(found: dict[str, Any], numbers: int) -> list[str]:
+    """What must be said beside the figures."""
+    out = []
+    shown = found if found["former"] is None else found["former"]
+    dof, scatter = shown["degrees_of_freedom"], float(np.sqrt(shown["chi2_per_dof"]))
+    if dof < FEW or dof < SHARE * numbers:
+        out.append(
+            f"the residual is no accuracy: {shown['effective_unknowns']:.3g} unknowns followed {numbers} numbers read "
+            f"(degrees of freedom left: {dof:.2g}); the leave-one-out error is what a new reading would show"
+        )
+    if scatter > SCATTER:
+        out.append(
+            f"the readings scatter {scatter:.1f} times as much as is stated of them: the model leaves something out, "
+            "or the stated deviations are too small; every U here is too small by about as much"
+        )
+    if hidden := [in_words(e["kind"]) for e in found["explanations"] if 1.0 - e["absorbed"] < HIDDEN]:
+        out.append(
+            f"aliased with what the owner fitted (less than {HIDDEN:.0%} of what they do to the readings is left): "
+            f"{', '.join(hidden)}"
+        )
+    for group in found["alike"]:
+        out.append(
+            f"not told apart by these readings: {', '.join(in_words(kind) for kind in group)}; each explains the "
+            "residual as well as the others, and sag and play, which no parameter stands for, may too"
+        )
+    return out
+
+
+def in_words(kind: str) -> str:
+    """What a kind of unknown is called."""
+    return WORDS.get(kind, kind)

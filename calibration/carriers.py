@@ -8,8 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.machine import FIXED, Array, DriveKind, Geometry, Machine
+from calibration.rotation import skew
 
 
 @dataclass(frozen=True)
@@ -42,28 +44,34 @@ class Carrier:
 
     def place(self, point_m: Array) -> Array:
         """Place (3, n) of a point (3,) that is carried."""
+        return self.places(point_m[None])[:, 0]
+
+    def places(self, points_m: Array) -> Array:
+        """Places (3, j, n) of points (j, 3) that are carried."""
         if self.kind == "crank":
-            return self.pivot_m[:, None] * self.base + self._turned(point_m) * self.grown
-        place = point_m[:, None] * self.base
-        return place + self.axis[:, None] * self.travel if self.kind == "slider" else place
+            return (self.pivot_m[:, None] * self.base)[:, None] + self._turned(points_m) * self.grown
+        places = points_m.T[:, :, None] * self.base
+        if self.kind == "slider":
+            for axis in np.flatnonzero(self.axis):
+                places[axis] += self.axis[axis] * self.travel
+        return places
 
     def d_point(self) -> Array:
         """Derivative (3, 3, n) of a place with the point."""
         if self.kind == "crank":
-            columns = [self._turned(e) * self.grown for e in np.eye(3)]
-            return np.stack(columns, axis=1)
+            return self._turned(np.eye(3)) * self.grown
         return np.eye(3)[:, :, None] * self.base
 
     def d_travel(self, point_m: Array) -> Array:
         """Derivative (3, n) of a place with the travel Q; zero for the base and for a leg."""
         if self.kind == "crank":
-            return np.cross(self.axis, self._turned(point_m).T).T * self.grown
+            return self._turned(np.cross(self.axis, point_m)[None])[:, 0] * self.grown
         axis = self.axis if self.kind == "slider" else np.zeros(3)
         return np.repeat(axis[:, None], self.travel.size, axis=1)
 
     def d_tilt(self, point_m: Array, about: Array) -> Array:
         """Derivative (3, n) of a place with a turn of the axis about a direction (3,)."""
-        turned = np.cross(about, self.axis)
+        turned = skew(about) @ self.axis  # np.cross takes a tenth of a millisecond
         if self.kind == "slider":
             return turned[:, None] * self.travel
         if self.kind == "crank":
@@ -80,25 +88,34 @@ class Carrier:
     def d_growth(self, point_m: Array, part: str) -> Array:
         """Derivative (3, n) of a place with the thermal factor of the base ('base') or of the drive ('drives')."""
         if self.kind == "crank":
-            return np.outer(self.pivot_m, np.ones_like(self.base)) if part == "base" else self._turned(point_m)
+            return (
+                np.outer(self.pivot_m, np.ones_like(self.base)) if part == "base" else self._turned(point_m[None])[:, 0]
+            )
         if part == "base":
             return np.outer(point_m, np.ones_like(self.base))
         return self.d_travel(point_m) * self.travel / self.grown
 
-    def _turned(self, arm_m: Array) -> Array:
-        """An arm (3,) turned about the axis by the travel, Rodrigues' formula: (3, n)."""
-        along = self.axis * (self.axis @ arm_m)
-        cos, sin = np.cos(self.travel), np.sin(self.travel)
-        return np.outer(arm_m - along, cos) + np.outer(np.cross(self.axis, arm_m), sin) + along[:, None]
+    def _turned(self, arms_m: Array) -> Array:
+        """Arms (j, 3) turned about the axis by the travel, Rodrigues' formula: (3, j, n)."""
+        along = np.outer(arms_m @ self.axis, self.axis)
+        turned = np.multiply.outer((arms_m - along).T, np.cos(self.travel))
+        turned += np.multiply.outer(np.cross(self.axis, arms_m).T, np.sin(self.travel))
+        turned += along.T[:, :, None]
+        return turned
 
 
-def on_branch(machine: Machine, geometry: Geometry, drive: int, carrier: Carrier, base_end: Array, end: Array) -> Array:
-    """Whether (n,) a drive's strut from base_end (3, n) to the platform joint end (3, n) is the assembled one."""
-    if carrier.kind == "slider":
-        side = geometry.axis[drive] @ (base_end - end)
-    elif carrier.kind == "crank":
-        pivot = geometry.pivot_m[drive][:, None] * carrier.base
-        side = geometry.axis[drive] @ np.cross((base_end - pivot).T, (end - pivot).T).T
-    else:
-        side = np.ones(end.shape[1])
-    return np.asarray(machine.branch[drive] * side > 0.0)
+def on_branch(carrier: Carrier, branch: float, base_end: Array, direction: Array) -> NDArray[np.bool_]:
+    """Whether (n,) a drive's strut is the assembled one, from its base end and the direction in which it leaves it.
+
+    Both (a, n), a axes: three, or x and y alone. Lengths do not matter, so the signs of docs/machine.md are those of
+    a slider's -u . n and a crank's u . ((s - c) x n).
+    """
+    side = np.zeros(direction.shape[1])
+    for axis in np.flatnonzero(carrier.axis):
+        if carrier.kind == "slider":
+            side -= carrier.axis[axis] * direction[axis]
+        else:
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            arm_i, arm_j = (base_end[k] - carrier.pivot_m[k] * carrier.base for k in (i, j))
+            side += carrier.axis[axis] * (arm_i * direction[j] - arm_j * direction[i])
+    return np.asarray(branch * side > 0.0)

@@ -11,17 +11,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.carriers import Carrier, on_branch
-from calibration.machine import Array, Geometry, Machine
-from calibration.mechanics import Cholesky, Load, Setting, State
-from calibration.rotation import rotation_matrix, rotation_vector, turns
+from calibration.machine import FIXED, Array, Geometry, Machine
+from calibration.mechanics import Cholesky, Setting, State, keep_memory, sum_of_loads
+from calibration.rotation import (
+    rotation_matrix,
+    rotation_vector,
+    short_turns,
+    short_turns_about_z,
+    turns,
+    turns_about_z,
+)
 
-STEP_TOLERANCE = 1e-11  # of the last Newton step, in m and rad
-CHORD_BELOW = 1e-5  # steps so short that the former Hessian serves for the next one
+STEP_TOLERANCE = 1e-13  # of the last Newton step, in m and rad
+SETTLED = 5e-15  # of the error that is left, told from how much the last step was shorter than the one before
+CHORD_BELOW = 1e-3  # steps so short that the former Hessian serves for the next one
 LONGEST_STEP = 0.2  # longer ones would leave the assembly branch
 MAX_STEPS = 30
 BLOCK = 1024  # poses at once: their arrays stay in the processor's cache
@@ -113,20 +122,28 @@ def solve(
     Never returns a number for a pose that is not at rest on its assembly branch: its row is NaN and `status` says why.
     """
     n = len(drives)
+    if n >= BLOCK:
+        keep_memory()
     if start is None:
-        start = np.tile(workspace_middle(machine), (n, 1))
-    position, rotation = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
-    force = np.full((n, len(geometry.stiffness_n_per_m)), np.nan)
-    status = np.full(n, Status.NOT_CONVERGED, dtype=np.int8)
+        start = np.broadcast_to(workspace_middle(machine), (n, 6))
+    position, rotation = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
+    force = np.empty((n, len(geometry.stiffness_n_per_m)))
+    status = np.empty(n, dtype=np.int8)
     for rows in blocks(n):
-        state, p, found = _rest(_setting(machine, geometry, drives[rows], at.take(rows)), start[rows])
-        carriers = carriers_of(machine, geometry, drives[rows], at.take(rows))
-        found[(found == Status.AT_REST) & ~_assembled(machine, geometry, carriers, state, p)] = Status.OTHER_BRANCH
-        good = found == Status.AT_REST
-        status[rows] = found
-        position[rows] = np.where(good, p, np.nan).T
-        rotation[rows] = np.where(good, state.rotation, np.nan).transpose(2, 0, 1)
-        force[rows] = np.where(good, state.force, np.nan).T
+        acting = at.take(rows)
+        carriers = carriers_of(machine, geometry, drives[rows], acting)
+        setting = _flattened(_setting(machine, geometry, carriers, acting), start[rows])
+        rest = _rest(setting, start[rows])
+        rest.status[(rest.status == Status.AT_REST) & ~_assembled(setting, carriers, rest)] = Status.OTHER_BRANCH
+        axes = setting.axes
+        position[rows, :axes] = rest.position.T
+        rotation[rows, :axes, :axes] = rest.rotation.transpose(2, 0, 1)
+        force[rows] = rest.force.T
+        status[rows] = rest.status
+    lost = status != Status.AT_REST
+    if np.any(lost):
+        for found in (position, rotation, force):
+            found[lost] = np.nan
     return Equilibrium(position, rotation, force, status)
 
 
@@ -149,84 +166,144 @@ def carriers_of(machine: Machine, geometry: Geometry, drives: Array, at: Conditi
     return [*moving, Carrier.of(machine, geometry, -1, base, base, grown)]
 
 
-def _setting(machine: Machine, geometry: Geometry, drives: Array, at: Conditions) -> Setting:
-    carriers = carriers_of(machine, geometry, drives, at)
-    ends = np.empty((3, len(geometry.stiffness_n_per_m), len(drives)))
+def _setting(machine: Machine, geometry: Geometry, carriers: list[Carrier], at: Conditions) -> Setting:
+    n = carriers[FIXED].base.size
     free_length = geometry.length_m[:, None] * at.factors["struts"]
-    for i, a in enumerate(machine.strut_drive):
-        ends[:, i] = carriers[a].place(geometry.base_joint_m[i])
-        if carriers[a].kind == "leg":
-            free_length[i] += carriers[a].travel
+    ends = np.empty((3, len(geometry.stiffness_n_per_m), n))
+    for a, carrier in enumerate(carriers):
+        struts = np.flatnonzero(machine.strut_drive == (a if a < len(carriers) - 1 else FIXED))
+        if struts.size:
+            ends[:, struts] = carrier.places(geometry.base_joint_m[struts])
+            if carrier.kind == "leg":
+                free_length[struts] += carrier.travel
     ends[:, len(free_length) :] = geometry.guide_point_m.T[:, :, None] * at.factors["base"]
-    gravity = machine.gravity_m_per_s2[:, None]
-    weights = [Load(gravity * mass, com.T) for mass, com in at.masses if np.any(mass)]
-    pushes = [Load(force.T, point.T) for force, point in at.forces]
-    return Setting(machine, geometry, ends, free_length, at.factors["platform"], (*weights, *pushes))
+    loads = sum_of_loads(machine.gravity_m_per_s2, at.masses, at.forces, n)
+    return Setting(machine, geometry, ends, free_length, at.factors["platform"], loads)
+
+
+def _flattened(setting: Setting, start: Array) -> Setting:
+    """The setting without the axis z where the machine and its poses `start` (n, 6) lie in the plane z = 0."""
+    geometry = setting.geometry
+    across = (geometry.platform_joint_m[:, 2], geometry.guide_normal[:, 2], setting.base_ends[2], start[:, 2:5])
+    return setting.flat() if setting.machine.planar and not any(np.any(z) for z in across) else setting
 
 
 def state_at(
     machine: Machine, geometry: Geometry, drives: Array, at: Conditions, position_m: Array, rotation: Array
 ) -> State:
     """The mechanics at given poses: position_m (n, 3), rotation (n, 3, 3)."""
-    return State.at(_setting(machine, geometry, drives, at), position_m.T, rotation.transpose(1, 2, 0))
+    setting = _setting(machine, geometry, carriers_of(machine, geometry, drives, at), at)
+    return State.at(setting, np.ascontiguousarray(position_m.T), np.ascontiguousarray(rotation.transpose(1, 2, 0)))
 
 
-def _rest(setting: Setting, start: Array) -> tuple[State, Array, NDArray[np.int8]]:
-    """Newton's method from `start` (n, 6); the state, the positions (3, n) and the status of all poses."""
-    dof = setting.machine.dof
-    n = len(start)
-    p, rotation = start[:, :3].T.copy(), turns(start[:, 3:].T)
-    status = np.full(n, Status.NOT_CONVERGED, dtype=np.int8)
-    active, part = np.arange(n), setting
+@dataclass
+class _Rest:
+    """Poses found, poses last: position (a, n), rotation (a, a, n), direction (a, c, n) and force (c, n) of the
+    constraints, status (n,)."""
+
+    position: Array
+    rotation: Array
+    direction: Array
+    force: Array
+    status: NDArray[np.int8]
+
+    @classmethod
+    def starting(cls, setting: Setting, start: Array) -> _Rest:
+        """From poses (n, 6)."""
+        n, a = len(start), setting.axes
+        rotation = turns_about_z(start[:, 5]) if a == 2 else turns(start[:, 3:].T)
+        nothing = np.empty((a, 0, n))
+        status = np.full(n, Status.NOT_CONVERGED, dtype=np.int8)
+        return cls(np.array(start[:, :a].T, order="C"), rotation, nothing, nothing[0], status)
+
+    def take(self, rows: NDArray[np.intp]) -> _Rest:
+        """Some of the poses."""
+        return _Rest(*(array[..., rows] for array in self._arrays()))
+
+    @classmethod
+    def gathered(cls, parts: list[tuple[NDArray[np.intp], _Rest]]) -> _Rest:
+        """All poses; of those that are in several parts, the last word."""
+        if len(parts) == 1:
+            return parts[0][1]
+        every = cls(*(array.copy() for array in parts[0][1]._arrays()))
+        for rows, part in parts[1:]:
+            for mine, its in zip(every._arrays(), part._arrays(), strict=True):
+                mine[..., rows] = its
+        return every
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        return self.position, self.rotation, self.direction, self.force, self.status
+
+
+def _rest(setting: Setting, start: Array) -> _Rest:
+    """Newton's method from `start` (n, 6).
+
+    A Hessian serves for as many steps as they shrink fast. Poses that have settled are stepped on with the others (it
+    costs less than to sort them out) until half of them have.
+    """
+    part = _Rest.starting(setting, start)
+    rows, parts = np.arange(len(start)), []
     cholesky: Cholesky | None = None
-    for _ in range(MAX_STEPS):
-        state = State.at(part, p[:, active], rotation[:, :, active])
+    former = np.zeros(len(start))
+    for left in reversed(range(MAX_STEPS)):
+        state = State.at(setting, part.position, part.rotation)
         if cholesky is None:
             cholesky = Cholesky.of(state.hessian())
         step = cholesky.solve(-state.gradient())
-        with np.errstate(invalid="ignore"):
-            size = np.max(np.abs(step), axis=0)
-            lost = ~cholesky.positive | ~np.isfinite(size)
-            step *= np.where(lost, 0.0, LONGEST_STEP / np.maximum(size, LONGEST_STEP))
-        _move(p, rotation, active, np.where(np.isfinite(step), step, 0.0), dof)
-        done = ~lost & (size < STEP_TOLERANCE)
-        status[active[done]] = Status.AT_REST
-        status[active[lost]] = Status.SINGULAR
-        stay = ~done & ~lost
-        if not np.any(stay):
-            break
-        chord = np.max(size[stay]) < CHORD_BELOW
-        if not np.all(stay):
-            active = active[stay]
-            part = part.take(np.flatnonzero(stay))
-            cholesky = Cholesky(cholesky.lower[:, :, stay], cholesky.positive[stay])
-        if not chord:
+        size, lost = _limited(step, cholesky.positive)
+        _move(part, step, setting)
+        settled = (size < STEP_TOLERANCE) | (size * size < SETTLED * former)
+        waiting = part.status == Status.NOT_CONVERGED
+        part.status[waiting & settled & ~lost] = Status.AT_REST
+        part.status[waiting & lost] = Status.SINGULAR
+        stay = np.flatnonzero(part.status == Status.NOT_CONVERGED)
+        if 2 * stay.size < rows.size or left == 0:
+            part.force, part.direction = state.force_after(step), state.direction
+            parts.append((rows, part))
+            if stay.size == 0:
+                break
+            rows, part, setting, size = rows[stay], part.take(stay), setting.take(stay), size[stay]
+            cholesky = cholesky.take(stay)
+            stay = np.arange(stay.size)
+        former = size
+        if np.max(size[stay]) > CHORD_BELOW:
             cholesky = None
-    return State.at(setting, p, rotation), p, status
+    return _Rest.gathered(parts)
 
 
-def _move(p: Array, rotation: Array, rows: NDArray[np.intp], step: Array, dof: NDArray[np.intp]) -> None:
-    """Move poses by a step (f, n) of their free coordinates; turns act on the left."""
-    everything = rows.size == p.shape[1]
-    full = np.zeros((6, rows.size))
-    full[dof] = step
-    if everything:
-        p += full[:3]
-        rotation[:] = np.einsum("ijn,jkn->ikn", turns(full[3:]), rotation)
-    else:
-        p[:, rows] += full[:3]
-        rotation[:, :, rows] = np.einsum("ijn,jkn->ikn", turns(full[3:]), rotation[:, :, rows])
+def _limited(step: Array, positive: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Sizes (n,) of steps (f, n), which are cut in place to LONGEST_STEP, and which of the poses are lost."""
+    size = np.max(np.abs(step), axis=0)
+    lost = ~(positive & (size < np.inf))
+    if np.any(lost):
+        step[:, lost] = 0.0
+        size[lost] = 0.0
+    if np.max(size) > LONGEST_STEP:
+        step *= LONGEST_STEP / np.maximum(size, LONGEST_STEP)
+    return size, lost
 
 
-def _assembled(
-    machine: Machine, geometry: Geometry, carriers: list[Carrier], state: State, p: Array
-) -> NDArray[np.bool_]:
+def _move(poses: _Rest, step: Array, setting: Setting) -> None:
+    """Move poses by a step (f, n) of the free coordinates; turns act on the left."""
+    turn = np.zeros((3, step.shape[1]))
+    for row, c in zip(step, setting.machine.dof.tolist(), strict=True):
+        if c < 3:
+            poses.position[c] += row
+        else:
+            turn[c - 3] = row
+    by = short_turns_about_z(turn[2]) if setting.axes == 2 else short_turns(turn)
+    poses.rotation = np.einsum("ijn,jkn->ikn", by, poses.rotation)
+
+
+def _assembled(setting: Setting, carriers: list[Carrier], rest: _Rest) -> NDArray[np.bool_]:
     """Whether the first strut of every drive stands as the branch of the machine file says."""
-    good = np.ones(p.shape[1], dtype=bool)
+    machine = setting.machine
+    good = np.ones(rest.status.size, dtype=bool)
     for a, carrier in enumerate(carriers[:-1]):
         struts = np.flatnonzero(machine.strut_drive == a)
-        if struts.size == 0:  # a baseline left this drive's link out
+        if carrier.kind == "leg" or struts.size == 0:  # a leg has one branch; a baseline left this drive's link out
             continue
         first = int(struts[0])
-        good &= on_branch(machine, geometry, a, carrier, state.setting.base_ends[:, first], p + state.lever[:, first])
+        ends, directions = setting.base_ends[:, first], rest.direction[:, first]
+        good &= on_branch(carrier, float(machine.branch[a]), ends, directions)
     return good

@@ -10,8 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtpqrt
 
 from calibration.machine import Array
+
+ROWS_AT_ONCE = 1536  # of a block, so that it stays in the processor's cache
+PANEL = 8  # columns that are eliminated together
 
 
 @dataclass(frozen=True)
@@ -45,21 +49,27 @@ class Folding:
     """Folds blocks of rows into a `Linearised`."""
 
     def __init__(self, unknowns: int) -> None:
-        self._r = np.zeros((0, unknowns + 1))
+        self._r = np.zeros((unknowns + 1, unknowns + 1), order="F")
         self._unknowns, self._rows = unknowns, 0
 
     def add(self, jacobian: Array, residual: Array) -> None:
         """Add rows (m, u) and residuals (m,)."""
         self._rows += len(residual)
-        block = np.column_stack([jacobian, residual])
-        self._r = np.asarray(np.linalg.qr(np.vstack([self._r, block]), mode="r"))
+        for first in range(0, len(residual), ROWS_AT_ONCE):
+            rows = slice(first, first + ROWS_AT_ONCE)
+            block = np.empty((len(residual[rows]), self._unknowns + 1), order="F")
+            block[:, :-1] = jacobian[rows]
+            block[:, -1] = residual[rows]
+            # A QR factorisation of the triangle over the block that leaves the triangle's zeros alone.
+            self._r = dtpqrt(0, min(PANEL, self._unknowns + 1), self._r, block, overwrite_a=1, overwrite_b=1)[0]
 
-    def done(self) -> Linearised:
-        """The factor of all rows so far."""
+    def done(self, scale: Array | None = None) -> Linearised:
+        """The factor of all rows so far, their columns multiplied by scale (u,)."""
         u = self._unknowns
-        r = np.zeros((u + 1, u + 1))
-        r[: len(self._r)] = self._r
-        return Linearised(r[:u, :u], r[:u, u], float(r[u, u] ** 2), self._rows)
+        r = np.triu(self._r)
+        if scale is not None:
+            r[:, :u] *= scale
+        return Linearised(r[:u, :u], r[:u, u].copy(), float(r[u, u] ** 2), self._rows)
 
 
 def regularised_step(system: Linearised, offset: Array, weight: Array) -> Array:

@@ -5,12 +5,14 @@ free coordinate f, J_f = n . D_f and t = k e, the gradient is sum t J_f and the 
 sum (k - t/L) J_f J_g + t/L D_f . D_g + t n . d2(R m). A guide is a strut of infinite length: t/L is zero.
 
 All arrays have poses last, so that every operation runs along contiguous memory; c constraints (struts, then
-guides), s struts, f free coordinates, n poses.
+guides), s struts, f free coordinates, n poses, a axes: three, or x and y alone where nothing leaves the plane z = 0.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,45 +22,104 @@ from calibration.machine import Array, Geometry, Machine
 SMALLEST_PIVOT = 1e-9  # of a diagonal element: below it a coordinate is held by nothing
 NEAR_REST = 1e-2  # of a strut's length: the geometric stiffness is left out where a residual is larger
 
+KEPT_BYTES = 31_000_000  # the largest that glibc's threshold follows is 32 MiB
 
-@dataclass(frozen=True)
-class Load:
-    """A force (3, n) in the machine frame at a point (3, n) of the platform frame."""
 
-    force_n: Array
-    point_m: Array
+def keep_memory() -> None:
+    """Have the allocator keep what the arrays of one block of poses used for those of the next.
+
+    glibc returns large arrays to the system when they are freed, and their pages are faulted in anew for the next
+    block: up to a third of the time of a fit. It stops doing so once one as large as this was freed. The array is never
+    touched, so it occupies nothing; other allocators are not affected.
+    """
+    np.empty(KEPT_BYTES, dtype=np.uint8)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a pose depends on besides itself: base ends (3, c, n), unstrained lengths (s, n), growth (n,), loads."""
+    """What a pose depends on besides itself, and what of it stays the same while the pose is searched.
+
+    base_ends (a, c, n); free_length (s, n): unstrained; platform_growth (n,). loads (a, 1 + a, n): the sum of all
+    forces, then the sums of their products with each coordinate of their points in the platform frame: all that
+    gradient and Hessian need to know of loads, however many there are.
+    """
 
     machine: Machine
     geometry: Geometry
     base_ends: Array
     free_length: Array
     platform_growth: Array
-    loads: tuple[Load, ...]
+    loads: Array
+
+    @property
+    def axes(self) -> int:
+        """Number of axes a."""
+        return len(self.base_ends)
+
+    @cached_property
+    def joints(self) -> Array:
+        """Platform joints (c, a) of all constraints, in the platform frame."""
+        joint = self.geometry.platform_joint_m
+        if self.machine.guide_joint.size:
+            joint = np.concatenate([joint, joint[self.machine.guide_joint]])
+        return np.ascontiguousarray(joint[:, : self.axes])
+
+    @cached_property
+    def moments(self) -> Array:
+        """Rows (1 + a, c) that sum forces, and forces times the coordinates of their joints."""
+        return np.vstack([np.ones(len(self.joints)), self.joints.T])
 
     def take(self, rows: NDArray[np.intp]) -> Setting:
         """Some of the poses."""
-        loads = tuple(Load(load.force_n[:, rows], load.point_m[:, rows]) for load in self.loads)
         return Setting(
             self.machine,
             self.geometry,
             self.base_ends[:, :, rows],
             self.free_length[:, rows],
             self.platform_growth[rows],
-            loads,
+            self.loads[:, :, rows],
         )
+
+    def flat(self) -> Setting:
+        """The same without the axis z, which no force and no motion has."""
+        return Setting(
+            self.machine,
+            self.geometry,
+            self.base_ends[:2],
+            self.free_length,
+            self.platform_growth,
+            self.loads[:2, :3],
+        )
+
+
+def sum_of_loads(
+    gravity_m_per_s2: Array, masses: Iterable[tuple[Array, Array]], forces: Iterable[tuple[Array, Array]], n: int
+) -> Array:
+    """The loads (3, 4, n) of a `Setting` from masses (n,) at points (n, 3) and forces (n, 3) at points (n, 3)."""
+    total = np.zeros((3, 4, n))
+
+    def add(axis: int, force: Array, point_m: Array) -> None:
+        total[axis, 0] += force
+        for along in range(3):
+            total[axis, 1 + along] += force * point_m[:, along]
+
+    for mass, point_m in masses:
+        if np.any(mass):
+            for axis, gravity in enumerate(gravity_m_per_s2.tolist()):
+                if gravity != 0.0:
+                    add(axis, gravity * mass, point_m)
+    for forces_n, point_m in forces:
+        for axis in range(3):
+            add(axis, forces_n[:, axis], point_m)
+    return total
 
 
 @dataclass(frozen=True)
 class State:
     """Poses, not necessarily at rest.
 
-    position (3, n); rotation (3, 3, n); lever (3, c, n): r = R m; direction (3, c, n): n; wrench (f, c, n): J; residual (c, n): e; force (c, n): t = k e;
-    stiffness (c, 1); curvature (c, n): t / L; load_levers: R c of each load (3, n).
+    position (a, n); rotation (a, a, n); lever (a, c, n): r = R m; direction (a, c, n): n; residual (c, n): e;
+    force (c, n): t = k e; stiffness (c, 1); curvature (c, n): t / L.
     """
 
     setting: Setting
@@ -66,152 +127,195 @@ class State:
     rotation: Array
     lever: Array
     direction: Array
-    wrench: Array
     residual: Array
     force: Array
     stiffness: Array
     curvature: Array
-    load_levers: tuple[Array, ...]
 
     @classmethod
     def at(cls, setting: Setting, p: Array, rotation: Array) -> State:
-        """The state at positions (3, n) and rotations (3, 3, n)."""
-        machine, geometry = setting.machine, setting.geometry
-        joint = geometry.platform_joint_m
-        if machine.guide_joint.size:
-            joint = np.concatenate([joint, joint[machine.guide_joint]])
-        lever = np.matmul(joint, rotation)
-        lever *= setting.platform_growth
-        v = lever + p[:, None]
-        v -= setting.base_ends
-        s = len(geometry.length_m)
-        length = np.sqrt(v[0, :s] ** 2 + v[1, :s] ** 2 + v[2, :s] ** 2)
-        residual = np.empty(v.shape[1:])
-        residual[:s] = length - setting.free_length
+        """The state at positions (a, n) and rotations (a, a, n)."""
+        geometry, a, s = setting.geometry, setting.axes, len(setting.free_length)
+        lever = np.matmul(setting.joints, rotation * setting.platform_growth)
+        direction = lever + p[:, None]
+        direction -= setting.base_ends
+        residual = np.empty(direction.shape[1:])
         curvature = np.zeros_like(residual)
-        curvature[:s] = residual[:s] / length
-        if machine.guide_joint.size:
-            residual[s:] = np.einsum("gi,ign->gn", geometry.guide_normal, v[:, s:])
-            v[:, s:] = geometry.guide_normal.T[:, :, None]
-        v[:, :s] /= length
+        if len(residual) > s:
+            normal = geometry.guide_normal[:, :a]
+            residual[s:] = np.einsum("gi,ign->gn", normal, direction[:, s:])
+            direction[:, s:] = normal.T[:, :, None]
+        length = np.square(direction[0, :s])
+        for v in direction[1:, :s]:
+            length += v * v
+        np.sqrt(length, out=length)
+        np.subtract(length, setting.free_length, out=residual[:s])
+        direction[:, :s] /= length
         k = geometry.stiffness_n_per_m[:, None]
-        levers = tuple(
-            np.einsum("ijn,jn->in", rotation, load.point_m) * setting.platform_growth for load in setting.loads
-        )
-        wrench = np.stack([_turned_or_moved(int(c), v, lever) for c in machine.dof])
-        return cls(setting, p, rotation, lever, v, wrench, residual, k * residual, k, k * curvature, levers)
+        force = k * residual
+        np.divide(force[:s], length, out=curvature[:s])
+        return cls(setting, p, rotation, lever, direction, residual, force, k, curvature)
+
+    @cached_property
+    def wrench(self) -> Array:
+        """J (f, c, n): change of the residuals with the free coordinates."""
+        dof = self.setting.machine.dof.tolist()
+        out = np.empty((len(dof), *self.residual.shape))
+        for row, c in enumerate(dof):
+            if c < 3:
+                out[row] = self.direction[c]
+            else:
+                i, j = about(c)
+                np.multiply(self.lever[i], self.direction[j], out=out[row])
+                out[row] -= self.lever[j] * self.direction[i]
+        return out
+
+    @cached_property
+    def _forces(self) -> Array:
+        """Forces of the constraints less the loads (a, 1 + a, n): the sums that `Setting.loads` holds of the loads."""
+        out = np.matmul(self.setting.moments, self.force * self.direction)
+        out -= self.setting.loads
+        return out
+
+    @cached_property
+    def _turned(self) -> Array:
+        """Sums (a, a, n) of lever_i force_j of constraints and loads."""
+        grown = self.rotation * self.setting.platform_growth
+        return np.einsum("ikn,jkn->ijn", grown, self._forces[:, 1:])
 
     def gradient(self) -> Array:
         """dV over the free coordinates (f, n)."""
-        g = np.einsum("cn,fcn->fn", self.force, self.wrench)
-        for load, lever in zip(self.setting.loads, self.load_levers, strict=True):
-            for row, c in enumerate(self.setting.machine.dof):
-                g[row] -= _turned_or_moved(int(c), load.force_n, lever)
-        return g
+        dof = self.setting.machine.dof.tolist()
+        out = np.empty((len(dof), self.residual.shape[1]))
+        for row, c in zip(out, dof, strict=True):
+            if c < 3:
+                row[:] = self._forces[c, 0]
+            else:
+                i, j = about(c)
+                np.subtract(self._turned[i, j], self._turned[j, i], out=row)
+        return out
 
-    def hessian(self) -> Array:
+    def hessian(self, *, at_rest: bool = False) -> Array:
         """d2V over the free coordinates (f, f, n), symmetric.
 
-        Far from rest (a residual beyond NEAR_REST) the Gauss-Newton part alone: positive whatever the residuals.
+        Where poses are not known to be at rest and far from it (a residual beyond NEAR_REST), the Gauss-Newton part
+        alone: positive whatever the residuals.
         """
-        length_of_residual = np.max(np.abs(self.residual), axis=0)
-        near = (length_of_residual < NEAR_REST * np.min(self.setting.geometry.length_m)).astype(float)
-        curvature, force = self.curvature * near, self.force * near
-        h = np.einsum("fcn,gcn->fgn", (self.stiffness - curvature) * self.wrench, self.wrench)
-        dof = [int(c) for c in self.setting.machine.dof]
+        near = at_rest | (np.max(np.abs(self.residual), axis=0) < NEAR_REST * np.min(self.setting.geometry.length_m))
+        curvature, turned = self.curvature, self._turned
+        if not near.all():
+            curvature, turned = curvature * near, turned * near
+        weight = self.stiffness - curvature
+        h = np.empty((len(self.wrench), *self.wrench[:, 0].shape))
+        for i, row in enumerate(self.wrench):
+            h[i, : i + 1] = np.einsum("cn,gcn->gn", weight * row, self.wrench[: i + 1])
+            h[:i, i] = h[i, :i]
+        self._add_bend(h, curvature, turned)
+        return h
+
+    def _add_bend(self, h: Array, curvature: Array, turned: Array) -> None:
+        """Add the geometric stiffness, sum t/L D_f . D_g + t n . d2(R m): of turns, tr(X) 1 - X made symmetric.
+
+        X = sum t/L r r^T - sum r t n^T, the loads among the forces t n.
+        """
+        bent = curvature * self.lever
+        pull, shift = np.sum(curvature, axis=0), np.sum(bent, axis=1)
+        x = np.einsum("icn,jcn->ijn", bent, self.lever) - turned
+        dof = self.setting.machine.dof.tolist()
         for i, f in enumerate(dof):
+            if f < 3:
+                h[i, i] += pull
             for j, g in enumerate(dof[: i + 1]):
-                extra = self._bend(f, g, curvature, force)
-                if f >= 3 and g >= 3:
-                    for load, lever in zip(self.setting.loads, self.load_levers, strict=True):
-                        extra = extra - near * _second(f - 3, g - 3, load.force_n, lever)
+                if f < 3 or f == g + 3:
+                    continue
+                if g < 3:
+                    extra = _cross_component(f - 3, g, shift)
+                elif f == g:
+                    p, q = about(f)
+                    # A flat machine turns about z alone: p and q are its two axes.
+                    extra = x[p, p] + x[q, q]
+                else:
+                    extra = -0.5 * (x[f - 3, g - 3] + x[g - 3, f - 3])
                 h[i, j] += extra
                 if i != j:
                     h[j, i] += extra
-        return h
 
-    def _bend(self, f: int, g: int, curvature: Array, force: Array) -> Array:
-        """Geometric stiffness: sum t/L D_f . D_g + t n . d2(R m), f >= g."""
-        r = self.lever
-        if f < 3:
-            return np.sum(curvature, axis=0) if f == g else np.zeros(curvature.shape[1])
-        if g < 3:
-            return np.einsum("cn,cn->n", curvature, _cross_component(f - 3, g, r))
-        a, b = f - 3, g - 3
-        dot = -r[a] * r[b]
-        if a == b:
-            dot += r[0] ** 2 + r[1] ** 2 + r[2] ** 2
-        return np.einsum("cn,cn->n", curvature, dot) + np.einsum("cn,cn->n", force, _second(a, b, self.direction, r))
+    def force_after(self, step: Array) -> Array:
+        """Forces (c, n) after a step (f, n) of the free coordinates so short that its square does not count."""
+        motion = np.einsum("fcn,fn->cn", self.wrench, step)
+        motion *= self.stiffness
+        motion += self.force
+        return motion
 
     def end_shift(self) -> Array:
         """W (f, 3, c, n): change of the gradient with a shift of a constraint's platform end."""
-        w = (self.stiffness - self.curvature)[None, None] * self.wrench[:, None] * self.direction[None]
-        for row, c in enumerate(self.setting.machine.dof):
+        weighted = (self.stiffness - self.curvature) * self.wrench
+        w = weighted[:, None] * self.direction
+        for row, c in zip(w, self.setting.machine.dof.tolist(), strict=True):
             if c < 3:
-                w[row, c] += self.curvature
+                row[c] += self.curvature
             else:
-                for i in range(3):
-                    if i != c - 3:
-                        w[row, i] += self.curvature * _cross_component(int(c) - 3, i, self.lever)
+                i, j = about(c)
+                row[j] += self.curvature * self.lever[i]
+                row[i] -= self.curvature * self.lever[j]
         return w
 
 
-def _turned_or_moved(c: int, force: Array, lever: Array) -> Array:
-    """The part of a force (3, ...) with lever (3, ...) that works on the coordinate c: force or moment."""
-    if c < 3:
-        return np.asarray(force[c])
-    i, j = (c - 2) % 3, (c - 1) % 3
-    return np.asarray(lever[i] * force[j] - lever[j] * force[i])
+def about(c: int) -> tuple[int, int]:
+    """The axes i, j that a turn, the coordinate c, takes into each other: its moment is r_i f_j - r_j f_i."""
+    return (c - 2) % 3, (c - 1) % 3
 
 
 def _cross_component(axis: int, component: int, lever: Array) -> Array:
-    """Component of e_axis x lever (zero where both are the same, which is not asked for)."""
+    """Component of e_axis x lever, another than the axis itself."""
     third = 3 - axis - component
-    if axis == component:
-        return np.zeros(lever.shape[1:])
     return np.asarray(-lever[third] if (component - axis) % 3 == 1 else lever[third])
-
-
-def _second(a: int, b: int, force: Array, lever: Array) -> Array:
-    """force . d2(R m) for turns about the axes a and b: symmetric part of r n^T - (r . n) I."""
-    if a != b:
-        return np.asarray(0.5 * (lever[a] * force[b] + lever[b] * force[a]))
-    i, j = (a + 1) % 3, (a + 2) % 3
-    return np.asarray(-(lever[i] * force[i] + lever[j] * force[j]))
 
 
 @dataclass(frozen=True)
 class Cholesky:
-    """Lower factors (f, f, n) of symmetric matrices, and which of them are safely positive (n,)."""
+    """Factors (f, f, n) of symmetric matrices L D L^T: L below the diagonal, 1/D on it; and which of them are safely
+    positive (n,)."""
 
-    lower: Array
+    factors: Array
     positive: NDArray[np.bool_]
 
     @classmethod
     def of(cls, matrix: Array) -> Cholesky:
         """Factor matrices (f, f, n)."""
-        f, n = matrix.shape[0], matrix.shape[2]
-        lower = np.zeros_like(matrix)
-        positive = np.ones(n, dtype=bool)
-        for j in range(f):
-            pivot = matrix[j, j] - np.einsum("kn,kn->n", lower[j, :j], lower[j, :j])
-            positive &= pivot > SMALLEST_PIVOT * matrix[j, j]
-            root = np.sqrt(np.where(positive, pivot, 1.0))
-            lower[j, j] = root
-            for i in range(j + 1, f):
-                lower[i, j] = (matrix[i, j] - np.einsum("kn,kn->n", lower[i, :j], lower[j, :j])) / root
-        return cls(lower, positive)
+        a = matrix.copy()
+        least = SMALLEST_PIVOT * np.array([a[i, i] for i in range(len(a))])
+        positive = np.ones(a.shape[2], dtype=bool)
+        for j in range(len(a)):
+            positive &= a[j, j] > least[j]
+            if not positive.all():
+                a[j, j, ~positive] = 1.0
+            np.divide(1.0, a[j, j], out=a[j, j])
+            for i in range(j + 1, len(a)):
+                unscaled = a[i, j].copy()
+                a[i, j] *= a[j, j]
+                a[i, j + 1 : i + 1] -= unscaled * a[j + 1 : i + 1, j]
+        return cls(a, positive)
+
+    def take(self, rows: NDArray[np.intp]) -> Cholesky:
+        """Some of the matrices."""
+        return Cholesky(self.factors[:, :, rows], self.positive[rows])
 
     def solve(self, right: Array) -> Array:
         """Solutions of right sides (f, ..., n)."""
-        f = self.lower.shape[0]
+        f = len(self.factors)
         x = right.copy()
         for i in range(f):
             for k in range(i):
-                x[i] -= self.lower[i, k] * x[k]
-            x[i] /= self.lower[i, i]
+                x[i] -= self.factors[i, k] * x[k]
         for i in reversed(range(f)):
+            x[i] *= self.factors[i, i]
             for k in range(i + 1, f):
-                x[i] -= self.lower[k, i] * x[k]
-            x[i] /= self.lower[i, i]
+                x[i] -= self.factors[k, i] * x[k]
         return x
+
+    def inverse(self) -> Array:
+        """Inverse matrices (n, f, f), poses first as matmul wants them."""
+        f, n = len(self.factors), self.factors.shape[2]
+        unit = np.repeat(np.eye(f)[:, :, None], n, axis=2)
+        return np.ascontiguousarray(self.solve(unit).transpose(2, 0, 1))

@@ -6,7 +6,7 @@ Its prior standard deviation is the tolerance divided by sqrt 3 (a uniform distr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ UNITS = {
     "ln_stiffness": "1",
 }
 KINDS = tuple(UNITS)
+JOINTS = ("platform_joint", "base_joint")
 
 
 @dataclass(frozen=True)
@@ -127,30 +128,32 @@ class ParameterSet:
 
     def gradient_columns(self, at: Sensitivity) -> list[Array]:
         """dG (f, n) of every parameter at poses at rest."""
-        return [self._column(p, at) for p in self.parameters]
+        joints: dict[tuple[str, int], Array] = {}
+        return [self._joint_column(p, at, joints) if p.kind in JOINTS else self._column(p, at) for p in self.parameters]
+
+    def _joint_column(self, p: Parameter, at: Sensitivity, known: dict[tuple[str, int], Array]) -> Array:
+        """A column of a joint: all axes of a joint are computed at once and kept in `known`."""
+        key = (p.kind, p.part)
+        if key not in known:
+            known[key] = at.platform_joint(p.part) if p.kind == "platform_joint" else at.base_joint(p.part)
+        return known[key][:, p.axis]
 
     def _column(self, p: Parameter, at: Sensitivity) -> Array:
-        match p.kind:
-            case "strut_length":
-                return at.length(p.part)
-            case "platform_joint":
-                return at.platform_joint(p.part, p.axis)
-            case "base_joint":
-                return at.base_joint(p.part, p.axis)
-            case "pivot":
-                return at.pivot(p.part, p.axis)
-            case "guide_position":
-                # The plane moves along its nominal normal, which may have been tilted since.
-                nominal = self.machine.nominal.guide_normal[p.part]
-                return at.guide_position(p.part) * float(nominal @ at.geometry.guide_normal[p.part])
-            case "guide_tilt":
-                return at.guide_tilt(p.part, np.array(p.about))
-            case "axis_tilt":
-                return at.axis_tilt(p.part, np.array(p.about))
-            case "drive_scale":
-                return at.drive_scale(p.part) * self.machine.nominal.scale[p.part]
-            case _:
-                return at.ln_stiffness(p.part)
+        direction = np.array(p.about)
+        columns: dict[str, Callable[[], Array]] = {
+            "strut_length": lambda: at.length(p.part),
+            "pivot": lambda: at.pivot(p.part, p.axis),
+            # The plane moves along its nominal normal, which may have been tilted since.
+            "guide_position": lambda: (
+                at.guide_position(p.part)
+                * float(self.machine.nominal.guide_normal[p.part] @ at.geometry.guide_normal[p.part])
+            ),
+            "guide_tilt": lambda: at.guide_tilt(p.part, direction),
+            "axis_tilt": lambda: at.axis_tilt(p.part, direction),
+            "drive_scale": lambda: at.drive_scale(p.part) * self.machine.nominal.scale[p.part],
+            "ln_stiffness": lambda: at.ln_stiffness(p.part),
+        }
+        return columns[p.kind]()
 
     def carried_shift(self, at: Sensitivity, drive: int, point_m: Array) -> Array:
         """Derivative (n, 3, p) of the place of a point that a drive carries, with every parameter."""
@@ -170,41 +173,53 @@ class ParameterSet:
 
 
 def _all_parameters(machine: Machine) -> list[Parameter]:
+    return [*_strut_errors(machine), *_guide_and_drive_errors(machine), *_stiffness_errors(machine)]
+
+
+def _of(kind: str, name: str, part: int, tolerance: float | None, axis: int = -1) -> Parameter:
+    return Parameter(f"{kind}.{name}", kind, part, axis, (0.0, 0.0, 0.0), tolerance or 0.0)
+
+
+def _strut_errors(machine: Machine) -> Iterator[Parameter]:
     tol = machine.file.tolerances
-    none = (0.0, 0.0, 0.0)
-    moves = (0, 1) if machine.planar else (0, 1, 2)
-    out: list[Parameter] = []
-
-    def add(
-        kind: str, name: str, part: int, tolerance: float | None, axis: int = -1, about: Array | None = None
-    ) -> None:
-        turn = none if about is None else (float(about[0]), float(about[1]), float(about[2]))
-        out.append(Parameter(f"{kind}.{name}", kind, part, axis, turn, tolerance or 0.0))
-
     for i, name in enumerate(machine.strut_names):
-        add("strut_length", name, i, tol.strut_length_m)
-    for kind, size in (("platform_joint", tol.platform_joint_m), ("base_joint", tol.base_joint_m)):
+        yield _of("strut_length", name, i, tol.strut_length_m)
+    for kind, size in zip(JOINTS, (tol.platform_joint_m, tol.base_joint_m), strict=True):
         for i, name in enumerate(machine.strut_names):
-            for c in moves:
-                add(kind, f"{name}.{'xyz'[c]}", i, size, axis=c)
+            yield from _point_errors(machine, kind, name, i, size)
+
+
+def _point_errors(machine: Machine, kind: str, name: str, part: int, tolerance: float | None) -> Iterator[Parameter]:
+    for axis in (0, 1) if machine.planar else (0, 1, 2):
+        yield _of(kind, f"{name}.{'xyz'[axis]}", part, tolerance, axis)
+
+
+def _guide_and_drive_errors(machine: Machine) -> Iterator[Parameter]:
+    tol = machine.file.tolerances
     for a, name in enumerate(machine.drive_names):
         if machine.drive_kinds[a] == "crank":
-            for c in moves:
-                add("pivot", f"{name}.{'xyz'[c]}", a, tol.pivot_m, axis=c)
+            yield from _point_errors(machine, "pivot", name, a, tol.pivot_m)
     for g, name in enumerate(machine.guide_names):
-        add("guide_position", name, g, tol.guide_position_m)
+        yield _of("guide_position", name, g, tol.guide_position_m)
     for g, name in enumerate(machine.guide_names):
         for label, about in _tilts(machine.guide_turns[g], machine.planar):
-            add("guide_tilt", f"{name}.{label}", g, tol.guide_tilt_rad, about=about)
+            yield _tilt("guide_tilt", f"{name}.{label}", g, about, tol.guide_tilt_rad)
     for a, name in enumerate(machine.drive_names):
         if machine.drive_kinds[a] != "leg":
             for label, about in _tilts(across(machine.nominal.axis[a]), machine.planar):
-                add("axis_tilt", f"{name}.{label}", a, tol.axis_tilt_rad, about=about)
+                yield _tilt("axis_tilt", f"{name}.{label}", a, about, tol.axis_tilt_rad)
     for a, name in enumerate(machine.drive_names):
-        add("drive_scale", name, a, tol.drive_scale)
+        yield _of("drive_scale", name, a, tol.drive_scale)
+
+
+def _tilt(kind: str, name: str, part: int, about: Array, tolerance: float | None) -> Parameter:
+    turn = (float(about[0]), float(about[1]), float(about[2]))
+    return Parameter(f"{kind}.{name}", kind, part, -1, turn, tolerance or 0.0)
+
+
+def _stiffness_errors(machine: Machine) -> Iterator[Parameter]:
     for c, name in enumerate((*machine.strut_names, *machine.guide_names)):
-        add("ln_stiffness", name, c, tol.ln_stiffness)
-    return out
+        yield _of("ln_stiffness", name, c, machine.file.tolerances.ln_stiffness)
 
 
 def _tilts(turns: Array, planar: bool) -> list[tuple[str, Array]]:

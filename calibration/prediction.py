@@ -97,9 +97,9 @@ def predict_tool(fit: Fit, visits: Visits) -> Predicted:
 def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = DRAWS) -> Predicted:
     """The same by propagation of distributions (JCGM 101) through the estimator itself.
 
-    Each draw takes new errors for every reading and every prior, fits again with the full model and predicts. Drawing from
-    the linear covariance instead would be wrong: stiffness and misfit are each known poorly, but their product well. Costs
-    a fit a draw; a standard deviation from n draws is good to 1 / sqrt(2 n).
+    Each draw takes new errors for every reading and every prior, fits again with the full model and predicts.
+    Drawing from the linear covariance instead would be wrong: stiffness and misfit are each known poorly, but their
+    product well. Costs a fit a draw; a standard deviation from n draws is good to 1 / sqrt(2 n).
     """
     rng = np.random.default_rng(seed)
     sigma = fit.layout.sigma

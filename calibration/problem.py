@@ -15,12 +15,19 @@ from calibration.equilibrium import Status
 from calibration.linear_system import Folding, Linearised, regularised_step
 from calibration.machine import Array, Machine
 from calibration.measurements import Readings, Whitened, parts
+from calibration.mechanics import keep_memory
 from calibration.model import Model, Poses, Unknown
 from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 VISITS_AT_ONCE = 1024
+WORTH_THINNING = 0.5
 MOST_STEPS = 60
+LARGEST_SHARE = 0.5  # of a former step: beyond it steps do not shrink evenly and its lesson is not taken
+SETTLED = 1e-7  # of the last step, in standard errors
+START_SETTLED = 1.0
+ROUND_OFF = 1e-11  # of a loss, relative
+LARGEST_DAMPING = 1e9  # beyond it no step gains anything that the loss can show
 HUBER = 2.5  # in standard deviations of a number
 
 
@@ -85,8 +92,10 @@ class Problem:
     layout: Layout = field(init=False)
     _start: Array = field(init=False)
     _blocks: list[_Block] = field(init=False)
+    _last: tuple[Array, Linearised] | None = field(init=False, default=None)  # where it was linearised last
 
     def __post_init__(self) -> None:
+        keep_memory()
         self.layout = Layout.of(self.model, self.readings)
         self._start = self.visits.target_m.copy()  # poses found last: where the next search starts
         self._blocks = [
@@ -112,19 +121,39 @@ class Problem:
         weights[: len(self.model.parameters)] = weight
         return weights
 
+    def thinned(self, visits: int) -> Problem:
+        """The same problem with the readings of about so many visits, to find a start with; itself if that is most.
+
+        They are drawn at random, the same each time: a regular choice might always meet the same reflector.
+        """
+        share = visits / len(self.visits)
+        if share > WORTH_THINNING:
+            return self
+        rng = np.random.default_rng(0)
+        some = [
+            part.take(np.sort(rng.permutation(len(part))[: int(np.ceil(share * len(part)))])) for part in self.readings
+        ]
+        return Problem(self.model, self.visits, some, self.robust, self.centre)
+
     def linearise(self, z: Array) -> Linearised:
         """Residuals and derivatives at z with respect to z, folded into a triangle."""
+        if self._last is not None and np.array_equal(self._last[0], z):
+            return self._last[1]
         folding = Folding(self.layout.size)
-        sigma = self.layout.sigma
         for index, _, compared in self._compared(z, derivatives=True):
-            jacobian = np.zeros((*compared.residual.shape, self.layout.size))
-            jacobian[:, :, : len(self.model)] = compared.by_model
-            jacobian[:, :, self.layout.own[index]] = compared.by_own
-            weight = self._weights(compared.residual)
-            jacobian *= sigma * weight[:, None, None]
-            residual = compared.residual * weight[:, None]
+            jacobian, residual = compared.by_model, compared.residual
+            if self.layout.size > len(self.model):
+                jacobian = np.zeros((*residual.shape, self.layout.size))
+                jacobian[:, :, : len(self.model)] = compared.by_model
+                jacobian[:, :, self.layout.own[index]] = compared.by_own
+            if self.robust:
+                weight = self._weights(residual)
+                jacobian = jacobian * weight[:, None, None]
+                residual = residual * weight[:, None]
             folding.add(jacobian.reshape(-1, self.layout.size), residual.ravel())
-        return folding.done()
+        system = folding.done(self.layout.sigma)
+        self._last = (z.copy(), system)
+        return system
 
     def residuals(self, z: Array) -> list[Array]:
         """Whitened residuals (r, w) of each instrument's readings, in the order of its readings."""
@@ -141,15 +170,28 @@ class Problem:
             total += float(np.sum(self._rho(square, found.shape[1])))
         return total
 
-    def minimise(self, z: Array, free: NDArray[np.intp], weight: float) -> Array:
-        """Levenberg-Marquardt over the unknowns `free`; the tolerances have the given weight."""
+    def minimise(self, z: Array, free: NDArray[np.intp], weight: float, *, start_only: bool = False) -> Array:
+        """Levenberg-Marquardt over the unknowns `free`; the tolerances have the given weight.
+
+        It ends where the next step is shorter than SETTLED standard errors in any direction. Where the answer is but a
+        place for another fit to start from (said so, or with unknowns held), START_SETTLED is enough.
+        """
         prior = self.prior(weight)
-        z, damping = z.copy(), 0.0
         held = np.setdiff1d(np.arange(z.size), free)
+        enough = START_SETTLED if held.size or start_only else SETTLED
+        z, damping, shortest = z.copy(), 0.0, np.inf
+        former: tuple[Array, Array] | None = None
         system = self.linearise(z)
         best = self._loss_of(system, z, prior)
         for _ in range(MOST_STEPS):
             step = _step(system, self._off_centre(z), prior, held, damping)
+            size = _in_standard_errors(system, step, prior)
+            # The loss's round-off hides what a step this short gains; one that no longer shrinks is round-off itself.
+            hidden = size * size < ROUND_OFF * (best + 1.0)
+            if damping == 0.0 and (size < enough or (hidden and size > 0.9 * shortest)):
+                break
+            if damping == 0.0:
+                former, step = (z, step), _accelerated(system, prior, former, z, step)
             try:
                 trial = self.linearise(z + step)
                 loss = self._loss_of(trial, z + step, prior)
@@ -157,16 +199,14 @@ class Problem:
                 if damping > 1e8:
                     raise
                 loss = np.inf
-            if loss <= best * (1.0 + 1e-12):
-                small = np.max(np.abs(step), initial=0.0) < 1e-9 or best - loss < 1e-14 * (best + 1.0)
+            if loss <= best or (hidden and loss <= best + ROUND_OFF * (best + 1.0)):
                 z, system, best = z + step, trial, loss
-                damping = 0.0 if damping < 1e-6 else damping / 10.0
-                if small and damping == 0.0:
-                    break
-            elif np.max(np.abs(step), initial=0.0) < 1e-9:
+                damping = 0.0 if damping < 0.1 else damping / 100.0
+                shortest = min(shortest, size)
+            elif damping > LARGEST_DAMPING:
                 break
             else:
-                damping = max(1e-3, 10.0 * damping)
+                former, damping = None, max(1.0, 10.0 * damping)
         return z
 
     def _loss_of(self, system: Linearised, z: Array, prior: Array) -> float:
@@ -179,8 +219,6 @@ class Problem:
 
     def _weights(self, residual: Array) -> Array:
         """Square roots (r,) of the weights of readings with whitened residuals (r, w)."""
-        if not self.robust:
-            return np.ones(len(residual))
         size = np.sqrt(np.mean(residual**2, axis=1))
         return np.asarray(np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-300))))
 
@@ -209,6 +247,26 @@ class Problem:
                 f"identification: the model finds no equilibrium for visit {visits[lost[0]]} ({what}); check units, "
                 "drive coordinates and that the machine file fits the machine"
             )
+
+
+def _in_standard_errors(system: Linearised, step: Array, prior: Array) -> float:
+    """Length of a step in the metric of the posterior: no unknown moves by more of its standard errors than that."""
+    return float(np.sqrt(np.sum((system.factor @ step) ** 2) + np.sum((prior * step) ** 2)))
+
+
+def _accelerated(system: Linearised, prior: Array, former: tuple[Array, Array] | None, z: Array, step: Array) -> Array:
+    """A Gauss-Newton step at z with what the former one (place and step) tells of the slowest direction.
+
+    Where the model's curvature leaves Gauss-Newton linear convergence, steps shrink by the same factor each time;
+    Anderson's mixing with a memory of one sums that series, in the metric of the posterior.
+    """
+    if former is None:
+        return step
+    place, before = former
+    metric = np.vstack([system.factor, np.diag(prior)])
+    change = metric @ (step - before)
+    share = float(change @ (metric @ step)) / float(change @ change)
+    return step if abs(share) > LARGEST_SHARE else step - share * (z - place + step - before)
 
 
 def _step(system: Linearised, off_centre: Array, prior: Array, held: NDArray[np.intp], damping: float) -> Array:

@@ -60,3 +60,42 @@ def turns(vector: Array) -> Array:
     out[0, 2], out[2, 0] = b * x * z + a * y, b * x * z - a * y
     out[1, 2], out[2, 1] = b * y * z - a * x, b * y * z + a * x
     return out
+
+
+def short_turns(vector: Array) -> Array:
+    """Rotations (3, 3, n) that agree with those of short vectors (3, n) to the second order, without sines: Cayley's.
+
+    Rotations by 2 atan(|v| / 2) about v. For the steps of an iteration, whose last one vanishes.
+    """
+    half = 0.5 * vector
+    square = half[0] ** 2 + half[1] ** 2 + half[2] ** 2
+    scale = 2.0 / (1.0 + square)
+    out = np.empty((3, 3, vector.shape[1]))
+    scaled = scale * half
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i, i] = 1.0 - scale * (square - half[i] ** 2)
+        product = scaled[i] * half[j]
+        out[i, j] = product - scaled[k]
+        out[j, i] = product + scaled[k]
+    return out
+
+
+def turns_about_z(angle: Array) -> Array:
+    """Rotations of the plane (2, 2, n) by angles (n,)."""
+    return _in_plane(np.cos(angle), np.sin(angle))
+
+
+def short_turns_about_z(angle: Array) -> Array:
+    """Rotations of the plane (2, 2, n) by short angles (n,), as `short_turns` makes them."""
+    square = 0.25 * angle * angle
+    scale = 1.0 / (1.0 + square)
+    return _in_plane((1.0 - square) * scale, angle * scale)
+
+
+def _in_plane(cos: Array, sin: Array) -> Array:
+    out = np.empty((2, 2, cos.size))
+    out[0, 0] = out[1, 1] = cos
+    out[1, 0] = sin
+    np.negative(sin, out=out[0, 1])
+    return out

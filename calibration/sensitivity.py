@@ -7,15 +7,17 @@ the pose. Formulas: docs/method.md; n poses, f free coordinates. Poses that are 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.carriers import Carrier
 from calibration.equilibrium import Conditions, Equilibrium, carriers_of, state_at
 from calibration.machine import Array, Geometry, Machine
-from calibration.mechanics import Cholesky, State
+from calibration.mechanics import Cholesky, State, about
 
 _AXES = np.eye(3)
 
@@ -36,58 +38,68 @@ class Sensitivity:
     def of(cls, machine: Machine, geometry: Geometry, drives: Array, at: Conditions, rest: Equilibrium) -> Sensitivity:
         """At the poses of `rest`, which `solve` found for the same arguments."""
         state = state_at(machine, geometry, drives, at, rest.position_m, rest.rotation)
-        stiffness = Cholesky.of(state.hessian())
+        stiffness = Cholesky.of(state.hessian(at_rest=True))
         carriers = carriers_of(machine, geometry, drives, at)
         return cls(machine, geometry, at, state, stiffness, carriers, state.end_shift())
 
-    def respond(self, columns: list[Array]) -> Array:
+    @cached_property
+    def _yielding(self) -> Array:
+        """Inverse stiffnesses (n, f, f), negative: small matrices, applied to many columns at once."""
+        return -self.stiffness.inverse()
+
+    def respond(self, columns: Sequence[Array]) -> Array:
         """Derivatives (n, f, k) of the free coordinates from k columns dG (f, n)."""
         if not columns:
             return np.empty((self.shift.shape[-1], len(self.machine.dof), 0))
-        answer = self.stiffness.solve(np.stack(columns, axis=1))
-        return np.ascontiguousarray(-answer.transpose(2, 0, 1))
+        pulls = np.stack(columns, axis=1).transpose(2, 0, 1)
+        return np.asarray(self._yielding @ np.ascontiguousarray(pulls))
 
     def length(self, strut: int) -> Array:
         """dG per metre of a strut's length."""
         return -self.state.stiffness[strut] * self.state.wrench[:, strut] * self.at.factors["struts"]
 
-    def platform_joint(self, strut: int, axis: int) -> Array:
-        """dG per metre of a strut's platform joint along an axis of the platform; guides that hold it included."""
-        column = self.state.rotation[:, axis] * self.at.factors["platform"]
-        out = np.zeros(self.state.wrench[:, 0].shape)
+    def platform_joint(self, strut: int) -> Array:
+        """dG (f, 3, n) per metre of a strut's platform joint along each axis of the platform; guides on it included."""
+        state = self.state
+        out = np.zeros((len(self.machine.dof), 3, state.residual.shape[1]))
         guides = len(self.geometry.length_m) + np.flatnonzero(self.machine.guide_joint == strut)
+        grown = state.rotation * self.at.factors["platform"]
         for c in (strut, *guides):
-            out += np.einsum("fin,in->fn", self.shift[:, :, c], column)
-            for row, f in enumerate(self.machine.dof):
+            out += np.einsum("fin,ian->fan", self.shift[:, :, c], grown)
+            pull = state.force[c] * state.direction[:, c]
+            for row, f in enumerate(self.machine.dof.tolist()):
                 if f >= 3:
-                    turned = np.cross(_AXES[f - 3], column.T).T
-                    out[row] += self.state.force[c] * np.einsum("in,in->n", self.state.direction[:, c], turned)
+                    i, j = about(f)
+                    out[row] += grown[i] * pull[j] - grown[j] * pull[i]
         return out
 
     def base_end(self, constraint: int, shift: Array) -> Array:
         """dG for a shift (3, n) of the base end of a constraint."""
         return -np.einsum("fin,in->fn", self.shift[:, :, constraint], shift)
 
-    def base_joint(self, strut: int, axis: int) -> Array:
-        """dG per metre of a strut's base joint, in the frame of what carries it."""
-        return self.base_end(strut, self.carriers[self.machine.strut_drive[strut]].d_point()[:, axis])
+    def base_joint(self, strut: int) -> Array:
+        """dG (f, 3, n) per metre of a strut's base joint along each axis of the frame of what carries it."""
+        carrier = self.carriers[self.machine.strut_drive[strut]]
+        if carrier.kind == "crank":
+            return -np.einsum("fin,ian->fan", self.shift[:, :, strut], carrier.d_point())
+        return self.shift[:, :, strut] * -carrier.base
 
     def pivot(self, drive: int, axis: int) -> Array:
         """dG per metre of a crank's pivot."""
-        return self._carried(drive, lambda _: self.carriers[drive].d_pivot()[:, axis])
+        return self._carried(drive, [self.carriers[drive].d_pivot()[:, axis]] * len(self._struts(drive)))
 
-    def axis_tilt(self, drive: int, about: Array) -> Array:
+    def axis_tilt(self, drive: int, direction: Array) -> Array:
         """dG per radian of a turn of a drive's axis about a direction (3,)."""
-        return self._carried(drive, lambda joint: self.carriers[drive].d_tilt(joint, about))
+        carrier, joints = self.carriers[drive], self.geometry.base_joint_m[self._struts(drive)]
+        return self._carried(drive, [carrier.d_tilt(joint, direction) for joint in joints])
 
     def travel(self, drive: int) -> Array:
         """dG per metre (radian) of a drive's travel Q."""
         if self.machine.drive_kinds[drive] == "leg":
-            total = np.zeros(self.state.wrench[:, 0].shape)
-            for strut in np.flatnonzero(self.machine.strut_drive == drive):
-                total -= self.state.stiffness[strut] * self.state.wrench[:, strut]
-            return total
-        return self._carried(drive, lambda joint: self.carriers[drive].d_travel(joint))
+            struts = self._struts(drive)
+            return -np.einsum("c,fcn->fn", self.geometry.stiffness_n_per_m[struts], self.state.wrench[:, struts])
+        carrier, joints = self.carriers[drive], self.geometry.base_joint_m[self._struts(drive)]
+        return self._carried(drive, [carrier.d_travel(joint) for joint in joints])
 
     def drives(self) -> Array:
         """Derivatives (n, f, d) of the free coordinates with the drive coordinates."""
@@ -103,10 +115,10 @@ class Sensitivity:
         c = len(self.geometry.length_m) + plane
         return -self.state.stiffness[c] * self.state.wrench[:, c] * self.at.factors["base"]
 
-    def guide_tilt(self, plane: int, about: Array) -> Array:
+    def guide_tilt(self, plane: int, direction: Array) -> Array:
         """dG per radian of a turn of a guide plane's normal about a direction (3,), through its point."""
         c = len(self.geometry.length_m) + plane
-        turned = np.cross(about, self.geometry.guide_normal[plane])
+        turned = np.cross(direction, self.geometry.guide_normal[plane])
         lever = self.state.lever[:, c]
         v = lever + self.state.position - self.state.setting.base_ends[:, c]
         out = self.state.stiffness[c] * (turned @ v) * self.state.wrench[:, c]
@@ -153,18 +165,20 @@ class Sensitivity:
             if part == "struts":
                 out += self.length(i) * geometry.length_m[i] / self.at.factors["struts"]
             elif part == "platform":
-                for axis in range(3):
-                    if geometry.platform_joint_m[i, axis] != 0.0:
-                        out += self.platform_joint(i, axis) * geometry.platform_joint_m[i, axis] / self.at.factors[part]
+                out += (
+                    np.einsum("fan,a->fn", self.platform_joint(i), geometry.platform_joint_m[i]) / self.at.factors[part]
+                )
             else:
                 out += self._base_growth(part, i, int(a))
         if part == "platform":
-            for index, (_, com) in enumerate(self.at.masses):
-                for axis in range(3):
-                    out += self.centre_of_mass(index, axis) * com[:, axis] / self.at.factors[part]
+            weights = [(np.outer(machine.gravity_m_per_s2, mass), com.T) for mass, com in self.at.masses]
+            for force_n, point_m in weights + [(force.T, point.T) for force, point in self.at.forces]:
+                moment = self.force(force_n, point_m) / self.at.factors[part]
+                moment[machine.dof < 3] = 0.0  # a point that moves on the platform turns it only
+                out += moment
         if part == "base":
             for c, point in enumerate(geometry.guide_point_m, start=len(geometry.length_m)):
-                out += self.base_end(c, np.repeat(point[:, None], out.shape[1], axis=1))
+                out += self.base_end(c, np.repeat(point[:, None], self.at.factors[part].size, axis=1))
         return out
 
     def _base_growth(self, part: str, strut: int, drive: int) -> Array:
@@ -177,10 +191,12 @@ class Sensitivity:
         grown = self.carriers[drive].grown
         return np.ones_like(grown) if self.machine.drive_kinds[drive] == "crank" else grown
 
-    def _carried(self, drive: int, shift: Callable[[Array], Array]) -> Array:
-        """dG when every joint of a drive moves by shift(joint) (3, n)."""
-        struts = np.flatnonzero(self.machine.strut_drive == drive)
+    def _struts(self, drive: int) -> NDArray[np.intp]:
+        return np.flatnonzero(self.machine.strut_drive == drive)
+
+    def _carried(self, drive: int, shifts: Sequence[Array]) -> Array:
+        """dG when the joints of a drive's struts move by shifts (3, n)."""
         total = np.zeros(self.state.wrench[:, 0].shape)
-        for i in struts:
-            total += self.base_end(int(i), shift(self.geometry.base_joint_m[i]))
+        for strut, shift in zip(self._struts(drive), shifts, strict=True):
+            total += self.base_end(int(strut), shift)
         return total

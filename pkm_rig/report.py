@@ -23,6 +23,10 @@ MODEL_NAMES = {
     "deformation_aware": "deformation-aware, one model for all payloads (this calibration)",
     "leave_out_link": "rigid, redundant link left out, one geometry",
     "leave_out_link_per_payload": "rigid, redundant link left out, refitted per payload",
+    "mean_of_minimal_subsets": "rigid, mean over what may be left out, one geometry",
+    "mean_of_minimal_subsets_per_payload": "rigid, mean over what may be left out, refitted per payload",
+    "per_leg_closure": "rigid, closure leg by leg, one geometry",
+    "per_leg_closure_per_payload": "rigid, closure leg by leg, refitted per payload",
     "equal_weight_closure": "rigid, equal-weight closure, one geometry",
     "equal_weight_closure_per_payload": "rigid, equal-weight closure, refitted per payload",
 }

@@ -104,6 +104,11 @@ class ToolCoordinates:
         if not derivatives:
             return Whitened(residual, np.zeros((len(self), self.width, 0)), by_own[:, :, :0])
         _, by_point = poses.point(machine.tool_point_m)
-        full = np.concatenate([frame.rotation @ by_point[visit], frame.rotation @ poses.jacobian[visit, 3:]], axis=1)
+        by_turn = poses.jacobian[:, 3:]
+        if self.own_frame:
+            by_point, by_turn = frame.rotation @ by_point, frame.rotation @ by_turn
+        by_model = np.empty((*residual.shape, by_point.shape[2]))
         scale = 1.0 / self.sigma[:, :, None]
-        return Whitened(residual, scale * full[:, chosen], scale * by_own)
+        for row, c in enumerate(chosen):
+            np.multiply((by_point if c < 3 else by_turn)[visit, c % 3], scale[:, row], out=by_model[:, row])
+        return Whitened(residual, by_model, scale * by_own)

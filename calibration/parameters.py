@@ -139,7 +139,6 @@ class ParameterSet:
         return known[key][:, p.axis]
 
     def _column(self, p: Parameter, at: Sensitivity) -> Array:
-        direction = np.array(p.about)
         columns: dict[str, Callable[[], Array]] = {
             "strut_length": lambda: at.length(p.part),
             "pivot": lambda: at.pivot(p.part, p.axis),
@@ -148,12 +147,23 @@ class ParameterSet:
                 at.guide_position(p.part)
                 * float(self.machine.nominal.guide_normal[p.part] @ at.geometry.guide_normal[p.part])
             ),
-            "guide_tilt": lambda: at.guide_tilt(p.part, direction),
-            "axis_tilt": lambda: at.axis_tilt(p.part, direction),
+            "guide_tilt": lambda: at.guide_tilt(p.part, self._turning(p, at.geometry)),
+            "axis_tilt": lambda: at.axis_tilt(p.part, self._turning(p, at.geometry)),
             "drive_scale": lambda: at.drive_scale(p.part) * self.machine.nominal.scale[p.part],
             "ln_stiffness": lambda: at.ln_stiffness(p.part),
         }
         return columns[p.kind]()
+
+    def _turning(self, p: Parameter, geometry: Geometry) -> Array:
+        """Direction (3,) about which a tilted part turns on with one of its tilts.
+
+        Two tilts are one rotation vector t: the left Jacobian of the exponential, 1 + [t]/2 + [t]^2/6, on the tilt's own.
+        """
+        nominal, now = self.machine.nominal, geometry
+        before, after = (nominal.axis, now.axis) if p.kind == "axis_tilt" else (nominal.guide_normal, now.guide_normal)
+        tilt, about = np.cross(before[p.part], after[p.part]), np.array(p.about)
+        once = np.cross(tilt, about)
+        return np.asarray(about + once / 2.0 + np.cross(tilt, once) / 6.0)
 
     def carried_shift(self, at: Sensitivity, drive: int, point_m: Array) -> Array:
         """Derivative (n, 3, p) of the place of a point that a drive carries, with every parameter."""
@@ -163,7 +173,7 @@ class ParameterSet:
             if p.part != drive:
                 continue
             if p.kind == "axis_tilt":
-                out[:, :, i] = carrier.d_tilt(point_m, np.array(p.about)).T
+                out[:, :, i] = carrier.d_tilt(point_m, self._turning(p, at.geometry)).T
             elif p.kind == "pivot":
                 out[:, :, i] = carrier.d_pivot()[:, p.axis].T
             elif p.kind == "drive_scale":

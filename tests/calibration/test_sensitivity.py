@@ -19,9 +19,6 @@ from tests.calibration.reference_model import COORDINATES, PARTS, TINY, Case, Po
 from tests.calibration.test_reference_model import TWINS, Twin, every_machine, twin
 
 AGREEMENT = 1e-9
-# The tilts about two directions are one rotation vector (docs/machine.md); `calibration` differentiates them as turns
-# one after the other. To first order the difference is along the axis and moves nothing; tilt^2 / 6 is left, some 1e-9.
-TILT_AGREEMENT = 5e-9
 STEP = complex(0.0, TINY)
 Changed = Callable[[dict[str, complex], Case, complex], tuple[dict[str, complex], Case]]
 
@@ -109,7 +106,7 @@ def test_derivatives_with_every_parameter(make):
         for kind in np.unique(names)
     }
     print(f"\n{s.pair.machine.name}: " + ", ".join(f"{kind} {share:.0e}" for kind, share in worst.items()))
-    assert all(share < (TILT_AGREEMENT if "tilt" in kind else AGREEMENT) for kind, share in worst.items())
+    assert all(share < AGREEMENT for share in worst.values())
 
 
 @every_machine
@@ -202,8 +199,7 @@ def test_derivatives_of_what_a_drive_carries(name):
         for j, parameter in enumerate(s.pair.parameters.names):
             theta = s.trial.theta | {parameter: s.trial.theta[parameter] + STEP}
             places = [s.pair.reference.carried_point(theta, case, drive, list(point)) for case in s.trial.cases]
-            atol = TILT_AGREEMENT if "tilt" in parameter else 1e-12
-            np.testing.assert_allclose(ours[:, :, j], np.imag(places) / TINY, rtol=0.0, atol=atol)
+            np.testing.assert_allclose(ours[:, :, j], np.imag(places) / TINY, rtol=0.0, atol=1e-12)
 
 
 COUNTERBALANCE = """

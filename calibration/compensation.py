@@ -66,11 +66,15 @@ class CompensationTable:
 
 
 def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
-    """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium."""
+    """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium.
+
+    As the station would measure them: what its ranges have in common acts on measured and predicted poses alike.
+    """
     poses = fit.predict(visits)
     mounting = np.array([fit.mounting_m(i) for i in report.smrs])
     turned = np.einsum("nij,kj->nki", poses.rest.rotation, mounting) * poses.at.factors["platform"][:, None, None]
-    points = fit.frame.to_station(poses.rest.position_m[:, None] + turned)
+    places = poses.rest.position_m[:, None] + turned
+    points = fit.stated(places.reshape(-1, 3)).reshape(places.shape)
     return report.poses(points, poses.rest.coordinates())
 
 

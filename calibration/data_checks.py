@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.machine import Array, Machine
+from calibration.machine import COORDINATES, Array, Machine
 from calibration.measurements.smr_positions import Observations
 from calibration.toml_file import InputError
 
@@ -63,13 +63,16 @@ def _check_spacing(machine: Machine, seen: Observations) -> None:
 
 
 def check_cover(machine: Machine, target_m: Array) -> None:
-    """Refuse poses (v, 6) from one corner of the workspace: elsewhere a fit would only extrapolate."""
-    names = ("x", "y", "z", "rx", "ry", "rz")
+    """Refuse too few poses (v, 6) and poses from one corner of the workspace: elsewhere a fit would only extrapolate."""
+    wanted = 2 * machine.dof.size
+    found = len(np.unique(np.round(target_m, 9), axis=0))
+    if found < wanted:
+        raise InputError(f"{found} different poses are too few for machine {machine.name}; measure {wanted} or more")
     for c in machine.commanded:
         width = float(np.ptp(machine.workspace[c]))
         covered = float(np.ptp(target_m[:, c])) / width if width > 0.0 else 1.0
         if covered < LEAST_SPREAD:
             raise InputError(
-                f"all poses lie in one corner: {names[c]} covers {100.0 * covered:.0f} % of the workspace; measure "
+                f"all poses lie in one corner: {COORDINATES[c]} covers {100.0 * covered:.0f} % of the workspace; measure "
                 "over all of it, or narrow [workspace] in the machine file"
             )

@@ -163,7 +163,7 @@ def carriers_of(machine: Machine, geometry: Geometry, drives: Array, at: Conditi
     """The carrier of every drive, and that of the base last (index FIXED)."""
     base, grown = at.factors["base"], at.factors["drives"]
     moving = [Carrier.of(machine, geometry, a, drives[:, a], base, grown) for a in range(len(machine.drive_names))]
-    return [*moving, Carrier.of(machine, geometry, -1, base, base, grown)]
+    return [*moving, Carrier.of(machine, geometry, FIXED, base, base, grown)]
 
 
 def _setting(machine: Machine, geometry: Geometry, carriers: list[Carrier], at: Conditions) -> Setting:

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.frame import Frame
-from calibration.linear_system import Linearised, posterior_covariance
+from calibration.linear_system import Linearised, estimator_covariance, posterior_covariance, truncated_covariance
 from calibration.machine import Array, Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import SmrPositions, Station
@@ -33,7 +33,8 @@ SVD_STEPS = 20
 class Fit:
     """A fitted model. unknowns (u,) and covariance (u, u) in SI, as laid out by `layout`.
 
-    The covariance is that of the posterior with the weight of the priors that was used (truncated SVD: 1).
+    The covariance is that of the estimator's error if the truth is drawn from the priors: for the default one the
+    posterior's; for others what regularisation leaves out or lets through is in it. converged: the search ended by itself.
     system: the readings linearised at the solution, in unknowns scaled by their priors' standard deviation.
     chi2_per_dof: weighted sum of squares per degree of freedom of the readings. residuals: whitened, one array
     (r, w) an instrument.
@@ -50,6 +51,7 @@ class Fit:
     chi2_per_dof: float
     residuals: tuple[Array, ...]
     estimator: Estimator
+    converged: bool
 
     @property
     def machine(self) -> Machine:
@@ -88,6 +90,11 @@ class Fit:
         """The machine's frame as the station sees it."""
         station, own = self._station()
         return station.frame(own)
+
+    def stated(self, point_m: Array) -> Array:
+        """Points (n, 3) of the machine's frame as the station would state them, its range errors included."""
+        station, own = self._station()
+        return station.see(self.machine, own, point_m)[0]
 
     def mounting_m(self, smr: int) -> Array:
         """Identified position (3,) of a reflector on its part."""
@@ -132,9 +139,9 @@ def identify(
     z = np.zeros(problem.layout.size)
     if stiffness.size:
         z = problem.minimise(z, np.setdiff1d(everything, stiffness), 1.0)
-    weight = 1.0
+    weight, converged = 1.0, True
     if estimator == "truncated_svd":
-        z = _truncated(problem, z)
+        z, converged = _truncated(problem, z)
     else:
         if estimator == "least_squares":
             weight = LEAST_SQUARES_WEIGHT
@@ -142,11 +149,13 @@ def identify(
             choose = gcv_weight if estimator == "tikhonov" else l_curve_weight
             weight = choose(problem.linearise(z), z, len(model.parameters))
         z = problem.minimise(z, everything, weight)
-    return _fit(problem, z, weight, estimator)
+        converged = problem.converged
+    return _fit(problem, z, weight, estimator, converged)
 
 
 def _refuse_unfit(problem: Problem) -> None:
-    numbers = (problem.visits.drives, problem.visits.target_m, problem.visits.payload_kg)
+    visits = problem.visits
+    numbers = (visits.drives, visits.target_m, visits.payload_kg, visits.payload_com_m, *visits.temperatures_c.values())
     if not all(np.all(np.isfinite(a)) for a in numbers):
         raise InputError(
             "identification: a drive coordinate, target or payload is not a finite number; repair the data"
@@ -159,9 +168,12 @@ def _refuse_unfit(problem: Problem) -> None:
         )
 
 
-def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator) -> Fit:
+def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator, converged: bool) -> Fit:
     system = problem.linearise(z)
-    scaled = posterior_covariance(system, problem.prior(weight))
+    if estimator == "truncated_svd":
+        scaled = truncated_covariance(system)
+    else:
+        scaled = estimator_covariance(system, problem.prior(weight))
     residuals = problem.residuals(z)
     sigma = problem.layout.sigma
     dof = max(1.0, system.rows - float(np.sum(scaled * system.information())))
@@ -177,6 +189,7 @@ def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator) -> Fit
         sum(float(np.sum(r**2)) for r in residuals) / dof,
         tuple(residuals),
         estimator,
+        converged,
     )
 
 
@@ -211,8 +224,8 @@ def l_curve_weight(system: Linearised, z: Array, parameters: int) -> float:
     return float(WEIGHTS[2:-2][np.argmax(curvature[2:-2])])
 
 
-def _truncated(problem: Problem, z: Array) -> Array:
-    """Gauss-Newton in the directions whose singular value exceeds 1 (data beat the prior)."""
+def _truncated(problem: Problem, z: Array) -> tuple[Array, bool]:
+    """Gauss-Newton in the directions whose singular value exceeds 1 (data beat the prior); whether it settled."""
     for _ in range(SVD_STEPS):
         system = problem.linearise(z)
         u, s, vt = np.linalg.svd(system.factor)
@@ -220,6 +233,6 @@ def _truncated(problem: Problem, z: Array) -> Array:
         wanted = u.T @ (system.factor @ z - system.right)
         new = vt[keep].T @ (wanted[keep] / s[keep])
         if np.max(np.abs(new - z)) < 1e-7:
-            return np.asarray(new)
+            return np.asarray(new), True
         z = new
-    return z
+    return z, False

@@ -29,7 +29,9 @@ def rigid_drives(machine: Machine, geometry: Geometry, pose: Array) -> Array:
                 across2 = np.sum((w - b) ** 2, axis=1) - along**2
                 travel = along + machine.branch[a] * np.sqrt(length**2 - across2)
             else:
-                travel = _crank_angle(w - geometry.pivot_m[a], b, u, length, machine.branch[a])
+                angle = _crank_angle(w - geometry.pivot_m[a], b, u, length, machine.branch[a])
+                middle = np.mean(machine.travel[a])
+                travel = angle - 2.0 * np.pi * np.round((angle - middle) / (2.0 * np.pi))
         drives[:, a] = travel / geometry.scale[a]
     return drives
 
@@ -41,7 +43,7 @@ def _crank_angle(w: Array, arm: Array, u: Array, length: float, branch: float) -
     between = (np.sum(w**2, axis=1) + arm @ arm - length**2 - 2.0 * (w @ u) * (u @ arm)) / (2.0 * reach)
     towards = np.arctan2(np.cross(arm_across, w_across) @ u, w_across @ arm_across)
     angle = towards - branch * np.arccos(between)
-    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
+    return np.asarray(angle)
 
 
 def drives_for(

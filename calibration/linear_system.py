@@ -85,3 +85,23 @@ def posterior_covariance(system: Linearised, weight: Array) -> Array:
     r = np.linalg.qr(np.vstack([system.factor, np.diag(weight)]), mode="r")
     inverse = solve_triangular(r, np.eye(len(r)))
     return np.asarray(inverse @ inverse.T)
+
+
+def estimator_covariance(system: Linearised, weight: Array) -> Array:
+    """Covariance (u, u) of the error of |J d + r|^2 + |w d|^2 at its minimum, the truth drawn from unit priors.
+
+    With P = (J^T J + W^2)^-1: P W^4 P from what the weights pull aside, P J^T J P from the readings' noise. With unit
+    weights it is the posterior covariance P.
+    """
+    posterior = posterior_covariance(system, weight)
+    if np.all(weight == 1.0):
+        return posterior
+    pulled = posterior * weight**2
+    noisy = posterior @ system.factor.T
+    return np.asarray(pulled @ pulled.T + noisy @ noisy.T)
+
+
+def truncated_covariance(system: Linearised) -> Array:
+    """The same of truncated singular values: prior where a direction is left out, noise where it is kept."""
+    _, s, vt = np.linalg.svd(system.factor)
+    return np.asarray((vt.T * np.where(s > 1.0, 1.0 / np.maximum(s, 1.0) ** 2, 1.0)) @ vt)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from calibration.machine import Array, Geometry, Machine
 
 SMALLEST_PIVOT = 1e-9  # of a diagonal element: below it a coordinate is held by nothing
-NEAR_REST = 1e-2  # of a strut's length: the geometric stiffness is left out where a residual is larger
+NEAR_REST = 0.03  # of a strut's length: the geometric stiffness is left out where a residual is larger
 
 KEPT_BYTES = 31_000_000  # the largest that glibc's threshold follows is 32 MiB
 
@@ -201,7 +201,8 @@ class State:
         Where poses are not known to be at rest and far from it (a residual beyond NEAR_REST), the Gauss-Newton part
         alone: positive whatever the residuals.
         """
-        near = at_rest | (np.max(np.abs(self.residual), axis=0) < NEAR_REST * np.min(self.setting.geometry.length_m))
+        strained = np.abs(self.residual[: len(self.setting.free_length)]) / self.setting.geometry.length_m[:, None]
+        near = at_rest | (np.max(strained, axis=0) < NEAR_REST)
         curvature, turned = self.curvature, self._turned
         if not near.all():
             curvature, turned = curvature * near, turned * near

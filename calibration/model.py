@@ -101,7 +101,7 @@ class Model:
         for part in PARTS:
             coefficient, warmth = self.expansion(values, visits, part)
             factors[part] = 1.0 + coefficient * warmth
-        at = replace(at, factors=factors)
+        at = replace(at, factors=factors, forces=visits.forces)
         return at if self.loads else at.unloaded()
 
     def expansion(self, values: Array, visits: Visits, part: str) -> tuple[float, Array]:

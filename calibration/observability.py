@@ -25,7 +25,7 @@ from calibration.visits import Visits
 
 OPEN = 0.1  # singular value below which a direction is open: the data take less than 0.5 % off its tolerance
 INSIDE = 1e-2  # rad: a known combination counts as open if it lies so close to the open directions
-HELD, IMPROVED = 0.9, 0.5  # shares of the tolerance that is left
+HELD = 0.9  # share of the tolerance that is left, above which the data hardly improve a parameter
 SMALLEST = 5e-4  # coefficients below this share of the largest are not said
 
 
@@ -63,10 +63,6 @@ class Observability:
     def sentences(self) -> tuple[str, ...]:
         """What the data leave open, one sentence a combination; like ones are said once."""
         return in_words([c.words for c in self.open])
-
-    def held_by_tolerance(self) -> tuple[str, ...]:
-        """Parameters that the data hardly improve."""
-        return tuple(n for n, left in zip(self.parameters.names, self.left, strict=True) if left > HELD)
 
 
 def observability_of(fit: Fit, threshold: float = OPEN) -> Observability:

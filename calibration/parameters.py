@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.machine import Array, Geometry, Machine, across
-from calibration.rotation import rotation_matrix
+from calibration.rotation import rotation_matrix, skew
 from calibration.sensitivity import Sensitivity
 
 UNITS = {
@@ -157,13 +157,14 @@ class ParameterSet:
     def _turning(self, p: Parameter, geometry: Geometry) -> Array:
         """Direction (3,) about which a tilted part turns on with one of its tilts.
 
-        Two tilts are one rotation vector t: the left Jacobian of the exponential, 1 + [t]/2 + [t]^2/6, on the tilt's own.
+        Two tilts are one rotation vector t: the exponential's left Jacobian, 1 + [t]/2 + [t]^2/6, on the tilt's own.
         """
         nominal, now = self.machine.nominal, geometry
         before, after = (nominal.axis, now.axis) if p.kind == "axis_tilt" else (nominal.guide_normal, now.guide_normal)
-        tilt, about = np.cross(before[p.part], after[p.part]), np.array(p.about)
-        once = np.cross(tilt, about)
-        return np.asarray(about + once / 2.0 + np.cross(tilt, once) / 6.0)
+        about = np.array(p.about)
+        by_tilt = skew(skew(before[p.part]) @ after[p.part])
+        once = by_tilt @ about
+        return np.asarray(about + once / 2.0 + by_tilt @ once / 6.0)
 
     def carried_shift(self, at: Sensitivity, drive: int, point_m: Array) -> Array:
         """Derivative (n, 3, p) of the place of a point that a drive carries, with every parameter."""

@@ -9,7 +9,7 @@ a pose to be chosen more than once: it is then measured again, anew approached.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -35,10 +35,12 @@ Instrument = Callable[[Visits], Sequence[Readings]]
 
 @dataclass(frozen=True)
 class Load:
-    """A payload that a campaign mounts."""
+    """What a campaign mounts: a payload, and a known force in the machine frame at a point of the platform."""
 
     mass_kg: float = 0.0
     centre_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_point_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,15 @@ def visits_at(machine: Machine, tool: Array, loads: Sequence[Load]) -> Visits:
     """Visits of tool poses (n, 6) under every load, load by load, at the reference temperature."""
     drives, pose = drives_for(machine, machine.nominal, tool, conditions(machine, len(tool)).unloaded())
     n, k = len(tool), len(loads)
-    return Visits.at(
+    visits = Visits.at(
         machine,
         np.tile(drives, (k, 1)),
         np.tile(pose, (k, 1)),
         np.repeat([load.mass_kg for load in loads], n),
         np.repeat([load.centre_of_mass_m for load in loads], n, axis=0),
     )
+    force, point = (np.repeat([getattr(load, f) for load in loads], n, axis=0) for f in ("force_n", "force_point_m"))
+    return replace(visits, forces=((force, point),)) if np.any(force) else visits
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ import numpy as np
 from calibration.identification import Fit
 from calibration.machine import Array
 from calibration.measurements import Readings
-from calibration.measurements.smr_positions import SmrPositions
 from calibration.model import Model
 from calibration.problem import Layout, Problem
 from calibration.rotation import rotation_vector, skew
+from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
@@ -52,7 +52,7 @@ def tool_derivatives(
     orientation = np.zeros((len(visits), 3, layout.size))
     position[:, :, : len(model)] = by_point
     orientation[:, :, : len(model)] = poses.jacobian[:, 3:]
-    if any(_moves(part) for part in readings):
+    if any(part.own_gauge for part in readings):
         return _without_rigid_motions(position, orientation, tool, poses.rest.rotation)
     return ToolDerivatives(position, orientation)
 
@@ -67,10 +67,6 @@ def _without_rigid_motions(position: Array, orientation: Array, tool_m: Array, r
     both = np.concatenate([position, LEVER_M * orientation], axis=1).reshape(6 * n, -1)
     left = (both - gauge @ (np.linalg.pinv(gauge) @ both)).reshape(n, 6, -1)
     return ToolDerivatives(left[:, :3], left[:, 3:] / LEVER_M)
-
-
-def _moves(readings: Readings) -> bool:
-    return isinstance(readings, SmrPositions) and not readings.station.known_frame
 
 
 @dataclass(frozen=True)
@@ -95,18 +91,21 @@ def predict_tool(fit: Fit, visits: Visits) -> Predicted:
 
 
 def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = DRAWS) -> Predicted:
-    """The same by propagation of distributions (JCGM 101) through the estimator itself.
+    """The same by propagation of distributions (JCGM 101) through the default estimator itself.
 
-    Each draw takes new errors for every reading and every prior, fits again with the full model and predicts.
-    Drawing from the linear covariance instead would be wrong: stiffness and misfit are each known poorly, but their
-    product well. Costs a fit a draw; a standard deviation from n draws is good to 1 / sqrt(2 n).
+    Each draw takes new errors for every reading and every prior, fits again with the full model and predicts. Drawing
+    from the linear covariance instead would be wrong: stiffness and misfit are each known poorly, but their product
+    well. Costs a fit a draw; a standard deviation from n draws is good to 1 / sqrt(2 n). InputError for other
+    estimators and for less than two draws.
     """
+    if fit.estimator != "map" or draws < 2:
+        raise InputError("monte carlo: checks the default estimator (map) by 2 draws or more; choose so")
     rng = np.random.default_rng(seed)
     sigma = fit.layout.sigma
     z = fit.unknowns / sigma
     poses = fit.predict(visits)
     tool, rotation = poses.tool_m(), poses.rest.rotation
-    gauged = any(_moves(part) for part in fit.instruments)
+    gauged = any(part.own_gauge for part in fit.instruments)
     perfect = [part.moved(r) for part, r in zip(fit.instruments, fit.residuals, strict=True)]
     total, square = np.zeros((len(visits), 6)), np.zeros((len(visits), 6, 6))
     for _ in range(draws):

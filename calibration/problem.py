@@ -92,6 +92,7 @@ class Problem:
     layout: Layout = field(init=False)
     _start: Array = field(init=False)
     _blocks: list[_Block] = field(init=False)
+    converged: bool = field(init=False, default=False)  # whether the last search ended by itself
     _last: tuple[Array, Linearised] | None = field(init=False, default=None)  # where it was linearised last
 
     def __post_init__(self) -> None:
@@ -142,6 +143,8 @@ class Problem:
         folding = Folding(self.layout.size)
         for index, _, compared in self._compared(z, derivatives=True):
             jacobian, residual = compared.by_model, compared.residual
+            if not np.all(np.isfinite(residual)):
+                raise InputError("identification: a reading or its deviation is not a finite number; repair the data")
             if self.layout.size > len(self.model):
                 jacobian = np.zeros((*residual.shape, self.layout.size))
                 jacobian[:, :, : len(self.model)] = compared.by_model
@@ -183,12 +186,14 @@ class Problem:
         former: tuple[Array, Array] | None = None
         system = self.linearise(z)
         best = self._loss_of(system, z, prior)
+        self.converged = False
         for _ in range(MOST_STEPS):
             step = _step(system, self._off_centre(z), prior, held, damping)
             size = _in_standard_errors(system, step, prior)
             # The loss's round-off hides what a step this short gains; one that no longer shrinks is round-off itself.
             hidden = size * size < ROUND_OFF * (best + 1.0)
             if damping == 0.0 and (size < enough or (hidden and size > 0.9 * shortest)):
+                self.converged = True
                 break
             if damping == 0.0:
                 former, step = (z, step), _accelerated(system, prior, former, z, step)

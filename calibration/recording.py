@@ -214,7 +214,10 @@ def _check_geometry(recording: Recording) -> None:
 
 
 def _check_names(recording: Recording) -> None:
-    """Known phases, reflectors and payloads, the payloads' masses as listed."""
+    """Readings that stand once, known phases, reflectors and payloads, the payloads' masses as listed."""
+    uids, counts = np.unique(np.asarray(recording["uid"]), return_counts=True)
+    if np.any(counts > 1):
+        raise _complaint(recording, f"reading '{uids[np.argmax(counts)]}' stands twice; keep one")
     for phase in sorted(set(recording["phase"].tolist()) - set(PHASES)):
         raise _complaint(recording, f"unknown phase '{phase}'; known: {', '.join(PHASES)}")
     known = {smr.name for smr in recording.machine.smrs}

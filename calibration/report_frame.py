@@ -19,6 +19,9 @@ from calibration.rotation import rotation_matrix, rotation_vector, skew
 from calibration.toml_file import InputError
 
 
+FARTHEST = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
+
+
 @dataclass(frozen=True)
 class ReportFrame:
     """Frame of the machine as commanded, and where the platform's reflectors sit.
@@ -125,6 +128,12 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
         residual, np.zeros(6 + nominal.size), jac=jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
     frame, mounting = unpack(answer.x)
+    off = np.linalg.norm(mounting - nominal, axis=1)
+    if np.max(off) > FARTHEST * machine.file.tolerances.smr_position_m:
+        raise InputError(
+            f"frame: reflector {machine.smrs[smrs[int(np.argmax(off))]].name} seems to sit {np.max(off) * 1e3:.0f} mm from "
+            "its place in the machine file; check which reflector is which and where it is mounted"
+        )
     return ReportFrame(machine, frame, smrs, mounting)
 
 

@@ -68,7 +68,7 @@ def calibration_part(recording: Recording) -> Recording:
 def identify_recording(
     recording: Recording, estimator: Estimator = "map", *, baselines: bool = True, robust: bool = False
 ) -> Calibration:
-    """Identify a recording. Stiffness is free if two payloads were measured, else its prior holds it."""
+    """Identify a recording. What its readings leave open, such as stiffness with one payload, its prior holds."""
     reduction = reduce(calibration_part(recording))
     seen = reduction.calibration()
     check_cover(recording.machine, seen.visits.target_m)

@@ -13,6 +13,7 @@ import numpy as np
 from calibration.compensation import CompensationTable
 from calibration.observability import observability_of
 from calibration.recording import Recording
+from calibration.remarks import remarks
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from drivers.table_bank import CompensationState
@@ -254,22 +255,25 @@ def verify_payload(identified: Calibration, reduction: Reduction, payload: int) 
 def identified_summary(identified: Calibration) -> dict[str, Any]:
     """Parameters with uncertainty, for the store and for JSON."""
     fit = identified.fit
+    observed = observability_of(fit)
     parameters = {
         p.name: {
             "value": float(value),
             "u": float(u),
             "unit": p.unit,
             "observable": bool(u < 0.5 * p.sigma),
+            "left": float(u / p.sigma),
         }
         for p, value, u in zip(fit.model.parameters.parameters, fit.theta, fit.theta_u, strict=True)
     }
     return {
         "estimator": fit.estimator,
         "parameters": parameters,
-        "rank": int((fit.spectrum > 1.0).sum()),
+        "rank": observed.decided,
         "unknowns": fit.layout.size,
         "chi2_per_dof": fit.chi2_per_dof,
-        "aliased": list(observability_of(fit).sentences),
+        "aliased": list(observed.sentences),
+        "remarks": list(remarks(fit)),
         "range_constant_m": identified.reduction.range_constant_m,
         "u_range_constant_m": identified.reduction.range_constant_u_m,
         "dropped": identified.reduction.dropped,

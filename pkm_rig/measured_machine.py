@@ -93,6 +93,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
         "quantities": _quantities(measured, fit),
         **_figures(fit),
         "rank": observed.decided,
+        "machine_parameters": len(model.parameters),
         "unknowns": fit.layout.size,
         "former": None,
         "explanations": [],

@@ -28,7 +28,7 @@ def print_measured(found: dict[str, Any]) -> None:
         )
     else:
         results.print(f"degrees of freedom left: {found['degrees_of_freedom']:.3g}")
-    results.print(f"{found['rank']} of {found['unknowns']} directions decided by the data")
+    results.print(f"{found['rank']} of {found['machine_parameters']} directions of the machine decided by the data")
     if found["explanations"]:
         results.print("what else would make the owner's residual:")
         results.print(_explanations(found["explanations"]))

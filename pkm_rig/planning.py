@@ -9,12 +9,12 @@ import numpy as np
 from rich.table import Table
 
 from calibration import station as station_geometry
-from calibration.machine import Array, Machine
+from calibration.machine import COORDINATES, Array, Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model, Systematic
-from calibration.observability import analyse
+from calibration.observability import planned_observability
 from calibration.parameters import ParameterSet
 from calibration.pose_selection import (
     Criterion,
@@ -27,7 +27,6 @@ from calibration.pose_selection import (
     visits_at,
     workspace_poses,
 )
-from calibration.problem import Problem
 from calibration.toml_file import InputError
 from calibration.visits import Visits
 from pkm_rig.analysis import REFRACTION_U_PER_M, systematic
@@ -71,7 +70,7 @@ class Planner:
         def instrument(visits: Visits) -> list[Readings]:
             return [ToolCoordinates.of(visits, tuple(machine.dof.tolist()), visits.target_m, sigma)]
 
-        loads = tuple(Load(c.mass_kg, c.centre_of_mass_m) for c in cases) or (Load(),)
+        loads = tuple(Load(c.mass_kg, c.centre_of_mass_m, c.force_n, c.force_point_m) for c in cases) or (Load(),)
         return cls(Model(ParameterSet.of(machine), known), instrument, loads)
 
     @property
@@ -89,24 +88,26 @@ class Planner:
         over = visits_at(self.machine, workspace_poses(self.machine, OVER, SEED + 1), self.loads[:1])
         return Selection.of(self.model, tool, self.loads, self.instrument, over, self.typical_errors())
 
+    def _filled_grid(self, count: int) -> Array:
+        """The largest grid of at most `count` tool poses, filled up to that number with evenly spread ones."""
+        grid = grid_poses(self.machine, count)
+        missing = count - len(grid)
+        return np.vstack([grid, workspace_poses(self.machine, missing, SEED + 3)]) if missing else grid
+
     def plan(self, count: int, criterion: Criterion) -> dict[str, Any]:
         """Selected poses, compared with a grid and with evenly spread ones, and what stays open (docs/json.md)."""
         sets = {
             "selected": self.selection(candidate_poses(self.machine, CANDIDATES, SEED)).choose(count, criterion),
-            "grid": self.selection(grid_poses(self.machine, count)).whole(),
+            "grid": self.selection(self._filled_grid(count)).whole(),
             "spread": self.selection(workspace_poses(self.machine, count, SEED + 2)).whole(),
         }
         chosen = sets["selected"]
         visits = visits_at(self.machine, chosen.tool, self.loads)
-        problem = Problem(self.model, visits, tuple(self.instrument(visits)))
-        z = np.zeros(problem.layout.size)
-        z[: len(self.model.parameters)] = self.typical_errors() / self.model.parameters.sigma
-        seen = analyse(problem.linearise(z), self.model.parameters)
-        commanded = [self.machine.file.degrees_of_freedom[i] for i in _places(self.machine)]
+        seen = planned_observability(self.model, visits, self.instrument(visits), self.typical_errors())
         return {
             "machine": self.machine.name,
             "criterion": criterion,
-            "coordinates": commanded,
+            "coordinates": [COORDINATES[c] for c in self.machine.commanded],
             "targets": np.round(chosen.tool[:, self.machine.commanded], 6).tolist(),
             "payloads_kg": [load.mass_kg for load in self.loads],
             "sets": {name: _summary(prospect) for name, prospect in sets.items()},
@@ -156,11 +157,6 @@ def campaign_section(found: dict[str, Any]) -> str:
     """The selected poses as the section of a rig file."""
     rows = "\n".join(f"  {row}," for row in found["targets"])
     return f"[campaign]  # coordinates {', '.join(found['coordinates'])}\ntargets = [\n{rows}\n]"
-
-
-def _places(machine: Machine) -> list[int]:
-    order = ("x", "y", "z", "rx", "ry", "rz")
-    return [machine.file.degrees_of_freedom.index(order[c]) for c in machine.commanded]
 
 
 def _summary(prospect: Prospect) -> dict[str, float | int]:

@@ -24,6 +24,7 @@ from calibration.toml_file import InputError
 from calibration.visits import Visits
 from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
 
+FARTHEST_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to
 CALIBRATION = "calibration"
 VERIFICATIONS = ("verification_before", "verification_after")
 
@@ -240,6 +241,11 @@ def _robust_frame(recording: Recording, zero: Observations) -> ReportFrame:
     on_platform = np.isin(zero.smr, report.smrs)
     column = np.searchsorted(report.smrs, zero.smr[on_platform])
     off = np.linalg.norm(zero.position_m[on_platform] - expected[zero.visit[on_platform], column], axis=1)
+    if np.median(off) > FARTHEST_M:
+        raise InputError(
+            f"frame: reflectors lie {np.median(off) * 1e3:.0f} mm from where the commanded poses put them; check which "
+            "reflector is which, and signs and offsets of the drives"
+        )
     limit = 6.0 * np.median(off)
     if np.all(off <= limit):
         return report

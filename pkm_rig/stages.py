@@ -12,6 +12,7 @@ from rich.table import Table
 
 from calibration.compensation import predict_poses
 from calibration.identification import Estimator
+from calibration.observability import HELD
 from calibration.prediction import monte_carlo, predict_tool
 from calibration.recording import Recording
 from calibration.toml_file import InputError
@@ -73,10 +74,10 @@ def identify(recording: Recording, estimator: str, *, robust: bool = False, draw
     if estimator not in get_args(Estimator):
         raise InputError(f"estimator '{estimator}' is unknown; use {', '.join(get_args(Estimator))}")
     chosen: Estimator = estimator  # type: ignore[assignment]
-    if not 0 <= draws <= MOST_DRAWS:
-        raise InputError(f"monte carlo: {draws} draws; choose 0 (none) to {MOST_DRAWS}")
+    if draws != 0 and not 2 <= draws <= MOST_DRAWS:
+        raise InputError(f"monte carlo: {draws} draws; choose 0 (none) or 2 to {MOST_DRAWS}")
     identified = identify_recording(recording, chosen, baselines=False, robust=robust)
-    held_out, bound = held_out_error(identified, chosen)
+    held_out, bound = held_out_error(identified, chosen, robust=robust)
     return {
         "calibration": recording.file.campaign,
         **identified_summary(identified),
@@ -89,7 +90,8 @@ def identify(recording: Recording, estimator: str, *, robust: bool = False, draw
 def cross_check(identified: Calibration, draws: int) -> dict[str, float]:
     """RMS standard uncertainty of the tool over the visited poses, linear and by Monte Carlo through the estimator."""
     fit = identified.fit
-    visits = fit.visits.take(np.unique(fit.visits.target_m, axis=0, return_index=True)[1])
+    stood = np.column_stack([fit.visits.target_m, fit.visits.payload_kg])
+    visits = fit.visits.take(np.unique(stood, axis=0, return_index=True)[1])
     out: dict[str, float] = {"draws": draws}
     for name, found in (("linear", predict_tool(fit, visits)), ("drawn", monte_carlo(fit, visits, MC_SEED, draws))):
         out[f"{name}_u_position_m"] = float(np.sqrt(np.mean(np.sum(found.u[:, :3] ** 2, axis=1))))
@@ -97,11 +99,15 @@ def cross_check(identified: Calibration, draws: int) -> dict[str, float]:
     return out
 
 
-def held_out_error(identified: Calibration, estimator: Estimator) -> tuple[dict[str, float], dict[str, float]]:
+def held_out_error(
+    identified: Calibration, estimator: Estimator, *, robust: bool = False
+) -> tuple[dict[str, float], dict[str, float]]:
     """Every fifth pose left out of a refit: its measured error (noise included) and the refit's own bound."""
     reduction = identified.reduction
     held = (reduction.info.pose % HELD_OUT_EVERY == 0) & reduction.rows(CALIBRATION)
-    refit = identify_recording(_without_held_out(reduction.recording), estimator, baselines=False)
+    if not np.any(held):
+        raise InputError("held-out poses: no reading of them passed the gate; check which reflector is which")
+    refit = identify_recording(_without_held_out(reduction.recording), estimator, baselines=False, robust=robust)
     visits = reduction.observations.visits.take(held)
     report = reduction.report
     predicted = predict_poses(refit.fit, report, visits)
@@ -133,7 +139,7 @@ def print_identified(found: dict[str, Any]) -> None:
         table.add_column(column, justify="right" if column in ("deviation", "U (k = 2)") else "left")
     for name, p in found["parameters"].items():
         factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(p["unit"], (1.0, ""))
-        note = "" if p["observable"] else "held by its tolerance"
+        note = "held by its tolerance" if p["left"] > HELD else ""
         table.add_row(name, f"{p['value'] * factor:.3g}", f"{2 * p['u'] * factor:.2g}", unit, note)
     results.print(table)
     held, bound = found["held_out"], found["bound"]
@@ -142,9 +148,13 @@ def print_identified(found: dict[str, Any]) -> None:
         f"(measurement noise included; bound of the model alone {bound['position_rms_m'] * 1e6:.1f} um, "
         f"{bound['orientation_rms_rad'] * 1e6:.1f} urad)"
     )
-    results.print(f"{found['rank']} of {found['unknowns']} directions decided by the data; left open:")
+    left_out, chi2 = sum(found["dropped"].values()), found["chi2_per_dof"]
+    results.print(f"{found['estimator']}: chi-square per degree of freedom {chi2:.2f}, {left_out} readings left out")
+    results.print(f"{found['rank']} of {len(found['parameters'])} directions decided by the data; left open:")
     for sentence in found["aliased"]:
         results.print(f"- {sentence}", soft_wrap=True, markup=False)
+    for remark in found["remarks"]:
+        results.print(f"note: {remark}", soft_wrap=True, markup=False)
     if "monte_carlo" in found:
         check = found["monte_carlo"]
         results.print(

@@ -37,6 +37,10 @@ class Readings(Protocol):
     def width(self) -> int:
         """Numbers (w) a reading."""
 
+    @property
+    def own_gauge(self) -> bool:
+        """Whether the instrument knows poses only up to a rigid motion of its own."""
+
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """The instrument's own unknowns."""
 

@@ -42,6 +42,11 @@ class Distances:
         """One number a reading."""
         return 1
 
+    @property
+    def own_gauge(self) -> bool:
+        """A distance has no frame; the ball's place is known to its uncertainty."""
+        return False
+
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """Place of the ball on the base, common error of length and of scale."""
         axes = "xy" if machine.planar else "xyz"

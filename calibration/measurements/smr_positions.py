@@ -144,6 +144,11 @@ class SmrPositions:
         """x, y and z of the station's frame."""
         return 3
 
+    @property
+    def own_gauge(self) -> bool:
+        """Unless the station's frame is known."""
+        return not self.station.known_frame
+
     @cached_property
     def whiten(self) -> Array:
         """Inverse Cholesky factors (r, 3, 3) of the covariances."""

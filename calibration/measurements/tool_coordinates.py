@@ -49,6 +49,11 @@ class ToolCoordinates:
         """Number of coordinates."""
         return len(self.coordinates)
 
+    @property
+    def own_gauge(self) -> bool:
+        """If the instrument has a frame of its own."""
+        return self.own_frame
+
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """The instrument's frame and the offsets, where there are any."""
         out = []

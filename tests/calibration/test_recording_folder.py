@@ -118,3 +118,11 @@ def complaint_about(path):
     except InputError as error:
         return str(error)
     return ""
+
+
+def test_a_reading_that_stands_twice_is_refused(copy):
+    path = copy / "readings.csv"
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join([*lines, lines[-1]]), encoding="utf-8")
+    with pytest.raises(InputError, match="stands twice; keep one"):
+        read_folder(copy)

@@ -124,9 +124,17 @@ def test_mixed_up_reflectors_are_named(recording):
         reduce(changed(recording, {"smr": smr}))
 
 
-def test_poses_from_one_corner_are_named(recording):
-    corner = (recording["target_x_m"] < -0.15) | (np.asarray(recording["phase"]) != "calibration")
-    few = replace(recording, columns={n: c[corner] for n, c in recording.columns.items()})
-    narrow = {"target_x_m": np.where(np.asarray(few["phase"]) == "calibration", -0.3, few["target_x_m"])}
-    with pytest.raises(InputError, match="all poses lie in one corner: x covers 0 % of the workspace"):
-        identify_recording(changed(few, narrow), baselines=False)
+def test_poses_from_one_corner_are_named():
+    whole = record(4, **{**SIZE, "calibration_poses": 40})
+    corner = (whole["target_x_m"] < -0.2) | (np.asarray(whole["phase"]) != "calibration")
+    few = replace(whole, columns={n: c[corner] for n, c in whole.columns.items()})
+    with pytest.raises(InputError, match=r"all poses lie in one corner: x covers \d+ % of the workspace"):
+        identify_recording(few, baselines=False)
+
+
+def test_swapped_reflectors_of_equal_spacing_are_named(recording):
+    """P1 and P2 lie alike about P3: only where the commanded poses put them tells."""
+    smr = np.asarray(recording["smr"]).copy()
+    smr[smr == "P1"], smr[np.asarray(recording["smr"]) == "P2"] = "P2", "P1"
+    with pytest.raises(InputError, match="check which reflector is which"):
+        identify_recording(changed(recording, {"smr": smr}), baselines=False)

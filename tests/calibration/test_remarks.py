@@ -1,0 +1,61 @@
+"""What is said beside a fit: scatter, parameters no tolerance explains, one load only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.data_checks import check_cover
+from calibration.measurements.smr_positions import Observations
+from calibration.remarks import remarks
+from calibration.toml_file import InputError
+
+
+@pytest.fixture(scope="module")
+def seen(synthetic):
+    rig = synthetic(60)
+    xy = rig.workspace(25)
+    return rig, rig.see(rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, 400.0], 25)))
+
+
+def test_nothing_is_said_of_a_good_fit(seen):
+    rig, good = seen
+    assert remarks(rig.fit(good, rig.rough)) == ()
+
+
+def test_outliers_and_wrong_covariances_are_said(seen):
+    rig, good = seen
+    wild = good.position_m.copy()
+    wild[::30] += 1e-3
+    found = remarks(rig.fit(replace(good, position_m=wild), rig.rough))
+    assert any("outliers" in r for r in found)
+    found = remarks(rig.fit(replace(good, covariance_m2=good.covariance_m2 * 1e6), rig.rough))
+    assert any(r.startswith("the readings scatter 0.01") for r in found)
+
+
+def test_an_offset_of_a_drive_shows_in_parameters_far_outside_their_tolerances(seen):
+    rig, good = seen
+    drives = good.visits.drives + np.array([5e-3, 0.0])
+    moved = Observations(replace(good.visits, drives=drives), good.visit, good.smr, good.position_m, good.covariance_m2)
+    assert any(r.startswith("far outside their tolerances") for r in remarks(rig.fit(moved, rig.rough)))
+
+
+def test_one_load_leaves_the_size_of_stiffness_open(seen):
+    rig, good = seen
+    fit = rig.fit(good.of_visits(good.visits.payload_kg == 0.0), rig.rough)
+    assert any("second, known payload" in r for r in remarks(fit))
+
+
+def test_too_few_poses_and_poses_in_one_corner_are_refused(machine):
+    rng = np.random.default_rng(0)
+    low, high = machine.commanded_limits.T
+    target = np.zeros((6, 6))
+    target[:, :2] = rng.uniform(low, high, (6, 2))
+    check_cover(machine, target)
+    with pytest.raises(InputError, match="5 different poses are too few .* measure 6 or more"):
+        check_cover(machine, np.vstack([target[:5], target[:5]]))
+    target[:, 0] *= 0.1
+    with pytest.raises(InputError, match="all poses lie in one corner: x"):
+        check_cover(machine, target)

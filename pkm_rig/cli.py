@@ -25,7 +25,7 @@ from calibration.recording_folder import read_folder, write_folder
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
-from pkm_rig import mock_rig, stages
+from pkm_rig import interim, mock_rig, stages
 from pkm_rig.calibrate import Outcome
 from pkm_rig.config import MockSection, load_rig
 from pkm_rig.output import messages, outcome_json, print_json, print_outcome, results
@@ -122,6 +122,19 @@ def check(rig: RigOption = None, json: JsonOption = False) -> None:
         stages.print_check(found)
     if found["problems"]:
         raise CampaignRefused(found["problems"][0])
+
+
+@app.command(name="interim-test")
+def interim_test(rig: RigOption = None, json: JsonOption = False) -> None:
+    """Test the station on the floor nests: two-face errors and the certified distance, pass or fail."""
+    with open_rig(rig) as connected:
+        found = interim.run(connected)
+    if json:
+        print_json(interim.as_json(found))
+    else:
+        interim.show(found)
+    if not found.passed:
+        raise CampaignRefused(f"interim test: {found.failures[0]}; have the station checked before measuring")
 
 
 @app.command()

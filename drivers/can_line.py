@@ -20,6 +20,7 @@ NMT_START = 1
 NMT_PRE_OPERATIONAL = 128
 _SYNC = 0x080
 _HEARTBEAT = 0x700
+_OPERATIONAL = 5
 _RECEIVE_S = 0.02
 
 FrameCallback = Callable[[int, bytearray, float], None]
@@ -71,6 +72,10 @@ class CanLine:
     def send_nmt(self, command: int, node_id: int) -> None:
         """Send an NMT command to a node. Raises ConnectionFailed."""
         self.send(0x000, bytes((command, node_id)))
+
+    def send_heartbeat(self, node_id: int) -> None:
+        """Say that this node is there and operational. Raises ConnectionFailed."""
+        self.send(_HEARTBEAT + node_id, bytes([_OPERATIONAL]))
 
     def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
         """Have `callback(cob_id, data, host time stamp)` called for each frame with this identifier."""

@@ -98,6 +98,10 @@ class DriveFault(DeviceError):
     """A drive is in fault, or dropped out of operation."""
 
 
+class NotReferenced(DriveFault):
+    """A drive has lost its reference: its positions mean nothing before it is homed."""
+
+
 class SdoRefused(DeviceError):
     """A drive refused to read or write an object. `abort_code` is CiA 301's."""
 

@@ -105,7 +105,7 @@ class Plc:
             if self._heartbeat is not None and heartbeat != self._heartbeat:
                 self._changed_s = now_s
             self._heartbeat = heartbeat
-            fresh = now_s - self._changed_s <= self._heartbeat_limit_s
+            fresh = 0.0 <= now_s - self._changed_s <= self._heartbeat_limit_s
             times = (0.5 * (begin_rig_s + now_s), t_host_s)
             return decode(self.map, words, fresh, times, self.name, self.where)
 

@@ -310,7 +310,7 @@ class FormerTables:
         states = [bank.state() for bank in rig.banks]
         self._images = (
             [bank.read_image(state.active) for bank, state in zip(rig.banks, states, strict=True)]
-            if all(state.on and state.active for state in states)
+            if states and all(state.on and state.active for state in states)
             else None
         )
         self.description = "no compensation, as before" if self._images is None else "the former tables"

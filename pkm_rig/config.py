@@ -11,6 +11,7 @@ from calibration.compensation import GRID_MARGIN_M
 from calibration.machine import Machine, load_machine, shipped_machine
 from calibration.recording_header import LengthEntry, Name, NuisanceEntry, PayloadEntry, StationEntry
 from calibration.toml_file import InputError, Section, read_toml
+from drivers.drive_profile import DriveProfile, load_profile
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
@@ -23,6 +24,7 @@ class StationConnection(StationEntry):
     port: str = ""
     baudrate: int = Field(gt=0, default=115200)
     reply_timeout_s: float = Field(gt=0.0, default=5.0)
+    motion_timeout_s: float = Field(gt=0.0, default=30.0)
 
 
 class CanConnection(Section):
@@ -33,12 +35,17 @@ class CanConnection(Section):
     host: str = "127.0.0.1"
     port: int = 29536
     bitrate: int = 1_000_000
+    master_node_id: int = Field(ge=1, le=127, default=127)
 
 
 class DriveEntry(Section):
-    """One servo drive; its name is that of a drive in the machine file."""
+    """One servo drive; its name is that of a drive in the machine file.
+
+    `profile` names a shipped profile of its make, or a file beside the rig file (docs/drive-objects.md).
+    """
 
     name: str
+    profile: str = "pkm-mock"
     node_id: int = Field(ge=1, le=127)
     vendor_id: int
     product_code: int
@@ -84,6 +91,7 @@ class Limits(Section):
 
     in_plane_u_m: float = Field(gt=0.0, default=15e-6)
     heartbeat_s: float = Field(gt=0.0, default=2.0)
+    drive_watchdog_s: float = Field(ge=1.0, le=60.0, default=1.5)
     plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
     interlocks: tuple[str, ...] = (
         "guard closed",
@@ -129,6 +137,8 @@ class RigFile(Section):
             raise ValueError("payloads: the first one must be no payload (mass_kg = 0)")
         if len({d.node_id for d in self.drives}) != len(self.drives):
             raise ValueError("drives: two drives have the same node_id")
+        if self.can.master_node_id in {d.node_id for d in self.drives}:
+            raise ValueError("can: master_node_id is that of a drive")
         return self
 
 
@@ -144,11 +154,22 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
         raise InputError(
             f"{path}: drives {', '.join(names)} do not match the machine's {', '.join(machine.drive_names)}"
         )
+    profiles = [drive_profile(d, path) for d in rig.drives]
+    if len({p.compensation is None for p in profiles}) > 1:
+        raise InputError(f"{path}: drives: a machine is compensated by all of its drives or by none")
     if rig.nest_length is not None:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
                 raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
     return rig, machine
+
+
+def drive_profile(drive: DriveEntry, rig_path: Path) -> DriveProfile:
+    """The profile of a drive's make; InputError if there is none such."""
+    try:
+        return load_profile(drive.profile, rig_path.parent)
+    except ValueError as error:
+        raise InputError(f"{rig_path}: {error}") from error
 
 
 def machine_path(rig: RigFile, rig_path: Path) -> Path:

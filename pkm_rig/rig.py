@@ -51,7 +51,15 @@ class Rig:
         self.plc = plc
         self.sensors = PART_SENSORS
         self.compensation = 0
-        self.supervisor = Supervisor(plc, drives, clock, file.limits.interlocks, self._payload_changed, file.time_scale)
+        self.supervisor = Supervisor(
+            plc,
+            drives,
+            clock,
+            file.limits.interlocks,
+            self._payload_changed,
+            file.time_scale,
+            beat=lambda: drives.line.send_heartbeat(file.can.master_node_id),
+        )
 
     # --- motion
 
@@ -171,6 +179,8 @@ class Rig:
             raise failures[0]
 
     def _activate(self, images: Sequence[TableImage]) -> None:
+        if not self.banks:
+            raise TableError("drives", "profile", "these drives have no table bank", "measure and identify only")
         written = [bank.write_inactive(image) for bank, image in zip(self.banks, images, strict=True)]
         activate_all([Activation(b, w.bank, w.crc, w.generation) for b, w in zip(self.banks, written, strict=True)])
         for bank in self.banks:
@@ -178,7 +188,7 @@ class Rig:
 
     def next_generation(self) -> int:
         """A generation above that of every bank."""
-        return max(bank.state().next_generation for bank in self.banks)
+        return max((bank.state().next_generation for bank in self.banks), default=1)
 
     def images(self, table: CompensationTable, generation: int) -> list[TableImage]:
         """A table as images, one a drive: own axis first, then the partner's."""

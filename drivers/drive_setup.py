@@ -34,7 +34,7 @@ class DriveSetup:
     def find(self) -> None:
         """Raise ConnectionFailed if the node is absent, IdentityMismatch if it is no drive."""
         try:
-            device_type = self.sdo.read(objects.DEVICE_TYPE)
+            device_type = self.sdo.read(objects.DEVICE_TYPE, again=False)
         except NoAnswer as error:
             seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
             raise ConnectionFailed(

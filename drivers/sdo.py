@@ -109,9 +109,9 @@ class SdoAccess:
         """Stop listening to the node."""
         self._line.unsubscribe(self._client.tx_cobid, self._client.on_response)
 
-    def read(self, entry: DriveObject) -> int:
-        """Read an integer object."""
-        data = self.read_bytes(entry)
+    def read(self, entry: DriveObject, *, again: bool = True) -> int:
+        """Read an integer object; without `again` a lost answer is not asked for a second time."""
+        data = self.read_bytes(entry, again=again)
         size = struct.calcsize(entry.format)
         if len(data) < size:
             raise ProtocolError(
@@ -127,12 +127,14 @@ class SdoAccess:
             raise ValueError(f"{entry}: {value} does not fit") from error
         self.write_bytes(entry, data)
 
-    def read_bytes(self, entry: DriveObject) -> bytes:
+    def read_bytes(self, entry: DriveObject, *, again: bool = True) -> bytes:
         """Read an object of any length."""
         with self._lock:
             try:
                 return self._transfer(entry, lambda: self._upload(entry))
             except (NoAnswer, ProtocolError):
+                if not again:
+                    raise
                 return self._transfer(entry, lambda: self._upload(entry))
 
     def write_bytes(self, entry: DriveObject, data: bytes) -> None:

@@ -52,8 +52,8 @@ FAULTS: dict[str, FaultKind] = {
     "modbus-reset": FaultKind("modbus", _MODBUS, "the connection is reset"),
     "modbus-stuck-coil": FaultKind("modbus", _MODBUS, "the guard opens and its bit goes on reading good", lasting=True),
     "modbus-stale-heartbeat": FaultKind("modbus", _MODBUS, "heartbeat and values stand still", lasting=True),
-    "time-step": FaultKind("time", "reading of the clock", "the clock jumps ten seconds ahead", lasting=True),
-    "time-step-back": FaultKind("time", "reading of the clock", "the clock jumps ten seconds back", lasting=True),
+    "time-step": FaultKind("time", "wait of the host", "the clock jumps ten seconds ahead", lasting=True),
+    "time-step-back": FaultKind("time", "wait of the host", "the clock jumps ten seconds back", lasting=True),
 }
 
 

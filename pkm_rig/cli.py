@@ -95,13 +95,21 @@ def measure(rig: RigOption = None, out: OutOption = Path("runs"), json: JsonOpti
 def mock(
     rig: RigNeeded = Path("examples/mock-rig.toml"),
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+    fault: Annotated[
+        list[str] | None, typer.Option(help="NAME@N: a fault at the Nth operation, again for more")
+    ] = None,
+    list_faults: Annotated[bool, typer.Option(help="print the names of the faults and end")] = False,
 ) -> None:
     """Serve the three mock devices on real transports until interrupted."""
+    if list_faults:
+        for line in mock_rig.fault_list():
+            results.print(line, soft_wrap=True, markup=False)
+        return
     file, _ = load_rig(rig)
     if seed is not None:
         section = file.mock or MockSection()
         file = file.model_copy(update={"mock": section.model_copy(update={"seed": seed})})
-    with mock_rig.served(file, rig) as served:
+    with mock_rig.served(file, rig, fault or ()) as served:
         for line in mock_rig.how_to_connect(file, served):
             results.print(line, soft_wrap=True)
         sys.stdout.flush()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from calibration.compensation import GRID_MARGIN_M
 from calibration.machine import Machine, load_machine, shipped_machine
@@ -52,13 +52,52 @@ class DriveEntry(Section):
     metres_per_increment: float = Field(gt=0.0)
 
 
-class PlcConnection(Section):
-    """The PLC. `registers` moves values of the default map (docs/plc.md)."""
+class RegisterEntry(Section):
+    """A register of the PLC; what is left out is that of the default map (docs/plc.md). A number is its address."""
 
+    address: int = Field(ge=0, le=0xFFFF)
+    type: Literal["u16", "i16", "u32", "i32", "f32"] | None = None
+    order: Literal["ABCD", "CDAB", "BADC", "DCBA"] | None = None
+    scale: float | None = None
+    unit: Literal["degC", "K", "hPa", "mbar", "Pa", "kPa", "%", "1"] | None = None
+    low: float | None = None
+    high: float | None = None
+    stale_s: float | None = Field(gt=0.0, default=None)
+
+
+class PlcConnection(Section):
+    """The PLC: `host` and `port` for TCP and TLS, `serial_port` for RTU. `registers` changes the default map."""
+
+    transport: Literal["tcp", "tls", "rtu"] = "tcp"
     host: str = "127.0.0.1"
     port: int = 502
-    unit: int = 1
-    registers: dict[str, int] = Field(default_factory=dict)
+    ca_file: str | None = None
+    certificate_file: str | None = None
+    key_file: str | None = None
+    serial_port: str | None = None
+    baudrate: int = Field(gt=0, default=115_200)
+    parity: Literal["N", "E", "O"] = "E"
+    stop_bits: Literal[1, 2] = 1
+    unit: int = Field(ge=0, le=247, default=1)
+    reply_timeout_s: float = Field(gt=0.0, default=0.5)
+    without: tuple[Literal["interlocks_inverted", "master_heartbeat", "master_seen"], ...] = ()
+    registers: dict[str, RegisterEntry] = Field(default_factory=dict)
+    interlocks: dict[str, Annotated[int, Field(ge=0, le=15)]] = Field(default_factory=dict)
+
+    @field_validator("registers", mode="before")
+    @classmethod
+    def _addresses(cls, registers: object) -> object:
+        if not isinstance(registers, dict):
+            return registers
+        return {name: {"address": entry} if isinstance(entry, int) else entry for name, entry in registers.items()}
+
+    @model_validator(mode="after")
+    def _complete(self) -> PlcConnection:
+        if self.transport == "tls" and self.ca_file is None:
+            raise ValueError("plc: TLS needs ca_file, the certificate that signs the PLC's")
+        if self.transport == "rtu" and self.serial_port is None:
+            raise ValueError("plc: RTU needs serial_port")
+        return self
 
 
 class CampaignSettings(Section):
@@ -102,10 +141,12 @@ class Limits(Section):
 
 
 class MockSection(Section):
-    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise."""
+    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise; the PLC's certificate."""
 
     seed: int = Field(ge=0, default=1)
     error_scale: float = Field(ge=0.0, default=1.0)
+    plc_certificate_file: str | None = None
+    plc_key_file: str | None = None
 
 
 class RigFile(Section):

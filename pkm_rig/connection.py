@@ -5,26 +5,24 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import can
 
 from calibration.machine import Machine
-from calibration.toml_file import InputError
 from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.drive_profile import DriveProfile
 from drivers.errors import DeviceError
 from drivers.laser_tracker import LaserTracker
 from drivers.plc import Plc
-from drivers.plc_registers import RegisterMap
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
 from drivers.table_bank import TableBank
 from pkm_rig.clock import RigClock
 from pkm_rig.config import RigFile, drive_profile
+from pkm_rig.interlock import BEAT_PERIOD_S
+from pkm_rig.plc_connection import plc_line, register_map
 from pkm_rig.rig import PLC_POLL_S, Rig
 
 POLL_PERIOD_S = 0.05
@@ -49,7 +47,7 @@ def connected(
     `rig_path`; `guard_s` is the host time in which every answer has to come (default: by the kind of rig).
     """
     slow = file.time_scale or 1.0
-    station = file.station
+    station, real = file.station, guard_s is None and file.can.interface != "embedded"
     if guard_s is not None:
         station = station.model_copy(update={"reply_timeout_s": guard_s, "motion_timeout_s": guard_s})
     elif file.can.interface == "embedded":
@@ -58,14 +56,14 @@ def connected(
         guard_s = GUARD_S
     with ExitStack() as stack:
         plc = Plc(
-            file.plc.host,
-            file.plc.port,
+            plc_line(file.plc, rig_path),
             file.plc.unit,
-            register_map(file),
+            register_map(file.plc),
             clock,
             heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
             poll_period_s=PLC_POLL_S,
-            reply_timeout_s=guard_s,
+            reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if real else guard_s,
+            beat_period_s=BEAT_PERIOD_S * slow,
         )
         stack.callback(plc.close)
         plc.connect()
@@ -134,22 +132,3 @@ def _drive(
         state_limit_s=3.0 * slow,
         sdo_timeout_s=guard_s,
     )
-
-
-def register_map(file: RigFile) -> RegisterMap:
-    """The default map (docs/plc.md) with the rig file's addresses."""
-    names = {field.name for field in fields(RegisterMap)}
-    floats = RegisterMap().temperatures_c
-    changed: dict[str, Any] = {}
-    for name, address in file.plc.registers.items():
-        sensor = name.removesuffix("_temperature_c")
-        if sensor in floats and sensor != name:
-            moved = changed.setdefault("temperatures_c", dict(floats))
-            moved[sensor] = replace(floats[sensor], address=address)
-        elif name in ("pressure_hpa", "humidity_percent"):
-            changed[name] = replace(getattr(RegisterMap(), name), address=address)
-        elif name in names - {"temperatures_c", "interlock_bits"}:
-            changed[name] = address
-        else:
-            raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/plc.md")
-    return replace(RegisterMap(), **changed)

@@ -17,6 +17,7 @@ from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.errors import NoAnswer, ProtocolError, TargetNotFound
 from drivers.laser_tracker import LaserTracker, SettleCriterion, average, cartesian_to_polar
+from drivers.modbus_line import TcpLine
 from drivers.plc import Plc
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
@@ -157,7 +158,7 @@ def test_two_drives(bench: Bench) -> None:
 def test_the_plc(bench: Bench) -> None:
     slow = bench.clock.time_scale if isinstance(bench.clock, ScaledClock) else 1.0
     host, port = bench.mock.plc_address
-    plc = Plc(host, port, clock=bench.clock, heartbeat_limit_s=slow)
+    plc = Plc(TcpLine(host, port), clock=bench.clock, heartbeat_limit_s=slow)
     try:
         state = plc.connect()
         state.require_safe()

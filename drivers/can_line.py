@@ -62,7 +62,7 @@ class CanLine:
         try:
             self.network.send_message(cob_id, data)
         except (can.CanError, OSError, RuntimeError, ValueError) as error:
-            self._fail(error)
+            self.lose(error)
             self.check()
 
     def send_sync(self) -> None:
@@ -92,6 +92,13 @@ class CanLine:
                 "CAN line", self.name, self.failed, "check adapter, server and cable, then connect again"
             )
 
+    def lose(self, error: Exception) -> None:
+        """Count the line as lost, for this reason; whoever finds its bus broken says so."""
+        reason = " ".join(str(error).split()) or type(error).__name__
+        with self.received:
+            self.failed = self.failed or f"the line is lost: {reason}"
+            self.received.notify_all()
+
     def close(self) -> None:
         """End the receiving thread and shut the bus down. May be called again."""
         if self._closing:
@@ -107,7 +114,7 @@ class CanLine:
                 message = self._bus.recv(_RECEIVE_S)
             except (can.CanError, OSError, ValueError) as error:
                 if not self._closing:
-                    self._fail(error)
+                    self.lose(error)
                 return
             if message is not None and not (message.is_error_frame or message.is_remote_frame):
                 self._hand_out(message)
@@ -120,9 +127,3 @@ class CanLine:
             self.network.notify(cob_id, message.data, message.timestamp)
         except Exception:  # a frame that one receiver cannot read must not end all receiving
             _log.exception("frame 0x%03X could not be handled", cob_id)
-
-    def _fail(self, error: Exception) -> None:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        with self.received:
-            self.failed = self.failed or f"the line is lost: {reason}"
-            self.received.notify_all()

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
+import can
 from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
@@ -189,6 +190,10 @@ class SdoAccess:
             if self._out_of_step:
                 self._get_in_step()
             return work()
+        except can.CanError as error:
+            self._line.lose(error)
+            self._line.check()
+            raise  # not reached: a lost line is an error of its own
         except (SdoError, Aborted, Broken, Silent, OSError, RuntimeError) as error:
             typed = self._typed(error, entry)
             self._out_of_step = not isinstance(typed, SdoRefused)

@@ -32,7 +32,7 @@ class Aborted(Exception):
     """The server has ended the transfer with this abort code."""
 
     def __init__(self, code: int) -> None:
-        super().__init__(f"abort code 0x{code:08X}")
+        super().__init__("the drive has ended the transfer")
         self.code = code
 
 

@@ -106,6 +106,7 @@ class ServoDrive:
         Raises ConnectionFailed naming an absent node and IdentityMismatch for a wrong drive or wrong units.
         """
         self.line.check()
+        self.restarted = False
         setup = self._setup()
         setup.find()
         self.identity = setup.read_identity(self.expected)
@@ -122,9 +123,10 @@ class ServoDrive:
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
-        self.restarted, self._nmt_state = False, None
+        self._nmt_state = None
         self.line.send_nmt(NMT_START, self.node_id)
         self._wait(lambda: self._nmt_state == _OPERATIONAL, "NMT state operational")
+        self.check()  # a restart in between has undone what was set
         return self.identity
 
     def close(self) -> None:
@@ -309,7 +311,7 @@ class ServoDrive:
         if len(data) != 1:
             return
         state = data[0] & 0x7F
-        if state == 0 and self.identity is not None:
+        if state == 0:
             self.restarted = True
         self._nmt_state = state
         self._heartbeat_s = self._clock.now_s()

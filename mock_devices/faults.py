@@ -121,6 +121,12 @@ class FaultPlan:
             return name in self._at and name in self._struck and FAULTS[name].lasting
 
     @property
+    def counts(self) -> dict[str, int]:
+        """How many operations each armed fault has counted."""
+        with self._lock:
+            return dict(self._count)
+
+    @property
     def struck(self) -> tuple[str, ...]:
         """Names of the faults that have struck, first to last."""
         with self._lock:

@@ -81,10 +81,15 @@ def verify(
 
 
 @app.command()
-def measure(rig: RigOption = None, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+def measure(
+    rig: RigOption = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    resume: Annotated[str | None, typer.Option(help="go on with this campaign, which broke off")] = None,
+) -> None:
     """Measure a calibration campaign into the store, and stop there."""
     with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
-        campaign = job.measure(connected, store, _say, tell)
+        campaign = job.measure(connected, store, _say, tell, resume)
     if json:
         print_json({"campaign": campaign})
     else:

@@ -58,7 +58,7 @@ class Runner:
             loop.close()
 
     def resume(self, recording: Recording) -> None:
-        """Go on with a stored campaign: its numbers, and its first nest check as the reference."""
+        """Go on with a stored campaign: its numbers, first nest check as the reference, calibration readings kept."""
         context = self.stage.context
         context.sequence = int(recording["sequence"].max()) + 1
         context.visit_number = int(recording["visit"].max())
@@ -66,6 +66,9 @@ class Runner:
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
             self.stage.first_nests.setdefault(str(name), position)
+        done = recording.rows("calibration")
+        for pose, pass_, smr in zip(done["pose"], done["pass"], done["smr"], strict=True):
+            self.stage.stored.add(("calibration", int(pose), int(pass_), str(smr)))
 
     def run(self, plan: Plan, purpose: str) -> None:
         """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""

@@ -126,6 +126,7 @@ class PtyTrackerServer(TrackerServer):
 
     def __init__(self, station: Station, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
         super().__init__(station, faults, seed)
+        self._old_slaves: list[int] = []
         self._open()
         self._thread.start()
 
@@ -171,12 +172,15 @@ class PtyTrackerServer(TrackerServer):
                 self._pause.wait(_SPLIT_S)
 
     def _hang_up(self) -> None:
-        os.close(self._slave)
+        """Close our end; the other stays ours, so that nobody else gets a terminal of this name meanwhile."""
         os.close(self._master)
+        self._old_slaves.append(self._slave)
 
     def _close_line(self) -> None:
         if not self._gone:
             self._hang_up()
+        for slave in self._old_slaves:
+            os.close(slave)
 
 
 class TcpTrackerServer(TrackerServer):

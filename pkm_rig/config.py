@@ -131,6 +131,7 @@ class Limits(Section):
     in_plane_u_m: float = Field(gt=0.0, default=15e-6)
     heartbeat_s: float = Field(gt=0.0, default=2.0)
     drive_watchdog_s: float = Field(ge=1.0, le=60.0, default=1.5)
+    poll_period_s: float = Field(ge=0.005, le=0.1, default=0.01)
     plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
     interlocks: tuple[str, ...] = (
         "guard closed",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -19,7 +20,7 @@ from drivers.plc import Plc
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
 from drivers.table_bank import TableBank
-from pkm_rig.clock import RigClock
+from pkm_rig.clock import RigClock, ScaledClock
 from pkm_rig.config import RigFile, drive_profile
 from pkm_rig.interlock import BEAT_PERIOD_S
 from pkm_rig.plc_connection import plc_line, register_map
@@ -27,6 +28,7 @@ from pkm_rig.rig import PLC_POLL_S, Rig
 
 POLL_PERIOD_S = 0.05
 LEAST_HOST_POLL_S = 0.002
+SWITCH_S = 0.0005
 GUARD_S = 1.0  # host time in which an answer has to come
 EMBEDDED_GUARD_S = 20.0  # in one process a busy computer is no fault of the rig
 
@@ -91,7 +93,11 @@ def connected(
         )
         stack.callback(tracker.close)
         tracker.connect()
-        rig = Rig(file, machine, clock, tracker, group, banks, plc)
+        real_time = isinstance(clock, ScaledClock) and clock.time_scale == 1.0
+        period_s = file.limits.poll_period_s if real_time else None
+        if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
+            sys.setswitchinterval(SWITCH_S)
+        rig = Rig(file, machine, clock, tracker, group, banks, plc, period_s)
         stack.callback(_leave_safe, rig)
         rig.supervisor.start()
         yield rig

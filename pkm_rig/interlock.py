@@ -27,7 +27,8 @@ STALE_POLLS = 6  # polls that may be missed before a value counts as old
 
 
 class Supervisor:
-    """Polls on the rig clock's own thread: 2 Hz at rest, 20 Hz while anything moves.
+    """Polls on the rig clock's own thread: every `poll_period_s` where one is given (time scale 1), else 2 Hz at rest
+    and 20 Hz while anything moves.
 
     With scaled time a period is never shorter than 10 ms of host time, and what was read counts as old only
     after 2 s of it. `beat` sends our heartbeat, by which the drives watch us: it comes from here because a program
@@ -43,6 +44,7 @@ class Supervisor:
         on_payload: Callable[[int | None], None],
         time_scale: float | None = None,
         beat: Callable[[], None] = lambda: None,
+        poll_period_s: float | None = None,
     ) -> None:
         self._plc = plc
         self._drives = drives
@@ -50,6 +52,7 @@ class Supervisor:
         self._required = required
         self._on_payload = on_payload
         self._slow = time_scale or 1.0
+        self._poll_period_s = poll_period_s
         self._least_s = LEAST_HOST_PERIOD_S * time_scale if time_scale else 0.0
         self._least_stale_s = LEAST_HOST_STALE_S * (time_scale or 1.0)
         self._lock = threading.Lock()
@@ -132,15 +135,20 @@ class Supervisor:
         self._chain += 1
         chain = self._chain
 
-        def tick() -> None:
+        def tick(due_s: float) -> None:
             if self._running and chain == self._chain:
                 self._poll()
                 if chain == self._chain:
-                    self._clock.call_at(self._clock.now_s() + self._period_s(), tick)
+                    wait_for(max(due_s + self._period_s(), self._clock.now_s()))
 
-        self._clock.call_at(self._clock.now_s() + self._period_s(), tick)
+        def wait_for(due_s: float) -> None:
+            self._clock.call_at(due_s, lambda: tick(due_s))
+
+        wait_for(self._clock.now_s() + self._period_s())
 
     def _period_s(self) -> float:
+        if self._poll_period_s is not None:
+            return self._poll_period_s
         return max(MOTION_PERIOD_S if self._moving else REST_PERIOD_S, self._least_s)
 
     def _poll(self) -> None:

@@ -41,6 +41,7 @@ class Rig:
         drives: DriveGroup,
         banks: Sequence[TableBank],
         plc: Plc,
+        poll_period_s: float | None = None,
     ) -> None:
         self.file = file
         self.machine = machine
@@ -51,14 +52,21 @@ class Rig:
         self.plc = plc
         self.sensors = PART_SENSORS
         self.compensation = 0
-        self.supervisor = Supervisor(
-            plc,
+        self._poll_period_s = poll_period_s
+        self.supervisor = self.new_supervisor()
+
+    def new_supervisor(self) -> Supervisor:
+        """Supervision that has not been started: one that has tripped stays so."""
+        file, drives = self.file, self.drives
+        return Supervisor(
+            self.plc,
             drives,
-            clock,
+            self.clock,
             file.limits.interlocks,
             self._payload_changed,
             file.time_scale,
             beat=lambda: drives.line.send_heartbeat(file.can.master_node_id),
+            poll_period_s=self._poll_period_s,
         )
 
     # --- motion

@@ -1,7 +1,7 @@
 """How long a stop takes: from an interlock's bit changing in the PLC to the last drive's stop frame.
 
-The mock rig runs in a process of its own at time scale 1, over socketcand, Modbus TCP and a pseudo terminal; this process
-moves the drives back and forth, measures with the station and reads tables by SDO all the while. All times are
+The mock rig runs in a process of its own at time scale 1, over socketcand, Modbus TCP and a pseudo terminal; this
+process moves the drives back and forth, asks the station and reads the table banks by SDO all the while. All times are
 taken in the mock's process. `python -m benchmarks.stop_latency [--trips N] [--seed S]`; exit status 1 above the limit.
 """
 

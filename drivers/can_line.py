@@ -106,13 +106,16 @@ class CanLine:
         self._closing = True
         self._reader.join(timeout=5.0)
         self.failed = self.failed or "closed"
-        self._bus.shutdown()
+        try:
+            self._bus.shutdown()
+        except (can.CanError, OSError) as error:  # an adapter that was pulled cannot be told that we leave
+            _log.info("%s: %s", self.name, error)
 
     def _read(self) -> None:
         while not self._closing:
             try:
                 message = self._bus.recv(_RECEIVE_S)
-            except (can.CanError, OSError, ValueError) as error:
+            except Exception as error:  # an adapter that garbles a frame may bring any: never end in silence
                 if not self._closing:
                     self.lose(error)
                 return

@@ -297,6 +297,7 @@ class ServoDrive:
         end_s = self._clock.now_s() + self._state_limit_s
         polls = 0
         while not condition():
+            self.line.check()
             polls += 1
             if polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
                 raise MotionTimeout(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import can
 
 from mock_devices.faults import FaultPlan
@@ -16,6 +18,8 @@ class FaultyBus(can.BusABC):
     def __init__(self, bus: can.BusABC, faults: FaultPlan) -> None:
         self._bus = bus
         self._faults = faults
+        self._lock = threading.Lock()
+        self._left = False
         self.channel_info = bus.channel_info
         super().__init__(channel=str(bus.channel_info))
 
@@ -36,14 +40,23 @@ class FaultyBus(can.BusABC):
     def shutdown(self) -> None:
         """Shut both down."""
         super().shutdown()
-        self._bus.shutdown()
+        self._leave()
+
+    def _leave(self) -> None:
+        """A controller that is bus off takes part in nothing: frames for it must not wait to be fetched."""
+        with self._lock:
+            left, self._left = self._left, True
+        if not left:
+            self._bus.shutdown()
 
     def _check(self) -> None:
         if self._faults.lasts("can-bus-off"):
+            self._leave()
             raise can.CanOperationError("bus off")
 
     def _passes(self) -> bool:
         if self._faults.strikes("can-bus-off"):
+            self._leave()
             raise can.CanOperationError("bus off")
         dead, lost = self._faults.strikes("can-peer-dead"), self._faults.strikes("can-lost-frame")
         return not (dead or lost)

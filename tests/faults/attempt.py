@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,8 @@ from pkm_rig.plans import CampaignRefused
 from tests.faults.short_campaign import EXPECTED, Bench, Key, bench, heal, recorded, rows_by_key, run, still
 
 ENDED_RIGHT, STOPPED, UNTOUCHED, WRONG = "ended right", "stopped safely", "untouched", "WRONG"
+
+HANGS_S = 120
 
 # Eight standard deviations of the difference of two readings; what is wrong is off by far more.
 ANGLE_RAD = 8.0 * 2.4e-6 * 2.0**0.5 * 1.2
@@ -95,10 +99,27 @@ def attempt(fault: Fault, wanted: Mapping[Key, Values]) -> Result:
 
 def _run(made: Bench) -> Exception | None:
     try:
-        run(made)
+        with _no_longer_than(HANGS_S):
+            run(made)
     except Exception as error:
         return error
     return None
+
+
+@contextmanager
+def _no_longer_than(limit_s: int) -> Iterator[None]:
+    """A run that hangs is wrong as well; host time."""
+
+    def hung(_number: int, _frame: object) -> None:
+        raise TimeoutError(f"the run hung for {limit_s} s")
+
+    before = signal.signal(signal.SIGALRM, hung)
+    signal.alarm(limit_s)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _look(made: Bench, error: BaseException | None, wanted: Mapping[Key, Values], fault: Fault) -> list[str]:

@@ -12,11 +12,24 @@ import numpy as np
 from calibration.recording import Recording
 from mock_devices.faults import Fault
 from pkm_rig.plans import CampaignRefused
-from tests.faults.short_campaign import EXPECTED, Bench, Key, bench, heal, recorded, rows_by_key, run, still
+from tests.faults.short_campaign import (
+    EXPECTED,
+    GUARD_S,
+    PATIENT_S,
+    Bench,
+    Key,
+    bench,
+    heal,
+    recorded,
+    rows_by_key,
+    run,
+    still,
+)
 
 ENDED_RIGHT, STOPPED, UNTOUCHED, WRONG = "ended right", "stopped safely", "untouched", "WRONG"
 
 HANGS_S = 120
+NO_FAULT = "stopped without a fault"
 
 # Eight standard deviations of the difference of two readings; what is wrong is off by far more.
 ANGLE_RAD = 8.0 * 2.4e-6 * 2.0**0.5 * 1.2
@@ -57,7 +70,7 @@ class Result:
 def reference() -> dict[Key, Values]:
     """The readings of an untouched run, by key."""
     with bench(None) as made:
-        run(made)
+        run(made, PATIENT_S)
         recording = recorded(made)
         assert recording is not None
         return {key: _values(recording, rows[0]) for key, rows in rows_by_key(recording).items()}
@@ -68,15 +81,22 @@ def operations(names: list[str]) -> dict[str, int]:
     counts = {}
     for name in names:
         with bench(Fault(name, 10**8)) as made:
-            run(made)
+            run(made, PATIENT_S)
             counts[name] = made.plan.counts[name]
     return counts
 
 
 def attempt(fault: Fault, wanted: Mapping[Key, Values]) -> Result:
     """Run the campaign into the fault, look at what it left, then run it again without and look again."""
+    result = _attempt(fault, wanted, GUARD_S)
+    if result.outcome == WRONG and result.detail.startswith(NO_FAULT):
+        return _attempt(fault, wanted, PATIENT_S)
+    return result
+
+
+def _attempt(fault: Fault, wanted: Mapping[Key, Values], guard_s: float) -> Result:
     with bench(fault) as made:
-        error = _run(made)
+        error = _run(made, guard_s)
         struck = bool(made.plan.struck)
         problems = _look(made, error, wanted, fault)
         if error is None and not problems:
@@ -84,23 +104,23 @@ def attempt(fault: Fault, wanted: Mapping[Key, Values]) -> Result:
         before = _stored(made)
         heal(made)
         made.mock.clock.sleep_s(1.0)
-        second = _run(made)
+        second = _run(made, PATIENT_S)
         moved = isinstance(second, CampaignRefused) and fault.name == "tracker-drift"
         if second is not None and not moved:
             problems.append(f"the second run failed: {type(second).__name__}: {second}")
         problems += _look(made, second, wanted, fault)
         problems += _repeated(before, _stored(made))
+        if not struck:
+            return Result(fault.name, fault.at, WRONG, f"{NO_FAULT}: {error}")
         if problems:
             return Result(fault.name, fault.at, WRONG, "; ".join(problems))
-        if not struck:
-            return Result(fault.name, fault.at, WRONG, f"stopped without a fault: {error}")
         return Result(fault.name, fault.at, STOPPED, f"{type(error).__name__}: {error}")
 
 
-def _run(made: Bench) -> Exception | None:
+def _run(made: Bench, guard_s: float) -> Exception | None:
     try:
         with _no_longer_than(HANGS_S):
-            run(made)
+            run(made, guard_s)
     except Exception as error:
         return error
     return None

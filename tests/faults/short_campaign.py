@@ -25,7 +25,8 @@ from pkm_rig.schedule import Block, calibration_blocks
 from pkm_rig.store import Store, StoreError, now_text
 
 CAMPAIGN = "short"
-GUARD_S = 0.15  # host time in which an answer has to come
+GUARD_S = 0.2  # host time in which an answer has to come, while a fault may keep it away
+PATIENT_S = 10.0  # and while none does: a busy computer is no fault
 DRIVES_STAND_S = 4.0  # rig time after which nothing may move any more, the drives' own watchdog included
 WITHOUT_BLOCKS = (2,)  # so that a table goes by blocks to one drive and by segments to the other
 EXPECTED = (DeviceError, CampaignRefused, StoreError)
@@ -62,13 +63,13 @@ def bench(fault: Fault | None) -> Iterator[Bench]:
         yield Bench(mock, store, plan, machine)
 
 
-def run(bench: Bench) -> Supervisor:
+def run(bench: Bench, guard_s: float = GUARD_S) -> Supervisor:
     """Connect, measure what is not stored yet, write a table, switch it on; raises what ends it early."""
     file = bench.mock.file.model_copy(
         update={"station": bench.mock.file.station.model_copy(update={"port": bench.mock.mock.station_url})}
     )
     machine, store = bench.machine, bench.store
-    with connected(file, machine, bench.mock.clock, bench.mock.bus_factory, guard_s=GUARD_S) as rig:  # type: ignore[arg-type]
+    with connected(file, machine, bench.mock.clock, bench.mock.bus_factory, guard_s=guard_s) as rig:  # type: ignore[arg-type]
         if not store.campaigns():
             store.add_campaign(describe_campaign(rig, CAMPAIGN, now_text()), rig.machine.text)
         with running(rig, store, CAMPAIGN, lambda _n, _what: None) as runner:

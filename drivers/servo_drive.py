@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -320,7 +321,7 @@ class ServoDrive:
     def _on_emergency(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
         if len(data) >= _EMERGENCY.size:
             code, register = _EMERGENCY.unpack_from(data)
-            emergency = Emergency(code, register, self._clock.now_s())
+            emergency = Emergency(code, register, self._clock.now_s(), time.monotonic())
             self.emergencies.append(emergency)
             if self.on_emergency is not None:
                 self.on_emergency(emergency)

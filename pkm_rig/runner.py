@@ -84,7 +84,8 @@ class Runner:
             self._end_plan()
             with contextlib.suppress(StoreError):
                 reason = str(cause) or type(cause).__name__
-                self.store.add_event(self.campaign, "failed", {"plan": purpose, "reason": reason})
+                failed = {"plan": purpose, "reason": reason, "emergencies": emergency_log(self.rig)}
+                self.store.add_event(self.campaign, "failed", failed)
             if cause is error:
                 raise
             raise cause from error
@@ -131,6 +132,15 @@ def running(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str]
         yield runner
     finally:
         runner.close()
+
+
+def emergency_log(rig: Rig) -> list[dict[str, Any]]:
+    """What the drives have reported by EMCY since they were connected, oldest first."""
+    return [
+        {"drive": drive.name, "code": e.code, "register": e.register, "t_rig_s": e.t_rig_s, "t_host_s": e.t_host_s}
+        for drive in rig.drives.drives
+        for e in tuple(drive.emergencies)
+    ]
 
 
 def settings_event(rig: Rig) -> dict[str, Any]:

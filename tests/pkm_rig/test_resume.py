@@ -29,6 +29,9 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
         with pytest.raises(DeviceError, match="0x2310"):
             job.measure(rig, store, silent, breaks)
         campaign = store.campaigns()[0][0]
+        said = store.events(campaign, "failed")[0].data["emergencies"][0]
+        assert (said["drive"], said["code"]) == ("left", 0x2310)
+        assert 0.0 < said["t_rig_s"] <= rig.clock.now_s()
         before = store.recording(campaign)
         rig.drives.clear_stop()
         rig.drives.fault_reset()

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check clean
+.PHONY: demo test lint demo-check faults clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig calibrate
@@ -16,6 +16,10 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Every fault at every operation of a short campaign, one table; some 45 minutes on two cores, goes on where it was ended.
+faults: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.faults.sweep $(FAULTS)
 
 # Twenty mock machines, each scored against the plant's own noise-free positions. SEEDS=1,2 for some of them.
 demo-check: $(VENV)/run.stamp

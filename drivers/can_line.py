@@ -20,6 +20,7 @@ NMT_START = 1
 NMT_PRE_OPERATIONAL = 128
 _SYNC = 0x080
 _HEARTBEAT = 0x700
+_OPERATIONAL = 5
 _RECEIVE_S = 0.02
 
 FrameCallback = Callable[[int, bytearray, float], None]
@@ -61,7 +62,7 @@ class CanLine:
         try:
             self.network.send_message(cob_id, data)
         except (can.CanError, OSError, RuntimeError, ValueError) as error:
-            self._fail(error)
+            self.lose(error)
             self.check()
 
     def send_sync(self) -> None:
@@ -71,6 +72,10 @@ class CanLine:
     def send_nmt(self, command: int, node_id: int) -> None:
         """Send an NMT command to a node. Raises ConnectionFailed."""
         self.send(0x000, bytes((command, node_id)))
+
+    def send_heartbeat(self, node_id: int) -> None:
+        """Say that this node is there and operational. Raises ConnectionFailed."""
+        self.send(_HEARTBEAT + node_id, bytes([_OPERATIONAL]))
 
     def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
         """Have `callback(cob_id, data, host time stamp)` called for each frame with this identifier."""
@@ -87,6 +92,13 @@ class CanLine:
                 "CAN line", self.name, self.failed, "check adapter, server and cable, then connect again"
             )
 
+    def lose(self, error: Exception) -> None:
+        """Count the line as lost, for this reason; whoever finds its bus broken says so."""
+        reason = " ".join(str(error).split()) or type(error).__name__
+        with self.received:
+            self.failed = self.failed or f"the line is lost: {reason}"
+            self.received.notify_all()
+
     def close(self) -> None:
         """End the receiving thread and shut the bus down. May be called again."""
         if self._closing:
@@ -94,15 +106,18 @@ class CanLine:
         self._closing = True
         self._reader.join(timeout=5.0)
         self.failed = self.failed or "closed"
-        self._bus.shutdown()
+        try:
+            self._bus.shutdown()
+        except (can.CanError, OSError) as error:  # an adapter that was pulled cannot be told that we leave
+            _log.info("%s: %s", self.name, error)
 
     def _read(self) -> None:
         while not self._closing:
             try:
                 message = self._bus.recv(_RECEIVE_S)
-            except (can.CanError, OSError, ValueError) as error:
+            except Exception as error:  # an adapter that garbles a frame may bring any: never end in silence
                 if not self._closing:
-                    self._fail(error)
+                    self.lose(error)
                 return
             if message is not None and not (message.is_error_frame or message.is_remote_frame):
                 self._hand_out(message)
@@ -115,9 +130,3 @@ class CanLine:
             self.network.notify(cob_id, message.data, message.timestamp)
         except Exception:  # a frame that one receiver cannot read must not end all receiving
             _log.exception("frame 0x%03X could not be handled", cob_id)
-
-    def _fail(self, error: Exception) -> None:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        with self.received:
-            self.failed = self.failed or f"the line is lost: {reason}"
-            self.received.notify_all()

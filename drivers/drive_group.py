@@ -63,9 +63,9 @@ class DriveGroup:
         self.poll_period_s = poll_period_s
         self.cruise_period_s = max(cruise_period_s, poll_period_s)
         self.rest = rest or RestLimits()
-        self._line = drives[0].line
+        self.line = drives[0].line
         self._clock = clock or HostClock()
-        self._sampler = SyncSampler(self.drives, self._clock, sync or self._line.send_sync, pdo_timeout_s)
+        self._sampler = SyncSampler(self.drives, self._clock, sync or self.line.send_sync, pdo_timeout_s)
         self._handshake_limit_s = handshake_limit_s
         self._command_lock = threading.Lock()
         self._move_lock = threading.Lock()
@@ -80,7 +80,7 @@ class DriveGroup:
         return self._stop_reason
 
     def stop_all(self, reason: str) -> None:
-        """Quick stop of all drives at once, remembered until `clear_stop`.
+        """Quick stop of all drives at once, remembered until `clear_stop`; sent twice, so that no lost frame undoes it.
 
         The first reason is kept. A drive that cannot be reached does not keep the others from being
         stopped; the first such failure is raised afterwards (ConnectionFailed).
@@ -89,7 +89,7 @@ class DriveGroup:
             self._stop_reason = reason
         failures: list[DeviceError] = []
         with self._command_lock:
-            for drive in self.drives:
+            for drive in (*self.drives, *self.drives):
                 try:
                     drive.quick_stop()
                 except DeviceError as error:
@@ -171,6 +171,34 @@ class DriveGroup:
                 self._start(positions_m)
                 return self._wait_for_rest(positions_m, velocity_m_per_s, limit_s)
 
+    def follow(self, path_m: Sequence[Sequence[float]], period_s: float) -> list[DriveSample]:
+        """Lead all drives along a path in cyclic synchronous position mode, a row a SYNC, a SYNC every `period_s`.
+
+        The drives are enabled and in `cia402.CYCLIC_POSITION`; each row is a position a drive, the first one where they
+        stand, no step farther than the one before it could be reached. Returns the samples of the last SYNC.
+        Whatever goes wrong stops all. Raises Stopped, DriveFault, NoAnswer, ConnectionFailed, StaleData, ValueError.
+        """
+        if not path_m or any(len(row) != len(self.drives) for row in path_m):
+            raise ValueError(f"a path is rows of {len(self.drives)} positions")
+        for row in path_m:
+            for drive, position_m in zip(self.drives, row, strict=True):
+                drive.increments(position_m)
+        with self._one_move():
+            self._raise_if_stopped()
+            samples = self._check_all(self.sample())
+            off_m = _farthest_m(samples, path_m[0])
+            if off_m > self.rest.demand_m + self.rest.following_error_m:
+                raise ValueError(f"the path begins {off_m * 1e6:.0f} um from where the drives stand")
+            with self._stopping_on_failure():
+                for row in [*path_m, path_m[-1]]:
+                    self._raise_if_stopped()
+                    for drive, position_m in zip(self.drives, row, strict=True):
+                        drive.check()
+                        drive.send_target(position_m)
+                    samples = self._check_all(self.sample())
+                    self._clock.sleep_s(period_s)
+        return samples
+
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
         pairs = list(zip(self.drives, samples, strict=True))
         pairs.sort(
@@ -203,17 +231,26 @@ class DriveGroup:
             raise
 
     def _start(self, targets_m: Sequence[float]) -> None:
-        """Set-point handshake: bit 4 up on all back to back, bit 12 seen on all, bit 4 down."""
+        """Set-point handshake: bit 4 up on all back to back, bit 12 seen on all, bit 4 down.
+
+        Bit 4 is sent again while bit 12 is awaited: only its edge counts, so that nothing is started twice.
+        """
 
         def acknowledged(sample: DriveSample, _target_m: float) -> bool:
             return bool(sample.statusword & cia402.SET_POINT_ACKNOWLEDGED)
 
+        def again(_samples: list[DriveSample]) -> float:
+            self._send_all(cia402.NEW_SET_POINT)
+            return self.poll_period_s
+
         self._send_all(cia402.NEW_SET_POINT)
-        self._wait(acknowledged, targets_m, self._handshake_limit_s, "set-point not acknowledged")
+        self._wait(acknowledged, targets_m, self._handshake_limit_s, "set-point not acknowledged", pause_s=again)
         self._send_all(cia402.ENABLE_OPERATION)
 
     def _wait_for_rest(self, targets_m: Sequence[float], velocity_m_per_s: float, limit_s: float) -> list[DriveSample]:
         def pause_s(samples: list[DriveSample]) -> float:
+            if any(sample.statusword & cia402.SET_POINT_ACKNOWLEDGED for sample in samples):
+                self._send_all(cia402.ENABLE_OPERATION)  # bit 4 is still up somewhere
             left_s = _farthest_m(samples, targets_m) / velocity_m_per_s
             return min(max(0.5 * left_s, self.poll_period_s), self.cruise_period_s)
 
@@ -282,7 +319,7 @@ class DriveGroup:
         if self._stop_reason is not None:
             raise Stopped(
                 "drives",
-                self._line.name,
+                self.line.name,
                 f"stopped: {self._stop_reason}",
                 "remove the cause, then clear the stop",
             )

@@ -57,6 +57,7 @@ class Emergency:
     code: int
     register: int
     t_rig_s: float
+    t_host_s: float = 0.0
 
     @property
     def is_error(self) -> bool:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers import objects, pdo
 from drivers.can_line import NMT_PRE_OPERATIONAL, CanLine
+from drivers.drive_profile import DriveProfile
 from drivers.drive_records import DriveExpectation, DriveIdentity
-from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer
+from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer, NotReferenced
 from drivers.objects import DriveObject
+from drivers.pdo import PdoMapping
 from drivers.sdo import SdoAccess
 
 _CIA402 = 402
+_QUICK_STOP = 3
 _FACTOR_TOLERANCE = 1e-9
 
 
@@ -25,11 +29,12 @@ class DriveSetup:
     node_id: int
     name: str
     where: str
+    profile: DriveProfile
 
     def find(self) -> None:
         """Raise ConnectionFailed if the node is absent, IdentityMismatch if it is no drive."""
         try:
-            device_type = self.sdo.read(objects.DEVICE_TYPE)
+            device_type = self.sdo.read(objects.DEVICE_TYPE, again=False)
         except NoAnswer as error:
             seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
             raise ConnectionFailed(
@@ -53,7 +58,12 @@ class DriveSetup:
         return found
 
     def compare_factors(self, expected: DriveExpectation) -> None:
-        """Raise IdentityMismatch where the factor group gives other units than are configured."""
+        """Raise IdentityMismatch where the factor group gives other units than are configured.
+
+        Makes without a factor group are taken at the rig file's word.
+        """
+        if not self.profile.factor_group:
+            return
         read = self.sdo.read
         divisors = [read(e) for e in (objects.FEED_REVOLUTIONS, objects.ENCODER_INCREMENTS, objects.GEAR_MOTOR)]
         if 0 in divisors:
@@ -66,7 +76,15 @@ class DriveSetup:
 
     def set_pdos(self, partner_node_id: int | None) -> None:
         """Read the PDO mapping and write what differs. Raises IdentityMismatch if it is not kept."""
-        required = pdo.required_mappings(self.node_id, partner_node_id)
+        bank = self.profile.compensation
+        partner = () if bank is None else (bank.partner_command, bank.partner_velocity)
+        self._set_mappings(pdo.required_mappings(self.node_id, partner_node_id, partner))
+
+    def set_cyclic_pdo(self) -> None:
+        """The PDO that brings targets in cyclic mode. Raises IdentityMismatch if it is not kept."""
+        self._set_mappings([pdo.cyclic_mapping(self.node_id)])
+
+    def _set_mappings(self, required: Sequence[PdoMapping]) -> None:
         wrong = pdo.differing(self.sdo, required)
         if not wrong:
             return
@@ -75,6 +93,20 @@ class DriveSetup:
             pdo.write_mapping(self.sdo, mapping)
         if pdo.differing(self.sdo, wrong):
             raise self._mismatch("the drive does not keep the PDO mapping")
+
+    def require_reference(self) -> None:
+        """Raise NotReferenced where the drive says that it has lost its reference."""
+        entry, mask = self.profile.referenced, self.profile.referenced_mask
+        if entry is not None and self.sdo.read(entry) & mask != mask:
+            raise NotReferenced(
+                self.name, self.where, "the position is not referenced", "home the drive, then connect again"
+            )
+
+    def watch_master(self, master_node_id: int, limit_ms: int) -> None:
+        """Have the drive stop by itself when the master's heartbeat stays away; nothing where it cannot."""
+        if self.profile.watchdog:
+            self.set_and_compare(objects.ABORT_CONNECTION_OPTION, _QUICK_STOP)
+            self.set_and_compare(objects.HEARTBEAT_CONSUMER, master_node_id << 16 | limit_ms)
 
     def set_and_compare(self, entry: DriveObject, value: int) -> None:
         """Write a setting and read it back. Raises IdentityMismatch if it is not kept."""

@@ -38,6 +38,10 @@ class NoAnswer(DeviceError):
     """A request was not answered within the host's time-out."""
 
 
+class NotExecuted(ProtocolError):
+    """The station could not read a request, so it has done nothing."""
+
+
 class StationError(DeviceError):
     """The station carried a request out with another result than success. `code` is GeoCOM's."""
 
@@ -70,6 +74,14 @@ class AimingFailed(StationError):
     """The motors or the target recognition did not reach the target."""
 
 
+class LockLost(AimingFailed):
+    """The station follows no reflector any more."""
+
+
+class WrongTarget(DeviceError):
+    """Another reflector was found than the one that was aimed at, or something stands in the beam."""
+
+
 class NotImplementedByStation(StationError):
     """The station does not know this call."""
 
@@ -84,6 +96,10 @@ class NotSettled(DeviceError):
 
 class DriveFault(DeviceError):
     """A drive is in fault, or dropped out of operation."""
+
+
+class NotReferenced(DriveFault):
+    """A drive has lost its reference: its positions mean nothing before it is homed."""
 
 
 class SdoRefused(DeviceError):

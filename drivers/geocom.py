@@ -1,8 +1,8 @@
 """A GeoCOM session: geocompy on a pyserial port, kept in step and with typed errors.
 
-geocompy turns every failure into a return code and stays one answer behind after a lost answer.
-Here each answer must carry the number of its request; older ones are dropped, and what is left
-in the port from an exchange that failed is thrown away before the next one.
+geocompy turns every failure into a return code and stays one answer behind after a lost answer; `SerialLine` keeps
+it in step. Where the station supports it both directions carry a CRC: without one a digit that was spoilt on
+the wire would pass for a measured value.
 """
 
 from __future__ import annotations
@@ -10,135 +10,40 @@ from __future__ import annotations
 import logging
 import re
 import threading
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import serial
 from geocompy.communication import Connection
 from geocompy.data import Byte
 from geocompy.geo import GeoCom
+from geocompy.geo.aus import GeoComAUS
 from geocompy.geo.aut import GeoComAUT
 from geocompy.geo.bap import GeoComBAP
 from geocompy.geo.com import GeoComCOM
 from geocompy.geo.csv import GeoComCSV
 from geocompy.geo.edm import GeoComEDM
 from geocompy.geo.gctypes import GeoComResponse
+from geocompy.geo.mot import GeoComMOT
 from geocompy.geo.tmc import GeoComTMC
 
 from drivers import return_codes as codes
 from drivers.clock import RigClock
-from drivers.errors import ConnectionFailed, NoAnswer, ProtocolError, StationBusy
+from drivers.errors import ConnectionFailed, NoAnswer, NotExecuted, ProtocolError, StationBusy
 from drivers.return_codes import station_error
+from drivers.serial_line import ExchangeTime, SerialLine
 
 _quiet = logging.getLogger("drivers.geocompy")
 _quiet.addHandler(logging.NullHandler())
 _quiet.propagate = False
 
-_REQUEST = re.compile(r"%R1Q,\d+,(\d+)")
 _CODES = re.compile(r"%R1P,(\d+),\d+(?:,\d+)?:(\d+)")
-_ANSWER = re.compile(rb"^%R1P,\d+,(\d+)[,:]")
-_MOST_OLD_ANSWERS = 8
-_LONGEST_LINE = 4096
+_WITHOUT_CHECKSUM = re.compile(r"%R1P,0,\d+:")
 _CHECK_LINE = "check cable, baud rate and that nothing else uses the port"
+_BUSY_PAUSE_S = 0.1
+_PROBES = 2
 
-
-@dataclass(frozen=True)
-class ExchangeTime:
-    """When an exchange took place: its middle, and half the round trip as the uncertainty, in seconds."""
-
-    t_rig_s: float
-    t_host_s: float
-    u_t_s: float
-
-
-class SerialLine(Connection):
-    """geocompy's way to the wire: a pyserial port, its lock and time stamps.
-
-    `reply_timeout_s` is host time. An exchange that fails leaves nothing behind for the next one.
-    """
-
-    def __init__(self, port: serial.Serial, clock: RigClock, reply_timeout_s: float) -> None:
-        self._port = port
-        self._clock = clock
-        self.reply_timeout_s = reply_timeout_s
-        self.last_time = ExchangeTime(0.0, 0.0, 0.0)
-
-    def is_open(self) -> bool:
-        """Whether the port is open."""
-        return bool(self._port.is_open)
-
-    def send_binary(self, data: bytes) -> None:
-        """Write one line."""
-        try:
-            self._port.write(data if data.endswith(b"\r\n") else data + b"\r\n")
-        except serial.SerialTimeoutException as error:
-            raise TimeoutError(str(error)) from error
-        except (OSError, ValueError) as error:
-            raise ConnectionError(str(error)) from error
-
-    def send(self, message: str) -> None:
-        """Write one line of text."""
-        self.send_binary(message.encode("ascii", "ignore"))
-
-    def receive_binary(self) -> bytes:
-        """Read one line, without its end. Raises TimeoutError and ConnectionError."""
-        return self._read_line(time.monotonic() + self.reply_timeout_s)
-
-    def receive(self) -> str:
-        """Read one line of text; what is not ASCII shows as a replacement character."""
-        return self.receive_binary().decode("ascii", "replace")
-
-    def exchange_binary(self, data: bytes) -> bytes:
-        """Send a request and return the answer that carries its number."""
-        return self.exchange(data.decode("ascii", "ignore")).encode("ascii", "replace")
-
-    def exchange(self, cmd: str) -> str:
-        """Send a request and return the answer that carries its number, or the first line that is none."""
-        self.reset()
-        host_s, rig_s = time.monotonic(), self._clock.now_s()
-        self.send(cmd)
-        answer = self._answer_to(cmd, host_s + self.reply_timeout_s)
-        end_host_s, end_rig_s = time.monotonic(), self._clock.now_s()
-        self.last_time = ExchangeTime(0.5 * (rig_s + end_rig_s), 0.5 * (host_s + end_host_s), 0.5 * (end_rig_s - rig_s))
-        return answer.decode("ascii", "replace")
-
-    def reset(self) -> None:
-        """Throw away what waits in the port: nobody asked for it any more."""
-        try:
-            self._port.reset_input_buffer()
-        except (OSError, ValueError) as error:
-            raise ConnectionError(str(error)) from error
-
-    def close(self) -> None:
-        """Close the port."""
-        self._port.close()
-
-    def _answer_to(self, cmd: str, deadline_s: float) -> bytes:
-        request = _REQUEST.match(cmd)
-        answer = b""
-        for _ in range(_MOST_OLD_ANSWERS):
-            answer = self._read_line(deadline_s)
-            numbered = _ANSWER.match(answer)
-            if request is None or numbered is None or int(numbered[1]) == int(request[1]):
-                break
-        return answer
-
-    def _read_line(self, deadline_s: float) -> bytes:
-        line = bytearray()
-        while not line.endswith(b"\n"):
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0.0 or len(line) > _LONGEST_LINE:
-                if line:  # half a line must not pass for an answer: its last number may be cut
-                    return b"(cut off) " + bytes(line)
-                raise TimeoutError("no answer")
-            try:
-                self._port.timeout = left_s
-                line += self._port.read_until(b"\n", _LONGEST_LINE)
-            except (OSError, ValueError) as error:
-                raise ConnectionError(str(error)) from error
-        return bytes(line).rstrip(b"\r\n")
+Call = Callable[[], GeoComResponse[Any]]
 
 
 class QuietGeoCom(GeoCom):
@@ -147,18 +52,29 @@ class QuietGeoCom(GeoCom):
     Sets the fields that the constructor sets for the subsystems used here; a test compares the two.
     """
 
-    def __init__(self, connection: Connection) -> None:
-        self.transaction_counter = 0
+    def __init__(self, connection: Connection, first_transaction: int = 0) -> None:
+        self.transaction_counter = first_transaction
         self._conn = connection
         self._logger = _quiet
         self._checksum = False
         self.precision = 15
+        self.aus = GeoComAUS(self)
         self.aut = GeoComAUT(self)
         self.bap = GeoComBAP(self)
         self.com = GeoComCOM(self)
         self.csv = GeoComCSV(self)
         self.edm = GeoComEDM(self)
+        self.mot = GeoComMOT(self)
         self.tmc = GeoComTMC(self)
+
+    @property
+    def checked(self) -> bool:
+        """Whether requests carry a checksum."""
+        return self._checksum
+
+    @checked.setter
+    def checked(self, checked: bool) -> None:
+        self._checksum = checked
 
 
 class Real(Byte):
@@ -180,6 +96,7 @@ class GeoComSession:
 
     Time-outs are host time: `reply_timeout_s` for calls that answer at once, `motion_timeout_s` for
     those that move the telescope or measure. A busy station is asked again for `busy_limit_s` of rig time.
+    `first_transaction` goes on from the session before, so that its late answers cannot pass for new ones.
     """
 
     def __init__(
@@ -192,6 +109,7 @@ class GeoComSession:
         reply_timeout_s: float = 5.0,
         motion_timeout_s: float = 30.0,
         busy_limit_s: float = 5.0,
+        first_transaction: int = 0,
     ) -> None:
         self.device = device
         self.where = port_url
@@ -207,9 +125,9 @@ class GeoComSession:
         except (OSError, ValueError) as error:
             raise ConnectionFailed(device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE) from error
         self._line = SerialLine(port, clock, reply_timeout_s)
-        self.geocom = QuietGeoCom(self._line)
+        self.geocom = QuietGeoCom(self._line, first_transaction)
 
-    def call(self, rpc: int, *parameters: float) -> Callable[[], GeoComResponse[Any]]:
+    def call(self, rpc: int, *parameters: float) -> Call:
         """A call without values in its answer, floats written with all their digits, for `ask` and `command`."""
         written = [Real(p) if isinstance(p, float) else p for p in parameters]
         return lambda: self.geocom.request(rpc, written)
@@ -219,11 +137,38 @@ class GeoComSession:
         """When the last exchange took place."""
         return self._line.last_time
 
+    @property
+    def checked(self) -> bool:
+        """Whether every request and answer carries a checksum."""
+        return self.geocom.checked
+
+    @property
+    def next_transaction(self) -> int:
+        """The number that the next request will have."""
+        return self.geocom.transaction_counter
+
     def close(self) -> None:
         """Close the port."""
         self._line.close()
 
-    def ask(self, call: Callable[[], GeoComResponse[Any]], *, values: bool = True) -> Any:
+    def agree_on_checksums(self) -> bool:
+        """Turn checksums on if the station answers with them; returns whether it does.
+
+        Two good answers without one say that it does not: a single one may have lost it on the wire.
+        Raises NoAnswer, ProtocolError, ConnectionFailed and StationError.
+        """
+        for _ in range(_PROBES):
+            self.geocom.checked = True
+            try:
+                self.ask(self.geocom.com.nullprocess, values=False)
+            except ProtocolError:
+                self.geocom.checked = False
+                self.ask(self.geocom.com.nullprocess, values=False)
+            else:
+                return True
+        return False
+
+    def ask(self, call: Call, *, values: bool = True) -> Any:
         """Make a call that may be repeated without harm, and return its values.
 
         Asked a second time after a lost or garbled answer. `values` tells that the answer must hold some.
@@ -234,24 +179,33 @@ class GeoComSession:
         except (NoAnswer, ProtocolError):
             return self._settled(call, values, self._reply_timeout_s)
 
-    def command(self, call: Callable[[], GeoComResponse[Any]]) -> None:
-        """Make a call that moves or measures: never repeated unless the station says that it was busy."""
-        self._settled(call, False, self._motion_timeout_s)
+    def command(self, call: Call, *, idempotent: bool = False) -> None:
+        """Make a call that moves or measures.
 
-    def ask_flagged(self, call: Callable[[], GeoComResponse[Any]]) -> tuple[Any, tuple[str, ...]]:
+        Repeated only where the station says that it was busy or could not read the request, so that nothing
+        was done; an `idempotent` one (turn to a direction) also, once, after a lost or garbled answer.
+        """
+        try:
+            self._settled(call, False, self._motion_timeout_s)
+        except NotExecuted:
+            self._settled(call, False, self._motion_timeout_s)
+        except (NoAnswer, ProtocolError):
+            if not idempotent:
+                raise
+            self._settled(call, False, self._motion_timeout_s)
+
+    def ask_flagged(self, call: Call) -> tuple[Any, tuple[str, ...]]:
         """Like `ask` for a measurement: values, and the flags that the station puts on them."""
         try:
             return self._settled_flagged(call, True, self._motion_timeout_s)
         except (NoAnswer, ProtocolError):
             return self._settled_flagged(call, True, self._motion_timeout_s)
 
-    def _settled(self, call: Callable[[], GeoComResponse[Any]], values: bool, timeout_s: float) -> Any:
+    def _settled(self, call: Call, values: bool, timeout_s: float) -> Any:
         result, _ = self._settled_flagged(call, values, timeout_s)
         return result
 
-    def _settled_flagged(
-        self, call: Callable[[], GeoComResponse[Any]], values: bool, timeout_s: float
-    ) -> tuple[Any, tuple[str, ...]]:
+    def _settled_flagged(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
         end_s = self._clock.now_s() + self._busy_limit_s
         while True:
             with self._lock:
@@ -262,7 +216,7 @@ class GeoComSession:
             except StationBusy:
                 if self._clock.now_s() >= end_s:
                     raise
-            self._clock.sleep_s(0.1)
+            self._clock.sleep_s(_BUSY_PAUSE_S)
 
     def _judge(self, response: GeoComResponse[Any], values: bool) -> tuple[Any, tuple[str, ...]]:
         name, code = response.rpcname, int(response.error)
@@ -271,8 +225,12 @@ class GeoComSession:
             raise NoAnswer(self.device, where, "no answer", _CHECK_LINE)
         if code == codes.COM_CANT_SEND:
             raise ConnectionFailed(self.device, where, "the line is broken", _CHECK_LINE)
-        if code in codes.GARBLED:
-            shown = response.response[:60]
+        shown = response.response[:60]
+        if code in codes.NOT_EXECUTED:
+            raise NotExecuted(
+                self.device, where, f"the station could not read the request (GeoCOM {code})", _CHECK_LINE
+            )
+        if code in codes.GARBLED or (self.checked and _WITHOUT_CHECKSUM.match(shown)):
             raise ProtocolError(self.device, where, f"cannot make sense of {shown!r}", _CHECK_LINE)
         flag = codes.VALUES_WITH_FLAG.get(code)
         if code != codes.OK and not (flag and response.params is not None):

@@ -6,15 +6,13 @@ Units are SI, angles in radians. Another protocol beside GeoCOM would be another
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from enum import Enum
 
-from geocompy.geo.gcdata import ATR, EDMModeV2, Face, Inclination, Measurement, Position, Prism
+from geocompy.geo.gcdata import ATR, ATRLock, EDMModeV2, Face, Inclination, Measurement, Position, Prism
 
-from drivers.atmosphere import atmospheric_ppm, wet_bulb_c
 from drivers.clock import HostClock, RigClock
-from drivers.errors import IdentityMismatch, NotImplementedByStation, NotSettled, ProtocolError
+from drivers.errors import LockLost, NoAnswer, NotSettled, ProtocolError, WrongTarget
 from drivers.geocom import GeoComSession
 from drivers.polar import (
     TWO_PI,
@@ -28,9 +26,11 @@ from drivers.polar import (
     to_face_one,
     unrest,
 )
+from drivers.station_setup import StationIdentity, StationSetup
 
 __all__ = [
     "LaserTracker",
+    "LockState",
     "MeanReading",
     "PolarReading",
     "SettleCriterion",
@@ -41,21 +41,20 @@ __all__ = [
     "to_face_one",
 ]
 
-_TURN, _FINE_ADJUST, _SET_ATMOSPHERE, _SET_PRISM_CONSTANT = 9027, 9037, 2028, 2024
-_DIGITS = 15
+_TURN, _SEARCH, _FINE_ADJUST = 9027, 9029, 9037
 _LONGEST_DISTANCE_M = 1000.0
 _WAIT_S = 5
-_CHECK_SETTINGS = "check the station's configuration and connect again"
 
 
-@dataclass(frozen=True)
-class StationIdentity:
-    """Who answers on the port."""
+class LockState(Enum):
+    """Whether the station follows a reflector (6021); predicted: it lost it a moment ago and extrapolates."""
 
-    name: str
-    serial: int
-    firmware: tuple[int, int, int]
-    geocom: tuple[int, int, int]
+    OUT = "not locked"
+    IN = "locked"
+    PREDICTED = "predicted"
+
+
+_LOCK_STATES = {ATRLock.NONE: LockState.OUT, ATRLock.LOCK: LockState.IN, ATRLock.PREDICT: LockState.PREDICTED}
 
 
 class LaserTracker:
@@ -63,8 +62,9 @@ class LaserTracker:
 
     Rig times come from `clock`; `reply_timeout_s` and `motion_timeout_s` are host time and only guards.
     Settings are those of the reflectors in use and are written and read back by `connect`; None for
-    `edm_mode` or `prism_type` leaves the station's. The methods may be called from any thread; a point's
-    aiming and measuring are one thread's business.
+    `edm_mode` or `prism_type` leaves the station's. With `checksums` they are used if the station can; where it
+    cannot, each measured value is fetched twice and must come the same. The methods may be called from any
+    thread; a point's aiming and measuring are one thread's business.
     """
 
     def __init__(
@@ -80,6 +80,7 @@ class LaserTracker:
         edm_mode: EDMModeV2 | None = EDMModeV2.SINGLE_STANDARD,
         prism_type: Prism | None = Prism.MINI,
         prism_constant_m: float = 0.0,
+        checksums: bool = True,
     ) -> None:
         self.name = name
         self.port_url = port_url
@@ -94,7 +95,10 @@ class LaserTracker:
         self._expected_serial = expected_serial
         self._edm_mode = edm_mode
         self._prism_type = prism_type
-        self._wavelength = 0.0
+        self._checksums = checksums
+        self._settings = (-1, -1)
+        self._wavelength_m = 0.0
+        self._next_transaction = 0
 
     def connect(self) -> StationIdentity:
         """Open the port, learn who answers, set precision, distance mode and prism, read all back.
@@ -102,22 +106,27 @@ class LaserTracker:
         Raises ConnectionFailed, NoAnswer, ProtocolError (nonsense), IdentityMismatch, StationError.
         """
         self.close()
-        self._session = GeoComSession(
+        session = self._session = GeoComSession(
             self.name,
             self.port_url,
             self._clock,
             baudrate=self._baudrate,
             reply_timeout_s=self._reply_timeout_s,
             motion_timeout_s=self._motion_timeout_s,
+            first_transaction=self._next_transaction,
         )
         try:
-            self._session.ask(self._session.geocom.com.nullprocess, values=False)
-            self._set_precision()
-            self.identity = self._read_identity()
-            self._set_distance_mode()
-            self._set_prism()
-            self._wavelength = self._read_atmosphere()[0]
-            self.ppm = self._read_ppm(12.0, 1013.25, 0.6)
+            if self._checksums:
+                session.agree_on_checksums()
+            else:
+                session.ask(session.geocom.com.nullprocess, values=False)
+            setup = StationSetup(session)
+            setup.set_precision()
+            self.identity = setup.read_identity(self._expected_serial)
+            mode = setup.set_distance_mode(self._edm_mode)
+            self._settings = (mode, setup.set_prism(self._prism_type, self.prism_constant_m))
+            self._wavelength_m = setup.read_atmosphere()[0]
+            self.ppm = setup.read_ppm(12.0, 1013.25, 0.6)
         except BaseException:
             self.close()
             raise
@@ -127,12 +136,18 @@ class LaserTracker:
         """Close the port. May be called again."""
         session, self._session = self._session, None
         if session is not None:
+            self._next_transaction = session.next_transaction
             session.close()
+
+    @property
+    def checked(self) -> bool:
+        """Whether requests and answers carry checksums."""
+        return self._open().checked
 
     def stop(self) -> None:
         """End a distance measurement that goes on (2008 with 'stop')."""
         tmc = self._open().geocom.tmc
-        self._open().command(lambda: tmc.do_measurement(Measurement.STOP))
+        self._open().command(lambda: tmc.do_measurement(Measurement.STOP), idempotent=True)
 
     def set_atmosphere(self, temperature_c: float, pressure_hpa: float, humidity: float) -> float:
         """Give the air at the beam to the station and return its correction in ppm; `humidity` is 0 to 1.
@@ -142,14 +157,9 @@ class LaserTracker:
         plausible = -40.0 <= temperature_c <= 70.0 and 500.0 <= pressure_hpa <= 1100.0 and 0.0 <= humidity <= 1.0
         if not plausible:
             raise ValueError(f"no such air: {temperature_c} degC, {pressure_hpa} hPa, humidity {humidity}")
-        session = self._open()
-        wet_c = wet_bulb_c(temperature_c, pressure_hpa, humidity)
-        asked = (self._wavelength, float(pressure_hpa), float(temperature_c), wet_c)
-        session.ask(session.call(_SET_ATMOSPHERE, *asked), values=False)
-        taken = self._read_atmosphere()
-        if any(abs(a - b) > 1e-3 for a, b in zip(asked[1:], taken[1:], strict=True)):
-            raise self._not_taken("atmosphere", asked, taken)
-        self.ppm = self._read_ppm(temperature_c, pressure_hpa, humidity)
+        setup = StationSetup(self._open())
+        setup.set_atmosphere(self._wavelength_m, temperature_c, pressure_hpa, humidity)
+        self.ppm = setup.read_ppm(temperature_c, pressure_hpa, humidity)
         return self.ppm
 
     def point_and_aim(self, hz_rad: float, v_rad: float, window_rad: float = 0.01) -> None:
@@ -162,14 +172,60 @@ class LaserTracker:
             raise ValueError("a direction must be finite")
         session = self._open()
         hz, v = hz_rad % TWO_PI, v_rad % TWO_PI
-        session.command(session.call(_TURN, hz, v, Position.NORMAL.value, ATR.POSITION.value, 0))
-        session.command(session.call(_FINE_ADJUST, float(window_rad), float(window_rad), 0))
+        session.command(session.call(_TURN, hz, v, Position.NORMAL.value, ATR.POSITION.value, 0), idempotent=True)
+        self._fine_adjust(window_rad)
+
+    def search(self, window_rad: float) -> None:
+        """Look for a reflector around the line of sight (9029) and aim at it; full width and height in radians.
+
+        Raises TargetNotFound, MultipleTargets, AimingFailed, NoAnswer, ProtocolError.
+        """
+        session = self._open()
+        session.command(session.call(_SEARCH, float(window_rad), float(window_rad), 0), idempotent=True)
+
+    def lock(self) -> None:
+        """Follow the reflector that is aimed at (18007, 9013). Raises LockLost if there is none."""
+        session, geocom = self._open(), self._open().geocom
+        session.ask(lambda: geocom.aus.switch_user_lock(True), values=False)
+        session.command(geocom.aut.lock_in, idempotent=True)
+
+    def unlock(self) -> None:
+        """Follow nothing."""
+        aus = self._open().geocom.aus
+        self._open().ask(lambda: aus.switch_user_lock(False), values=False)
+
+    def lock_state(self) -> LockState:
+        """Whether the station follows a reflector."""
+        return _LOCK_STATES[self._open().ask(self._open().geocom.mot.get_lockon_status)]
+
+    def keep_lock(self, hz_rad: float, v_rad: float, window_rad: float = 0.01) -> bool:
+        """Make sure that a reflector is followed, aiming at its predicted direction if the lock was lost.
+
+        Returns whether it had to be found again. Raises LockLost where it is found but not held, TargetNotFound.
+        """
+        if self.lock_state() is LockState.IN:
+            return False
+        self.point_and_aim(hz_rad, v_rad, window_rad)
+        self.lock()
+        if self.lock_state() is LockState.OUT:
+            raise LockLost(self.name, self.port_url, "the lock is lost at once", "look for something in the beam", 8725)
+        return True
 
     def change_face(self, window_rad: float = 0.01) -> None:
-        """Turn to the other face (9028) and aim finely at the same reflector."""
+        """Turn to the other face (9028) and aim finely at the same reflector.
+
+        Raises AimingFailed, NoAnswer, ProtocolError. A lost answer is cleared up by reading the face.
+        """
         session, aut = self._open(), self._open().geocom.aut
-        session.command(lambda: aut.change_face(Position.NORMAL, ATR.POSITION))
-        session.command(lambda: aut.fine_adjust(window_rad, window_rad))
+        before = self.read_face()
+        try:
+            session.command(lambda: aut.change_face(Position.NORMAL, ATR.POSITION))
+        except (NoAnswer, ProtocolError):
+            if self.read_face() == before:
+                session.command(lambda: aut.change_face(Position.NORMAL, ATR.POSITION))
+        if self.read_face() == before:
+            raise ProtocolError(self.name, self.port_url, "the face did not change", "check that it can turn freely")
+        self._fine_adjust(window_rad)
 
     def measure(
         self,
@@ -195,6 +251,29 @@ class LaserTracker:
             readings += [self._measure_once() for _ in range(n)]
         return readings
 
+    def measure_averaged(self, n: int = 3, two_face: bool = False) -> MeanReading:
+        """Mean of n readings on each face asked for, reduced to face 1, with its scatter."""
+        return average(self.measure(n, two_face))
+
+    def measure_simple(self) -> PolarReading:
+        """One reading by the simple measurement (2108): quicker, without the station's own quality values."""
+        session, tmc = self._open(), self._open().geocom.tmc
+        return self._measured(lambda: session.ask_flagged(lambda: tmc.get_simple_measurement(_WAIT_S)), 2)
+
+    def require_target(
+        self, reading: PolarReading | MeanReading, expected_m: tuple[float, float, float], tolerance_m: float, name: str
+    ) -> None:
+        """Raise WrongTarget if a reading is farther than `tolerance_m` from where `name` was predicted (E, N, H)."""
+        found_m = polar_to_cartesian(reading.hz_rad, reading.v_rad, reading.slope_distance_m)
+        off_m = math.dist(found_m, expected_m)
+        if not off_m <= tolerance_m:
+            raise WrongTarget(
+                self.name,
+                self.port_url,
+                f"SMR '{name}' was found {off_m * 1e3:.0f} mm from its predicted place",
+                "check which reflector it sees, the station's place in the rig file and the machine file",
+            )
+
     def read_face(self) -> int:
         """The face that the telescope is on: 1 or 2."""
         face = self._open().ask(self._open().geocom.tmc.get_face)
@@ -210,21 +289,37 @@ class LaserTracker:
             raise RuntimeError(f"{self.name} is not connected: call connect() first")
         return self._session
 
+    def _fine_adjust(self, window_rad: float) -> None:
+        session = self._open()
+        session.command(session.call(_FINE_ADJUST, float(window_rad), float(window_rad), 0), idempotent=True)
+
     def _measure_once(self) -> PolarReading:
         session, tmc = self._open(), self._open().geocom.tmc
-        session.command(lambda: tmc.do_measurement(Measurement.DISTANCE, Inclination.AUTO))
+        return self._measured(
+            lambda: session.ask_flagged(lambda: tmc.get_complete_measurement(_WAIT_S, Inclination.AUTO)), 6
+        )
+
+    def _measured(
+        self, fetch: Callable[[], tuple[tuple[float, ...], tuple[str, ...]]], distance_at: int
+    ) -> PolarReading:
+        session, tmc = self._open(), self._open().geocom.tmc
+        session.command(lambda: tmc.do_measurement(Measurement.DISTANCE, Inclination.AUTO), idempotent=True)
         started = session.last_time
-        values, flags = session.ask_flagged(lambda: tmc.get_complete_measurement(_WAIT_S, Inclination.AUTO))
+        values, flags = fetch()
         ended = session.last_time
+        if not session.checked and fetch() != (values, flags):
+            raise ProtocolError(
+                self.name, self.port_url, "a measurement was fetched twice and came different", "check the line"
+            )
         begin_s, end_s = started.t_rig_s - started.u_t_s, ended.t_rig_s + ended.u_t_s
-        hz, v, d = float(values[0]), float(values[1]), float(values[6])
-        if not (math.isfinite(d) and 0.0 < d <= _LONGEST_DISTANCE_M):
-            raise self._out_of_range("slope distance", d)
-        v = self._angle(v, "V")
+        d_m = float(values[distance_at])
+        if not (math.isfinite(d_m) and 0.0 < d_m <= _LONGEST_DISTANCE_M):
+            raise self._out_of_range("slope distance", d_m)
+        v = self._angle(float(values[1]), "V")
         return PolarReading(
-            hz_rad=self._angle(hz, "Hz"),
+            hz_rad=self._angle(float(values[0]), "Hz"),
             v_rad=v,
-            slope_distance_m=d,
+            slope_distance_m=d_m,
             face=face_of(v),
             prism_constant_m=self.prism_constant_m,
             ppm=self.ppm,
@@ -232,6 +327,8 @@ class LaserTracker:
             t_host_s=0.5 * (started.t_host_s + ended.t_host_s),
             u_t_s=0.5 * (end_s - begin_s),
             flags=flags,
+            edm_mode=self._settings[0],
+            prism_type=self._settings[1],
         )
 
     def _settled(self, criterion: SettleCriterion) -> list[PolarReading]:
@@ -258,70 +355,4 @@ class LaserTracker:
         return value % TWO_PI
 
     def _out_of_range(self, what: str, value: float) -> ProtocolError:
-        return ProtocolError(self.name, self.port_url, f"{what} of {value} cannot be", "measure again; check the line")
-
-    def _set_precision(self) -> None:
-        session, com = self._open(), self._open().geocom.com
-        session.ask(lambda: com.set_double_precision(_DIGITS), values=False)
-        digits = session.ask(com.get_double_precision)
-        if digits != _DIGITS:
-            raise self._not_taken("number of digits", _DIGITS, digits)
-
-    def _read_identity(self) -> StationIdentity:
-        session, csv, com = self._open(), self._open().geocom.csv, self._open().geocom.com
-        identity = StationIdentity(
-            name=session.ask(csv.get_instrument_name),
-            serial=session.ask(csv.get_serial_number),
-            firmware=session.ask(csv.get_firmware_version),
-            geocom=session.ask(com.get_geocom_version),
-        )
-        if self._expected_serial not in (None, identity.serial):
-            raise IdentityMismatch(
-                self.name,
-                self.port_url,
-                f"serial number {identity.serial} answers, {self._expected_serial} is configured",
-                "connect the right station or correct the rig file",
-            )
-        return identity
-
-    def _set_distance_mode(self) -> None:
-        mode, tmc = self._edm_mode, self._open().geocom.tmc
-        if mode is not None:
-            self._set("distance mode", mode, lambda: tmc.set_edm_mode_v2(mode), tmc.get_edm_mode_v2)
-
-    def _set_prism(self) -> None:
-        prism, bap, tmc = self._prism_type, self._open().geocom.bap, self._open().geocom.tmc
-        if prism is not None:
-            self._set("prism type", prism, lambda: bap.set_prism_type(prism), bap.get_prism_type)
-        constant_m = self.prism_constant_m
-        self._open().ask(self._open().call(_SET_PRISM_CONSTANT, constant_m), values=False)
-        taken_m = self._open().ask(tmc.get_prism_correction)
-        if not abs(taken_m - constant_m) < 1e-6:
-            raise self._not_taken("prism constant", constant_m, taken_m)
-
-    def _set(self, what: str, value: object, write: Callable[[], Any], read: Callable[[], Any]) -> None:
-        self._open().ask(write, values=False)
-        taken = self._open().ask(read)
-        if taken != value:
-            raise self._not_taken(what, value, taken)
-
-    def _read_atmosphere(self) -> Sequence[float]:
-        values: Sequence[float] = self._open().ask(self._open().geocom.tmc.get_atmospheric_corrections)
-        if not all(math.isfinite(value) for value in values):
-            raise self._out_of_range("atmosphere", values[0])
-        return values
-
-    def _read_ppm(self, temperature_c: float, pressure_hpa: float, humidity: float) -> float:
-        """The station's own ppm (2151) where it tells; else by the formula of its manual."""
-        try:
-            ppm = float(self._open().ask(self._open().geocom.tmc.get_atmospheric_correction_ppm))
-        except NotImplementedByStation:
-            return atmospheric_ppm(temperature_c, pressure_hpa, humidity)
-        if not abs(ppm) < 1000.0:
-            raise self._out_of_range("ppm", ppm)
-        return ppm
-
-    def _not_taken(self, what: str, asked: object, taken: object) -> ProtocolError:
-        return ProtocolError(
-            self.name, self.port_url, f"{what}: {asked} was set, {taken} is read back", _CHECK_SETTINGS
-        )
+        return StationSetup(self._open()).out_of_range(what, value)

@@ -7,23 +7,31 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DriveObject:
-    """Index, sub-index, `struct` format (little-endian) and name of one object; format "" is a DOMAIN."""
+    """Index, sub-index, `struct` format (little-endian) and name of one object; format "" is a DOMAIN.
+
+    `holds`: it reads back what was written, so that a write whose answer was lost can be cleared up by reading.
+    """
 
     index: int
     sub: int
     format: str
     name: str
+    holds: bool = True
 
     def __str__(self) -> str:
         return f"0x{self.index:04X}:{self.sub:02X} {self.name}"
 
 
 DEVICE_TYPE = DriveObject(0x1000, 0, "<I", "device type")
+ERROR_REGISTER = DriveObject(0x1001, 0, "<B", "error register")
+ERROR_HISTORY_COUNT = DriveObject(0x1003, 0, "<B", "number of errors")
+HEARTBEAT_CONSUMER = DriveObject(0x1016, 1, "<I", "consumer heartbeat time")
 HEARTBEAT_PRODUCER = DriveObject(0x1017, 0, "<H", "producer heartbeat time")
 VENDOR = DriveObject(0x1018, 1, "<I", "vendor")
 PRODUCT = DriveObject(0x1018, 2, "<I", "product code")
 REVISION = DriveObject(0x1018, 3, "<I", "revision")
 SERIAL = DriveObject(0x1018, 4, "<I", "serial number")
+ABORT_CONNECTION_OPTION = DriveObject(0x6007, 0, "<h", "abort connection option code")
 ERROR_CODE = DriveObject(0x603F, 0, "<H", "error code")
 STATUSWORD = DriveObject(0x6041, 0, "<H", "statusword")
 MODE = DriveObject(0x6060, 0, "<b", "mode of operation")
@@ -42,24 +50,3 @@ GEAR_MOTOR = DriveObject(0x6091, 1, "<I", "motor revolutions of the gear")
 GEAR_SHAFT = DriveObject(0x6091, 2, "<I", "shaft revolutions of the gear")
 FEED = DriveObject(0x6092, 1, "<I", "feed")
 FEED_REVOLUTIONS = DriveObject(0x6092, 2, "<I", "shaft revolutions of the feed")
-
-COMPENSATION_MODE = DriveObject(0x2100, 1, "<B", "compensation mode")
-COMPENSATION_ACTIVATE = DriveObject(0x2100, 2, "<B", "activate bank")
-COMPENSATION_ACTIVE = DriveObject(0x2100, 3, "<B", "active bank")
-COMPENSATION_CRC = DriveObject(0x2100, 4, "<I", "CRC of the active bank")
-COMPENSATION_GENERATION = DriveObject(0x2100, 5, "<I", "generation of the active bank")
-COMPENSATION_VALID = DriveObject(0x2100, 6, "<B", "compensation valid")
-ACTUAL_PAYLOAD = DriveObject(0x2100, 7, "<I", "actual payload")
-
-
-def bank_object(number: int, sub: int) -> DriveObject:
-    """Sub-object of bank 1 or 2: 1 image, 2 CRC, 3 generation, 4 payload, 5 status."""
-    formats = {
-        1: ("", "image"),
-        2: ("<I", "CRC"),
-        3: ("<I", "generation"),
-        4: ("<I", "payload"),
-        5: ("<B", "status"),
-    }
-    layout, name = formats[sub]
-    return DriveObject(0x2100 + number, sub, layout, f"bank {number} {name}")

@@ -27,18 +27,24 @@ class PdoMapping:
     entries: tuple[tuple[int, int, int], ...]
 
 
-def required_mappings(node_id: int, partner_node_id: int | None) -> list[PdoMapping]:
-    """The PDOs of docs/drive-objects.md; RPDO2 only where there is a partner."""
+def required_mappings(
+    node_id: int, partner_node_id: int | None, partner: Sequence[DriveObject] = ()
+) -> list[PdoMapping]:
+    """The PDOs of docs/drive-objects.md; RPDO2 only where there is a partner and objects for what it sends."""
     mappings = [
         PdoMapping(0x1400, 0x1600, 0x200 + node_id, AT_ONCE, ((0x6040, 0, 16),)),
         PdoMapping(0x1800, 0x1A00, 0x180 + node_id, EVERY_SYNC, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))),
         PdoMapping(0x1801, 0x1A01, 0x280 + node_id, EVERY_SYNC, ((0x6062, 0, 32), (0x606C, 0, 32))),
     ]
-    if partner_node_id is not None:
-        mappings.append(
-            PdoMapping(0x1401, 0x1601, 0x280 + partner_node_id, AT_ONCE, ((0x2100, 8, 32), (0x2100, 0x0B, 32)))
-        )
+    if partner_node_id is not None and partner:
+        entries = tuple((entry.index, entry.sub, 32) for entry in partner)
+        mappings.append(PdoMapping(0x1401, 0x1601, 0x280 + partner_node_id, AT_ONCE, entries))
     return mappings
+
+
+def cyclic_mapping(node_id: int) -> PdoMapping:
+    """RPDO3: the target position, for cyclic synchronous position mode."""
+    return PdoMapping(0x1402, 0x1602, 0x300 + node_id, AT_ONCE, ((0x607A, 0, 32),))
 
 
 def differing(sdo: SdoAccess, mappings: Sequence[PdoMapping]) -> list[PdoMapping]:

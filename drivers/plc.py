@@ -1,21 +1,24 @@
-"""The PLC on Modbus TCP: interlocks, payload and the climate of the rig."""
+"""The PLC on Modbus (TCP, TLS or RTU): interlocks, payload and the climate of the rig."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import math
+import ssl
 import threading
 import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from pymodbus import ModbusException
-from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.client.base import ModbusBaseClient
 
 from drivers.clock import HostClock, RigClock
 from drivers.errors import ConnectionFailed, NoAnswer, PlcError, StaleData
+from drivers.modbus_line import ModbusLine, make_client
 from drivers.plc_registers import PlcState, RegisterMap, decode
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # failures are raised as our own errors
@@ -29,14 +32,14 @@ _CHECK = "check address, unit id and network of the PLC"
 class Plc:
     """One PLC.
 
-    `heartbeat_limit_s` and the limit of `request_payload` are rig time, `reply_timeout_s` is host time. A
-    connection that was lost is opened anew by the next read; nothing is ever written twice.
+    `heartbeat_limit_s` and the limit of `request_payload` are rig time, `reply_timeout_s` is host time. After any
+    failure the connection is opened anew, so that no late answer is taken for a new one, and a read is made once
+    more; a command is never written twice. Our heartbeat goes with a read (function 23) every `beat_period_s`.
     """
 
     def __init__(
         self,
-        host: str,
-        port: int = 502,
+        line: ModbusLine,
         unit: int = 1,
         register_map: RegisterMap | None = None,
         clock: RigClock | None = None,
@@ -45,11 +48,12 @@ class Plc:
         reply_timeout_s: float = 1.0,
         heartbeat_limit_s: float = 1.0,
         poll_period_s: float = 0.1,
+        beat_period_s: float = 0.25,
     ) -> None:
         self.name = name
-        self.where = f"{host}:{port} unit {unit}"
+        self.where = f"{line} unit {unit}"
         self.map = register_map or RegisterMap()
-        self._host, self._port, self._unit = host, port, unit
+        self._modbus_line, self._unit = line, unit
         self._clock = clock or HostClock()
         self._reply_timeout_s = reply_timeout_s
         self._heartbeat_limit_s = heartbeat_limit_s
@@ -57,9 +61,13 @@ class Plc:
         self._lock = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
-        self._client: AsyncModbusTcpClient | None = None
+        self._client: ModbusBaseClient | None = None
+        self._beat_period_s = beat_period_s
+        self._beat, self._beaten_s = 0, -math.inf
+        self._connected_s = -math.inf
         self._heartbeat: int | None = None
         self._changed_s = -math.inf
+        self._last_words: dict[str, tuple[tuple[int, ...], float]] = {}
 
     def connect(self) -> PlcState:
         """Open the connection and wait until the heartbeat moves; returns the first fresh state.
@@ -71,6 +79,8 @@ class Plc:
         self._thread = threading.Thread(target=self._loop.run_forever, name=f"{self.name} I/O", daemon=True)
         self._thread.start()
         self._heartbeat, self._changed_s = None, -math.inf
+        self._beaten_s, self._connected_s = -math.inf, self._clock.now_s()
+        self._last_words = {}
         try:
             return self._wait_for_heartbeat()
         except BaseException:
@@ -94,35 +104,64 @@ class Plc:
         """All values in one block read.
 
         While the heartbeat stands still `heartbeat_fresh` is False and every interlock reads open.
-        Raises NoAnswer, ConnectionFailed, and PlcError for a value outside its validity.
+        Raises NoAnswer, ConnectionFailed, PlcError for a value outside its validity and StaleData for one that is old.
         """
         with self._lock:
             begin_s, begin_rig_s = time.monotonic(), self._clock.now_s()
-            words = self._read_words(self.map.first, self.map.count)
+            words = self._read_block()
             t_host_s = 0.5 * (begin_s + time.monotonic())
             now_s = self._clock.now_s()
             heartbeat = words[self.map.heartbeat - self.map.first]
             if self._heartbeat is not None and heartbeat != self._heartbeat:
                 self._changed_s = now_s
             self._heartbeat = heartbeat
-            fresh = now_s - self._changed_s <= self._heartbeat_limit_s
+            fresh = 0.0 <= now_s - self._changed_s <= self._heartbeat_limit_s
             times = (0.5 * (begin_rig_s + now_s), t_host_s)
-            return decode(self.map, words, fresh, times, self.name, self.where)
+            state = decode(self.map, words, fresh, times, self.name, self.where)
+            self._refuse_old_values(words, now_s)
+            if now_s - self._connected_s <= self._heartbeat_limit_s:  # it has had no time to see us yet
+                state = replace(state, master_seen=True)
+            return state
+
+    def _read_block(self) -> list[int]:
+        now_s, beats = self._clock.now_s(), self.map.master_heartbeat is not None
+        if not beats or 0.0 <= now_s - self._beaten_s < self._beat_period_s:
+            return self._read_words(self.map.first, self.map.count)
+        self._beaten_s = now_s
+        self._beat = (self._beat + 1) & 0xFFFF
+        return self._read_words(self.map.first, self.map.count, beat=self._beat)
+
+    def _refuse_old_values(self, words: list[int], now_s: float) -> None:
+        for name, register in self.map.values.items():
+            if register.stale_s is None:
+                continue
+            at = register.address - self.map.first
+            held = tuple(words[at : at + register.words])
+            before, since_s = self._last_words.get(name, ((), now_s))
+            if held != before:
+                self._last_words[name] = (held, now_s)
+            elif not 0.0 <= now_s - since_s <= register.stale_s:
+                raise StaleData(
+                    self.name,
+                    f"{self.where}, register {register.address}",
+                    f"{name} has not changed for {now_s - since_s:.0f} s",
+                    "check the sensor and the PLC's program",
+                )
 
     def request_payload(
         self, number: int, limit_s: float = 600.0, watch: Callable[[], None] = lambda: None
     ) -> PlcState:
         """Ask for a payload and wait until it is on; returns the state with it.
 
-        Written once. `watch` is called between polls and may raise. Raises PlcError if refused or not done
-        in `limit_s` of rig time.
+        Written once; where the answer is lost, the sequence word in the PLC tells whether it has come. `watch` is
+        called between polls and may raise. Raises PlcError if refused or not done in `limit_s` of rig time.
         """
         if not 0 <= number < 0xFFFF:
             raise ValueError(f"no such payload: {number}")
         with self._lock:
             taken, _ = self._read_words(self.map.sequence_taken, 2)
             sequence = (taken + 1) & 0xFFFF
-            self._write_words(self.map.sequence, [sequence, _REQUEST_PAYLOAD, number])
+            self._write_command([sequence, _REQUEST_PAYLOAD, number])
         end_s = self._clock.now_s() + limit_s
         while not self._done(sequence, number):
             if self._clock.now_s() >= end_s:
@@ -160,47 +199,68 @@ class Plc:
                 )
             self._clock.sleep_s(self._poll_period_s)
 
-    def _read_words(self, address: int, count: int) -> list[int]:
-        words = list(self._io(self._read_registers(address, count), address).registers)
+    def _read_words(self, address: int, count: int, beat: int | None = None) -> list[int]:
+        try:
+            reply = self._io(lambda: self._read_registers(address, count, beat), address)
+        except (NoAnswer, ConnectionFailed):
+            reply = self._io(lambda: self._read_registers(address, count, beat), address)
+        words = list(reply.registers)
         if len(words) != count:
             raise self._error(f"{len(words)} registers answered, {count} asked for", "check the register map")
         return words
 
-    def _write_words(self, address: int, words: list[int]) -> None:
-        self._io(self._write_registers(address, words), address)
+    def _write_command(self, words: list[int]) -> None:
+        address = self.map.sequence
+        try:
+            self._io(lambda: self._write_registers(address, words), address)
+        except NoAnswer:
+            if self._read_words(address, len(words)) != words:
+                raise
 
-    async def _read_registers(self, address: int, count: int) -> Any:
+    async def _read_registers(self, address: int, count: int, beat: int | None) -> Any:
         client = await self._connected()
-        return await client.read_holding_registers(address, count=count, device_id=self._unit)
+        if beat is None or self.map.master_heartbeat is None:
+            return await client.read_holding_registers(address, count=count, device_id=self._unit)
+        return await client.readwrite_registers(
+            read_address=address,
+            read_count=count,
+            write_address=self.map.master_heartbeat,
+            values=[beat],
+            device_id=self._unit,
+        )
 
     async def _write_registers(self, address: int, words: list[int]) -> Any:
         client = await self._connected()
         return await client.write_registers(address, words, device_id=self._unit)
 
-    async def _connected(self) -> AsyncModbusTcpClient:
+    async def _connected(self) -> ModbusBaseClient:
         if self._client is None or not self._client.connected:
             if self._client is not None:
                 self._client.close()
-            self._client = AsyncModbusTcpClient(
-                self._host,
-                port=self._port,
-                retries=0,
-                timeout=self._reply_timeout_s,
-                reconnect_delay=0,
-            )
+            self._client = make_client(self._modbus_line, self._reply_timeout_s)
             if not await self._client.connect():
                 raise ConnectionFailed(self.name, self.where, "no connection", _CHECK)
         return self._client
 
-    def _io(self, work: Coroutine[Any, Any, _Result], address: int) -> Any:
+    async def _hang_up(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            await _leave(client)
+
+    def _io(self, work: Callable[[], Coroutine[Any, Any, _Result]], address: int) -> Any:
         where = f"{self.where}, register {address}"
         if self._loop is None:
-            work.close()
             raise RuntimeError(f"{self.name} is not connected: call connect() first")
         try:
-            future = asyncio.run_coroutine_threadsafe(work, self._loop)
+            future = asyncio.run_coroutine_threadsafe(work(), self._loop)
             reply: Any = future.result(timeout=3.0 * self._reply_timeout_s + 1.0)
+        except ssl.SSLError as error:
+            raise ConnectionFailed(
+                self.name, where, f"TLS: {error.reason or error}", "check the certificate files in the rig file"
+            ) from error
         except (ModbusException, OSError, TimeoutError) as error:
+            with suppress(TimeoutError, OSError):
+                asyncio.run_coroutine_threadsafe(self._hang_up(), self._loop).result(timeout=5.0)
             reason = " ".join(str(error).split()) or "time-out"
             raise NoAnswer(self.name, where, f"no answer: {reason}", _CHECK) from error
         if reply.isError():
@@ -211,8 +271,11 @@ class Plc:
         return PlcError(self.name, self.where, what, remedy)
 
 
-async def _leave(client: AsyncModbusTcpClient) -> None:
-    """Close and let the transport's last callbacks run before the loop ends."""
+async def _leave(client: ModbusBaseClient) -> None:
+    """Close and let the transport's last callbacks run before the loop ends; TLS would wait for the peer's farewell."""
+    transport = client.ctx.transport
     client.close()
-    for _ in range(3):
+    if isinstance(transport, asyncio.WriteTransport):
+        transport.abort()
+    for _ in range(5):
         await asyncio.sleep(0)

@@ -16,6 +16,7 @@ class PolarReading:
     `hz_rad` runs clockwise from the station's zero, `v_rad` is the zenith angle (above pi on face 2), both
     in [0, 2 pi). `slope_distance_m` has the station's prism constant and ppm applied; both are recorded.
     `t_rig_s` and `t_host_s` are the middle of the exchange, `u_t_s` half of the measurement in rig seconds.
+    `edm_mode` (2021) and `prism_type` (17009) are GeoCOM's numbers, -1 where they are not known.
     """
 
     hz_rad: float
@@ -28,6 +29,8 @@ class PolarReading:
     t_host_s: float
     u_t_s: float
     flags: tuple[str, ...] = ()
+    edm_mode: int = -1
+    prism_type: int = -1
 
 
 @dataclass(frozen=True)

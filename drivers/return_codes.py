@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from drivers.errors import (
     AimingFailed,
     AngleOnly,
+    LockLost,
     MultipleTargets,
     NotImplementedByStation,
     SignalError,
@@ -25,6 +26,7 @@ BUSY = 1293
 COM_CANT_DECODE = 3074
 COM_CANT_SEND = 3075
 COM_TIMED_OUT = 3077
+COM_CANT_DECODE_REQUEST = 3080
 COM_PROCEDURE_UNAVAILABLE = 3081
 COM_FAILED = 3085
 COM_TRANSACTION_MISMATCH = 3093
@@ -37,9 +39,10 @@ VALUES_WITH_FLAG = {
     ACCURACY_NOT_GUARANTEED: "accuracy_not_guaranteed",
 }
 
-GARBLED = frozenset(
-    {COM_CANT_DECODE, COM_TRANSACTION_MISMATCH, COM_SERVER_CHECKSUM, COM_CLIENT_CHECKSUM, 3078, 3080, 3082}
-)
+GARBLED = frozenset({COM_CANT_DECODE, COM_TRANSACTION_MISMATCH, COM_CLIENT_CHECKSUM, 3078, 3082})
+
+# The station could not read the request, so it has done nothing: even a motion may be asked for again.
+NOT_EXECUTED = frozenset({COM_SERVER_CHECKSUM, COM_CANT_DECODE_REQUEST})
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ _LOOK_AT_BEAM = "look for something in the beam, a dirty reflector or one turned
 _REPEAT = "repeat the measurement"
 _TABLE: dict[int, _Meaning] = {
     2: _Meaning(StationError, "a parameter was refused", "check the setting against the station's manual"),
+    3: _Meaning(StationError, "the function gave no valid result", _REPEAT),
+    4: _Meaning(StationError, "a fatal error of the station", "switch the station off and on"),
     NOT_IMPLEMENTED: _Meaning(
         NotImplementedByStation, "the call is not implemented", "check model and options of the station"
     ),
@@ -86,17 +91,42 @@ _TABLE: dict[int, _Meaning] = {
     8712: _Meaning(AimingFailed, "too much light for target recognition", "shade the reflector"),
     8714: _Meaning(AimingFailed, "target recognition is not enabled", "connect again to enable it"),
     8716: _Meaning(AimingFailed, "the aiming accuracy was not reached", _REPEAT),
-    8725: _Meaning(AimingFailed, "the lock on the target was lost", "aim again"),
+    8725: _Meaning(LockLost, "the lock on the target was lost", "aim again"),
     COM_PROCEDURE_UNAVAILABLE: _Meaning(
         NotImplementedByStation, "this model does not know the call", "check model and options of the station"
     ),
+    9: _Meaning(StationError, "the station's memory is full", "switch the station off and on"),
+    12: _Meaning(StationOff, "the station is shutting down", "check its battery and switch it on"),
+    14: _Meaning(StationError, "a hardware fault of the station", "have the station serviced"),
+    16: _Meaning(StationError, "the station's battery is low", "charge or change the battery"),
+    18: _Meaning(StationOff, "the station's battery is empty", "charge or change the battery"),
+    21: _Meaning(StationError, "the station is too hot or too cold", "let it come to its range of temperature"),
+    22: _Meaning(StationError, "the station is tilted too far", "level the station"),
+    25: _Meaning(StationOff, "the station sleeps", "wake it up and connect again"),
+    8713: _Meaning(AimingFailed, "the detector of target recognition failed", "switch the station off and on"),
+    8715: _Meaning(AimingFailed, "calibration of target recognition failed", "calibrate it by the station's menu"),
+    8720: _Meaning(AimingFailed, "no search area is set", "connect again"),
+    8724: _Meaning(AimingFailed, "the motors do not follow the target", "slow the motion down and aim again"),
     3107: _Meaning(StationOff, "the station asks for a connection first", "connect again"),
     3108: _Meaning(StationOff, "the station sleeps", "wake it up and connect again"),
     3109: _Meaning(StationOff, "the station is switched off", "switch it on and connect again"),
 }
 
 
+# Codes count in blocks of 256, a block a subsystem: what to say of those that are not listed.
+_MANUAL = "look the code up in the GeoCOM manual"
+_BLOCKS: dict[int, _Meaning] = {
+    1: _Meaning(StationError, "the angle measurement failed", "check level and compensator of the station"),
+    2: _Meaning(AimingFailed, "target recognition failed", _LOOK_AT_BEAM),
+    3: _Meaning(SignalError, "the distance meter failed", _LOOK_AT_BEAM),
+    5: _Meaning(StationError, "the measurement failed", _REPEAT),
+    7: _Meaning(AimingFailed, "a motor failed", "check that nothing blocks the telescope"),
+    12: _Meaning(StationError, "the station's communication failed", "check the line and connect again"),
+    34: _Meaning(AimingFailed, "aiming failed", _REPEAT),
+}
+
+
 def station_error(code: int, call: str, device: str, where: str) -> StationError:
     """The typed error of a return code other than 0."""
-    meaning = _TABLE.get(code, _Meaning(StationError, "unexpected result", "look the code up in the GeoCOM manual"))
+    meaning = _TABLE.get(code) or _BLOCKS.get(code >> 8, _Meaning(StationError, "unexpected result", _MANUAL))
     return meaning.kind(device, f"{where}, {call}", f"{meaning.what} (GeoCOM {code})", meaning.remedy, code)

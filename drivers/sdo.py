@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import queue
 import struct
 import threading
+from collections.abc import Callable
+from typing import TypeVar
 
+import can
 from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
@@ -12,9 +16,21 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoEr
 from drivers.can_line import CanLine
 from drivers.errors import NoAnswer, ProtocolError, SdoRefused
 from drivers.objects import TARGET_POSITION, DriveObject
+from drivers.sdo_block import Aborted, BlockTransfer, Broken, Silent
 
+MOST_BYTES = 65_536
 OUT_OF_RANGE = 0x06090030
 WRONG_STATE = 0x08000022
+
+_FRAME = 8
+_ABORT, _READ = 0x80, 0x40
+_GENERAL_ERROR = 0x08000000
+_NO_BLOCKS = (0x05040001, 0x06010000)
+_OUT_OF_STEP_CODES = (0x05030000, 0x05040000, 0x05040003, 0x05040004)  # toggle, time-out, sequence, CRC
+_HARMLESS = ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4))
+_MOST_LATE_FRAMES = 300
+
+_Result = TypeVar("_Result")
 
 _TEXTS: dict[int, tuple[str, str]] = {
     0x05040001: ("command not known", "check the drive's firmware"),
@@ -36,31 +52,67 @@ _TARGET_TEXTS: dict[int, tuple[str, str]] = {
 }
 
 
+class _Client(SdoClient):
+    """canopen's client, which would stumble over a frame that is too short."""
+
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if len(data) == _FRAME:
+            super().on_response(can_id, data, timestamp)  # type: ignore[no-untyped-call]
+
+
+class _Wire:
+    """The client's frames, for block transfer."""
+
+    def __init__(self, client: _Client) -> None:
+        self._client = client
+
+    def send(self, data: bytes) -> None:
+        """Send a frame to the node."""
+        self._client.send_request(data)  # type: ignore[no-untyped-call]
+
+    def receive(self) -> bytes:
+        """The next frame from the node."""
+        frame: bytes = self._client.responses.get(timeout=self._client.RESPONSE_TIMEOUT)
+        return frame
+
+    def forget(self) -> None:
+        """Drop what has come."""
+        self._client.responses = queue.Queue()
+
+
 class SdoAccess:
     """Reads and writes the objects of one node. `timeout_s` is host time, for each answer.
 
-    All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
+    After a transfer that failed the next one starts only when a harmless object has been read, so that no late
+    answer is taken for a new one. Reads are made a second time after a lost or garbled answer. A write is
+    read back then: what the drive holds already is not written twice. Long objects go by block transfer where
+    the drive can. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
     """
 
     def __init__(self, line: CanLine, node_id: int, device: str, timeout_s: float = 1.0) -> None:
         self._line = line
         self._device = device
         self._node_id = node_id
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]
-        self._client = SdoClient(0x600 + node_id, 0x580 + node_id, dictionary)  # type: ignore[no-untyped-call]
+        self._client = _Client(0x600 + node_id, 0x580 + node_id, dictionary)  # type: ignore[no-untyped-call]
         self._client.RESPONSE_TIMEOUT = timeout_s
         self._client.MAX_RETRIES = 1  # one attempt: the library would send a write again
         self._client.network = line.network
+        self._wire = _Wire(self._client)
+        self._block = BlockTransfer(self._wire)
+        self._blocks = True
+        self._out_of_step = False
+        self._probes = 0
         line.subscribe(self._client.tx_cobid, self._client.on_response)
 
     def close(self) -> None:
         """Stop listening to the node."""
         self._line.unsubscribe(self._client.tx_cobid, self._client.on_response)
 
-    def read(self, entry: DriveObject) -> int:
-        """Read an integer object."""
-        data = self.read_bytes(entry)
+    def read(self, entry: DriveObject, *, again: bool = True) -> int:
+        """Read an integer object; without `again` a lost answer is not asked for a second time."""
+        data = self.read_bytes(entry, again=again)
         size = struct.calcsize(entry.format)
         if len(data) < size:
             raise ProtocolError(
@@ -76,37 +128,115 @@ class SdoAccess:
             raise ValueError(f"{entry}: {value} does not fit") from error
         self.write_bytes(entry, data)
 
-    def read_bytes(self, entry: DriveObject) -> bytes:
-        """Read an object of any length, by segments where it is long."""
+    def read_bytes(self, entry: DriveObject, *, again: bool = True) -> bytes:
+        """Read an object of any length."""
         with self._lock:
-            self._line.check()
             try:
-                return bytes(self._client.upload(entry.index, entry.sub))
-            except (SdoError, OSError, RuntimeError) as error:
-                raise self._typed(error, entry) from error
+                return self._transfer(entry, lambda: self._upload(entry))
+            except (NoAnswer, ProtocolError):
+                if not again:
+                    raise
+                return self._transfer(entry, lambda: self._upload(entry))
 
     def write_bytes(self, entry: DriveObject, data: bytes) -> None:
-        """Write an object of any length, by segments where it is long."""
+        """Write an object of any length."""
         with self._lock:
-            self._line.check()
             try:
-                self._client.download(entry.index, entry.sub, data)
-            except (SdoError, OSError, RuntimeError) as error:
-                raise self._typed(error, entry) from error
+                self._transfer(entry, lambda: self._download(entry, data))
+            except (NoAnswer, ProtocolError):
+                if not entry.holds:
+                    raise
+                if not self._held(entry, data):
+                    self._transfer(entry, lambda: self._download(entry, data))
+
+    def _held(self, entry: DriveObject, data: bytes) -> bool:
+        """Whether a write whose answer was lost has been carried out; an object without content says no by refusing."""
+        try:
+            return self.read_bytes(entry) == data
+        except SdoRefused:
+            return False
+
+    def _upload(self, entry: DriveObject) -> bytes:
+        if entry.format or not self._blocks:
+            return bytes(self._client.upload(entry.index, entry.sub))
+        return self._by_block(
+            lambda: self._block.upload(entry.index, entry.sub, MOST_BYTES),
+            lambda: bytes(self._client.upload(entry.index, entry.sub)),
+        )
+
+    def _download(self, entry: DriveObject, data: bytes) -> None:
+        if entry.format or not self._blocks or not data:
+            self._client.download(entry.index, entry.sub, data)
+            return
+        self._by_block(
+            lambda: self._block.download(entry.index, entry.sub, data),
+            lambda: self._client.download(entry.index, entry.sub, data),
+        )
+
+    def _by_block(self, by_block: Callable[[], _Result], by_segments: Callable[[], _Result]) -> _Result:
+        """A drive that does not know block transfer says so at its first frame; it is not asked again."""
+        self._wire.forget()
+        try:
+            return by_block()
+        except Aborted as error:
+            if error.code not in _NO_BLOCKS:
+                raise
+            self._blocks = False
+        return by_segments()
+
+    def _transfer(self, entry: DriveObject, work: Callable[[], _Result]) -> _Result:
+        self._line.check()
+        try:
+            if self._out_of_step:
+                self._get_in_step()
+            return work()
+        except can.CanError as error:
+            self._line.lose(error)
+            self._line.check()
+            raise  # not reached: a lost line is an error of its own
+        except (SdoError, Aborted, Broken, Silent, OSError, RuntimeError) as error:
+            typed = self._typed(error, entry)
+            self._out_of_step = not isinstance(typed, SdoRefused)
+            raise typed from error
+
+    def _get_in_step(self) -> None:
+        """Read a harmless object, dropping all that comes before its answer; frames keep their order on the bus.
+
+        Objects take turns, so that a late answer to the former probe is not taken for that to this one.
+        """
+        index, sub = _HARMLESS[self._probes % len(_HARMLESS)]
+        self._probes += 1
+        self._wire.forget()
+        self._wire.send(struct.pack("<BHBI", _ABORT, 0, 0, _GENERAL_ERROR))
+        self._wire.send(struct.pack("<BHB4x", _READ, index, sub))
+        wanted = struct.pack("<HB", index, sub)
+        for _ in range(_MOST_LATE_FRAMES):
+            try:
+                frame = self._wire.receive()
+            except queue.Empty as error:
+                raise Silent("no answer") from error
+            if frame[0] & 0xE0 == _READ and frame[1:4] == wanted:
+                self._out_of_step = False
+                return
+        raise Broken("frames that nobody asked for keep coming")
 
     def _where(self, entry: DriveObject) -> str:
         return f"node {self._node_id}, {entry}"
 
     def _typed(self, error: Exception, entry: DriveObject) -> Exception:
         self._line.check()
-        if isinstance(error, SdoAbortedError):
+        if isinstance(error, SdoAbortedError | Aborted):
+            if error.code in _OUT_OF_STEP_CODES:
+                what = f"the drive lost count of the frames (abort code 0x{error.code:08X})"
+                return ProtocolError(self._device, self._where(entry), what, "check the bus and repeat")
             texts = _TEXTS | (_TARGET_TEXTS if entry == TARGET_POSITION else {})
             what, remedy = texts.get(
                 error.code, (" ".join(str(error).split()), "look the abort code up in the drive's manual")
             )
             what = f"{what} (abort code 0x{error.code:08X})"
             return SdoRefused(self._device, self._where(entry), what, remedy, error.code)
-        if isinstance(error, SdoCommunicationError) and "No SDO response" in str(error):
+        silent = isinstance(error, SdoCommunicationError) and "No SDO response" in str(error)
+        if silent or isinstance(error, Silent):
             return NoAnswer(
                 self._device, self._where(entry), "no answer", "check power, node id and cable of the drive"
             )

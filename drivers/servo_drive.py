@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -11,6 +12,7 @@ from drivers import cia402, objects
 from drivers.can_line import NMT_START, CanLine
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
+from drivers.drive_profile import DriveProfile, load_profile
 from drivers.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
 from drivers.drive_setup import DriveSetup
 from drivers.errors import DriveFault, MotionTimeout, StaleData
@@ -31,8 +33,9 @@ class ServoDrive:
 
     SDO transfers are one at a time; controlwords go by RPDO1 and wait for no transfer. Times are rig time
     except `sdo_timeout_s` (host). A heartbeat is late after `heartbeat_late_s` and lost after
-    `heartbeat_lost_s`. Every method that talks to the drive raises ConnectionFailed, NoAnswer,
-    SdoRefused or ProtocolError when the talk fails.
+    `heartbeat_lost_s`. With a `master_node_id` the drive quick-stops by itself when that node's heartbeat stays away
+    for `master_lost_ms`, once it has been heard. Every method that talks to the drive raises ConnectionFailed,
+    NoAnswer, SdoRefused or ProtocolError when the talk fails.
     """
 
     def __init__(
@@ -43,7 +46,10 @@ class ServoDrive:
         clock: RigClock | None = None,
         expected: DriveExpectation | None = None,
         *,
+        profile: DriveProfile | None = None,
         partner_node_id: int | None = None,
+        master_node_id: int | None = None,
+        master_lost_ms: int = 1500,
         sdo_timeout_s: float = 1.0,
         heartbeat_ms: int = 500,
         heartbeat_late_s: float = 1.0,
@@ -54,6 +60,7 @@ class ServoDrive:
         if not 1 <= node_id <= 127:
             raise ValueError(f"{name}: node id {node_id} is not in 1..127")
         self.line = line
+        self.profile = profile or load_profile("pkm-mock")
         self.node_id = node_id
         self.name = name
         self.expected = expected or DriveExpectation()
@@ -69,6 +76,8 @@ class ServoDrive:
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
         self._clock = clock or HostClock()
         self._partner_node_id = partner_node_id
+        self._master_node_id = master_node_id
+        self._master_lost_ms = min(master_lost_ms, 0xFFFF)
         self._heartbeat_ms = heartbeat_ms
         self._heartbeat_late_s = heartbeat_late_s
         self._heartbeat_lost_s = heartbeat_lost_s
@@ -98,23 +107,27 @@ class ServoDrive:
         Raises ConnectionFailed naming an absent node and IdentityMismatch for a wrong drive or wrong units.
         """
         self.line.check()
-        setup = DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where)
+        self.restarted = False
+        setup = self._setup()
         setup.find()
         self.identity = setup.read_identity(self.expected)
         setup.compare_factors(self.expected)
         setup.set_pdos(self._partner_node_id)
+        setup.require_reference()
         setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
-        self.sdo.write(objects.MODE, cia402.PROFILE_POSITION)
-        self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == cia402.PROFILE_POSITION, "profile position mode")
+        if self._master_node_id is not None:
+            setup.watch_master(self._master_node_id, self._master_lost_ms)
+        self.set_mode(cia402.PROFILE_POSITION)
         low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
         if low < high:
             self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
-        self.restarted, self._nmt_state = False, None
+        self._nmt_state = None
         self.line.send_nmt(NMT_START, self.node_id)
         self._wait(lambda: self._nmt_state == _OPERATIONAL, "NMT state operational")
+        self.check()  # a restart in between has undone what was set
         return self.identity
 
     def close(self) -> None:
@@ -124,6 +137,26 @@ class ServoDrive:
                 self.line.unsubscribe(cob_id, callback)
             self._callbacks = {}
             self.sdo.close()
+
+    def set_mode(self, mode: int) -> None:
+        """Write the mode of operation and wait until the drive shows it. Raises MotionTimeout.
+
+        For `cia402.CYCLIC_POSITION` the drive gets a PDO for its target, and is started again where it was stopped
+        for that.
+        """
+        if mode == cia402.CYCLIC_POSITION:
+            self._setup().set_cyclic_pdo()
+            self.line.send_nmt(NMT_START, self.node_id)
+        self.sdo.write(objects.MODE, mode)
+        self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == mode, f"mode of operation {mode}")
+
+    def _setup(self) -> DriveSetup:
+        return DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where, self.profile)
+
+    def unwatch_master(self) -> None:
+        """Have the drive watch the master no more: it is about to leave."""
+        if self._master_node_id is not None and self.profile.watchdog:
+            self.sdo.write(objects.HEARTBEAT_CONSUMER, 0)
 
     def state(self) -> State:
         """State of the drive, read by SDO."""
@@ -179,6 +212,11 @@ class ServoDrive:
         """Send a controlword by RPDO1: no answer, no waiting behind a transfer. Raises ConnectionFailed."""
         self.line.send(0x200 + self.node_id, struct.pack("<H", controlword))
 
+    def send_target(self, position_m: float) -> None:
+        """Send a target by RPDO3; the drive goes there by the next SYNC in cyclic mode. Raises ConnectionFailed."""
+        self.line.send(0x300 + self.node_id, struct.pack("<i", self.increments(position_m)))
+        self.target_m = position_m
+
     def set_profile(self, velocity_m_per_s: float, acceleration_m_per_s2: float | None = None) -> None:
         """Velocity and, if given, acceleration and deceleration of the next moves; changes are written."""
         values = {objects.PROFILE_VELOCITY: velocity_m_per_s}
@@ -214,7 +252,7 @@ class ServoDrive:
         age_s = self.heartbeat_age_s()
         if age_s is None:
             return Heartbeat.NEVER
-        if age_s > self._heartbeat_lost_s:
+        if age_s > self._heartbeat_lost_s or age_s < 0.0:  # a clock that went back tells nothing about ages
             return Heartbeat.LOST
         return Heartbeat.LATE if age_s > self._heartbeat_late_s else Heartbeat.ALIVE
 
@@ -260,6 +298,7 @@ class ServoDrive:
         end_s = self._clock.now_s() + self._state_limit_s
         polls = 0
         while not condition():
+            self.line.check()
             polls += 1
             if polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
                 raise MotionTimeout(
@@ -274,7 +313,7 @@ class ServoDrive:
         if len(data) != 1:
             return
         state = data[0] & 0x7F
-        if state == 0 and self.identity is not None:
+        if state == 0:
             self.restarted = True
         self._nmt_state = state
         self._heartbeat_s = self._clock.now_s()
@@ -282,7 +321,7 @@ class ServoDrive:
     def _on_emergency(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
         if len(data) >= _EMERGENCY.size:
             code, register = _EMERGENCY.unpack_from(data)
-            emergency = Emergency(code, register, self._clock.now_s())
+            emergency = Emergency(code, register, self._clock.now_s(), time.monotonic())
             self.emergencies.append(emergency)
             if self.on_emergency is not None:
                 self.on_emergency(emergency)

@@ -26,12 +26,21 @@ class SyncSampler:
         self._out_of_step = False
 
     def sample(self) -> list[DriveSample]:
-        """What each drive says at one SYNC. Raises NoAnswer naming the silent drive, ConnectionFailed."""
+        """What each drive says at one SYNC, which is sent a second time where an answer is lost.
+
+        Raises NoAnswer naming the silent drive, ConnectionFailed.
+        """
         with self._sample_lock:
-            if self._out_of_step:  # a late answer to the SYNC before must not pass for one to the next
-                self._sync_once()
-            t_rig_s, t_host_s = self._sync_once()
+            try:
+                t_rig_s, t_host_s = self._in_step()
+            except NoAnswer:
+                t_rig_s, t_host_s = self._in_step()
             return [drive.latest(t_rig_s, t_host_s) for drive in self.drives]
+
+    def _in_step(self) -> tuple[float, float]:
+        if self._out_of_step:  # a late answer to the SYNC before must not pass for one to the next
+            self._sync_once()
+        return self._sync_once()
 
     def _sync_once(self) -> tuple[float, float]:
         counts = [list(drive.tpdo_counts) for drive in self.drives]

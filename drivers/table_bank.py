@@ -7,14 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers import objects
+from drivers.drive_profile import BankObjects, CompensationObjects
 from drivers.errors import DeviceError, TableError
-from drivers.objects import bank_object
 from drivers.servo_drive import ServoDrive
 from drivers.table_image import TableImage, decode_table, encode_table, image_crc
 
 UNKNOWN_PAYLOAD = 0xFFFFFFFF
-_IMAGE, _CRC, _GENERATION, _PAYLOAD, _STATUS = 1, 2, 3, 4, 5
 
 
 class BankStatus(Enum):
@@ -80,23 +78,31 @@ class TableBank:
     def __init__(self, drive: ServoDrive) -> None:
         self.drive = drive
 
+    @property
+    def objects(self) -> CompensationObjects:
+        """Where the drive keeps its compensation. Raises TableError if it has none."""
+        found = self.drive.profile.compensation
+        if found is None:
+            raise self._bad(f"a '{self.drive.profile.name}' has no table bank", "name another profile in the rig file")
+        return found
+
     def state(self) -> CompensationState:
         """What is in the banks and which one is in use."""
         read = self.drive.sdo.read
-        payload_g = read(objects.ACTUAL_PAYLOAD)
+        payload_g = read(self.objects.payload)
         return CompensationState(
-            on=read(objects.COMPENSATION_MODE) == 1,
-            valid=read(objects.COMPENSATION_VALID) == 1,
-            active=read(objects.COMPENSATION_ACTIVE),
-            crc=read(objects.COMPENSATION_CRC),
-            generation=read(objects.COMPENSATION_GENERATION),
+            on=read(self.objects.mode) == 1,
+            valid=read(self.objects.valid) == 1,
+            active=read(self.objects.active),
+            crc=read(self.objects.crc),
+            generation=read(self.objects.generation),
             payload_kg=None if payload_g == UNKNOWN_PAYLOAD else payload_g * 1e-3,
             banks=(self._bank(1), self._bank(2)),
         )
 
     def read_image(self, number: int) -> TableImage:
         """The table in a bank. Raises TableError if it is not whole."""
-        data = self.drive.sdo.read_bytes(bank_object(number, _IMAGE))
+        data = self.drive.sdo.read_bytes(self._objects_of(number).image)
         return decode_table(data, self.drive.metres_per_increment)
 
     def write_inactive(self, image: TableImage) -> WrittenTable:
@@ -109,8 +115,8 @@ class TableBank:
         if image.metres_per_increment != self.drive.metres_per_increment:
             raise self._bad("the table counts other increments than the drive", "compute the table anew")
         data, number = encode_table(image), self.state().idle
-        self.drive.sdo.write_bytes(bank_object(number, _IMAGE), data)
-        if self.drive.sdo.read_bytes(bank_object(number, _IMAGE)) != data:
+        self.drive.sdo.write_bytes(self._objects_of(number).image, data)
+        if self.drive.sdo.read_bytes(self._objects_of(number).image) != data:
             raise self._bad(f"bank {number} reads back other bytes than were written", "write the table again")
         bank = self._bank(number)
         if bank.status is not BankStatus.WHOLE:
@@ -133,22 +139,22 @@ class TableBank:
                 f" {bank.generation}; expected CRC {crc:08X}, generation {generation}",
                 "write the table again",
             )
-        self.drive.sdo.write(objects.COMPENSATION_ACTIVATE, number)
+        self.drive.sdo.write(self.objects.activate, number)
         self.confirm(number, crc, generation)
 
     def deactivate(self) -> None:
         """Use no bank. Raises SdoRefused while operation is enabled."""
-        self.drive.sdo.write(objects.COMPENSATION_ACTIVATE, 0)
-        if self.drive.sdo.read(objects.COMPENSATION_ACTIVE) != 0:
+        self.drive.sdo.write(self.objects.activate, 0)
+        if self.drive.sdo.read(self.objects.active) != 0:
             raise self._bad("the bank stays active", "disable the drive and try again")
 
     def confirm(self, number: int, crc: int, generation: int) -> None:
         """Raise TableError unless this very table is active."""
         read = self.drive.sdo.read
         found = (
-            read(objects.COMPENSATION_ACTIVE),
-            read(objects.COMPENSATION_CRC),
-            read(objects.COMPENSATION_GENERATION),
+            read(self.objects.active),
+            read(self.objects.crc),
+            read(self.objects.generation),
         )
         if found != (number, crc, generation):
             raise self._bad(
@@ -159,8 +165,8 @@ class TableBank:
 
     def set_mode(self, on: bool) -> None:
         """Switch compensation on or off. Raises SdoRefused while operation is enabled."""
-        self.drive.sdo.write(objects.COMPENSATION_MODE, int(on))
-        if self.drive.sdo.read(objects.COMPENSATION_MODE) != int(on):
+        self.drive.sdo.write(self.objects.mode, int(on))
+        if self.drive.sdo.read(self.objects.mode) != int(on):
             raise self._bad("the mode was not taken", "disable the drive and try again")
 
     def set_payload(self, mass_kg: float | None) -> None:
@@ -168,17 +174,20 @@ class TableBank:
         if mass_kg is not None and not 0.0 <= mass_kg < UNKNOWN_PAYLOAD * 1e-3 - 1.0:
             raise ValueError(f"no such payload: {mass_kg} kg")
         grams = UNKNOWN_PAYLOAD if mass_kg is None else round(mass_kg * 1e3)
-        self.drive.sdo.write(objects.ACTUAL_PAYLOAD, grams)
+        self.drive.sdo.write(self.objects.payload, grams)
+
+    def _objects_of(self, number: int) -> BankObjects:
+        return self.objects.banks[number - 1]
 
     def _bank(self, number: int) -> Bank:
         read = self.drive.sdo.read
-        status = read(bank_object(number, _STATUS))
+        status = read(self._objects_of(number).status)
         return Bank(
             number=number,
             status=BankStatus(status) if status in (0, 1, 2) else BankStatus.DAMAGED,
-            crc=read(bank_object(number, _CRC)),
-            generation=read(bank_object(number, _GENERATION)),
-            payload_kg=read(bank_object(number, _PAYLOAD)) * 1e-3,
+            crc=read(self._objects_of(number).crc),
+            generation=read(self._objects_of(number).generation),
+            payload_kg=read(self._objects_of(number).payload) * 1e-3,
         )
 
     def _bad(self, what: str, remedy: str) -> TableError:

@@ -1,7 +1,8 @@
 """The drive without its bus: power states, set-point handshake, motion and compensation.
 
-Not modelled: other modes than profile position, homing (the encoder is absolute), quick stop options (it
-stops and waits), limits of torque and current.
+In cyclic synchronous position mode the target of each SYNC is reached at the next one, at constant speed.
+Not modelled: other modes, homing (the encoder is absolute), quick stop options (it stops and waits), limits of
+torque and current, the limits of acceleration in cyclic mode.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Compensation, 
 
 WINDOW_TIME_S = 0.050
 EMCY_COMPENSATION = 0xFF10
+EMCY_HEARTBEAT = 0x8130
+PROFILE_POSITION, CYCLIC_POSITION = 1, 8
+_STEEP_PER_S2 = 1e8
 
 
 @dataclass
@@ -53,6 +57,9 @@ class DriveAxis:
         self._controlword = 0
         self._acknowledged = False
         self._halted = False
+        self.mode = PROFILE_POSITION
+        self.abort_connection_option = 1
+        self._synced_s: float | None = None
 
     @property
     def controlword(self) -> int:
@@ -72,12 +79,21 @@ class DriveAxis:
         self._carry_out(before)
         if before is State.FAULT and self.state is not State.FAULT:
             self._clear_error()
-        if self.state is State.OPERATION_ENABLED and before is State.OPERATION_ENABLED:
+        both = self.state is State.OPERATION_ENABLED and before is State.OPERATION_ENABLED
+        if both and self.mode == PROFILE_POSITION:
             self._halt(bool(controlword & cia402.HALT))
             if controlword & cia402.NEW_SET_POINT and not previous & cia402.NEW_SET_POINT:
                 self._new_set_point(controlword)
         if not controlword & cia402.NEW_SET_POINT:
             self._acknowledged = False
+
+    def set_mode(self, mode: int) -> None:
+        """Object 0x6060. Raises Refused."""
+        if mode not in (PROFILE_POSITION, CYCLIC_POSITION):
+            raise Refused(VALUE_RANGE)
+        self.mode, self._synced_s = mode, None
+        if mode == CYCLIC_POSITION:
+            self.target_inc = round(self.demand_inc())
 
     def set_target(self, target_inc: int) -> None:
         """Object 0x607A. Raises Refused."""
@@ -115,7 +131,38 @@ class DriveAxis:
     def sync(self) -> None:
         """A SYNC: take over the partner's command; stop where motion is not permitted any more."""
         self.compensation.partner.sync()
+        self._follow()
         self.watch_motion()
+
+    def _follow(self) -> None:
+        """Cyclic mode: go to the target within the time that passed since the SYNC before."""
+        t_s, before_s = self._now_s(), self._synced_s
+        self._synced_s = t_s
+        if self.mode != CYCLIC_POSITION or self.state is not State.OPERATION_ENABLED or before_s is None:
+            return
+        way_inc = abs(self.target_inc - self.motion.command(t_s)[0])
+        if way_inc < 0.5 or t_s <= before_s:
+            return
+        steep = way_inc * _STEEP_PER_S2
+        self.motion.go(t_s, self.target_inc, Dynamics(way_inc / (t_s - before_s), steep, steep), at_once=True)
+
+    def abort_connection(self) -> None:
+        """The master is gone (0x6007): nothing, fault, power off or quick stop."""
+        option = self.abort_connection_option
+        if option == 1:
+            self.fault(EMCY_HEARTBEAT)
+            return
+        if option == 2 and self.powered:
+            self._brake()
+            self.state = State.SWITCH_ON_DISABLED
+        if option == 3:
+            self.quick_stop()
+        self._raise_error(EMCY_HEARTBEAT)
+
+    def connection_is_back(self) -> None:
+        """The master is heard again."""
+        if self.error_code == EMCY_HEARTBEAT and self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
+            self._clear_error()
 
     def watch_motion(self) -> None:
         """Quick stop if the axis moves and compensation does not permit it."""
@@ -146,6 +193,7 @@ class DriveAxis:
         self.state = State.SWITCH_ON_DISABLED
         self.error_code = 0
         self._controlword, self._acknowledged, self._halted = 0, False, False
+        self.mode, self.abort_connection_option = PROFILE_POSITION, 1
         self.compensation.boot()
 
     def refresh(self) -> None:

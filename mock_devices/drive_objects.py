@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from mock_devices.compensation import VALUE_RANGE, Refused
+from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Refused
 from mock_devices.drive_axis import DriveAxis
+from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
 from mock_devices.table_bank import Bank
 
 METRES_PER_INCREMENT = 1.0e-8
-GENERIC_ERROR_BIT = 0x01
+STORE_SIGNATURE, RESTORE_SIGNATURE = 0x65766173, 0x64616F6C  # "save" and "load"
 
 _FEED_M = 0.010
 _RATED_TORQUE_NM = 10.0
@@ -33,11 +35,15 @@ class DriveObjects:
         now_s: Callable[[], float],
         load_kg: Callable[[], float],
         set_heartbeat: Callable[[float], None],
+        watch: HeartbeatConsumer,
+        history: ErrorHistory,
     ) -> None:
         self._axis = axis
         self._now_s = now_s
         self._load_kg = load_kg
         self._set_heartbeat = set_heartbeat
+        self._watch = watch
+        self._history = history
         self._readers = self._make_readers()
         self._writers = self._make_writers()
 
@@ -55,10 +61,14 @@ class DriveObjects:
     def _make_readers(self) -> Readers:
         axis, limits, comp, now = self._axis, self._axis.limits, self._axis.compensation, self._now_s
         readers: Readers = {
-            (0x1001, 0): lambda: GENERIC_ERROR_BIT if axis.error_code else 0,
+            (0x1001, 0): lambda: error_register(axis.error_code),
+            (0x1003, 0): self._history.count,
+            (0x1016, 1): lambda: self._watch.value,
+            (0x6007, 0): lambda: axis.abort_connection_option,
             (0x603F, 0): lambda: axis.error_code,
             (0x6040, 0): lambda: axis.controlword,
             (0x6041, 0): axis.statusword,
+            (0x6061, 0): lambda: axis.mode,
             (0x6062, 0): lambda: round(axis.demand_inc()),
             (0x6063, 0): lambda: round(axis.encoder_inc(now())),
             (0x6064, 0): lambda: round(axis.actual_inc()),
@@ -81,6 +91,8 @@ class DriveObjects:
             (0x2100, 7): lambda: comp.payload_g,
             (0x2100, 8): lambda: comp.partner.command_inc or 0,
         }
+        for number in range(1, 9):
+            readers[0x1003, number] = partial(self._history.code, number)
         for number, bank in comp.banks.items():
             readers |= _bank_readers(0x2100 + number, bank)
         return readers
@@ -88,9 +100,14 @@ class DriveObjects:
     def _make_writers(self) -> dict[tuple[int, int], Callable[[Any], None]]:
         axis, comp = self._axis, self._axis.compensation
         return {
+            (0x1003, 0): self._history.write_count,
+            (0x1010, 1): _only_signature(STORE_SIGNATURE),
+            (0x1011, 1): _only_signature(RESTORE_SIGNATURE),
+            (0x1016, 1): self._watch.configure,
             (0x1017, 0): lambda ms: self._set_heartbeat(ms * 1.0e-3),
+            (0x6007, 0): self._set_abort_connection_option,
             (0x6040, 0): axis.control,
-            (0x6060, 0): _only_profile_position,
+            (0x6060, 0): axis.set_mode,
             (0x6065, 0): self._limit_setter("following_error_window_inc"),
             (0x607A, 0): axis.set_target,
             (0x607D, 1): self._limit_setter("low_inc"),
@@ -116,6 +133,11 @@ class DriveObjects:
             setattr(self._axis.limits, name, value)
 
         return write
+
+    def _set_abort_connection_option(self, option: int) -> None:
+        if option not in (0, 1, 2, 3):
+            raise Refused(VALUE_RANGE)
+        self._axis.abort_connection_option = option
 
     def _set_payload(self, payload_g: int) -> None:
         self._axis.compensation.payload_g = payload_g
@@ -143,6 +165,9 @@ def _bank_readers(index: int, bank: Bank) -> Readers:
     }
 
 
-def _only_profile_position(mode: int) -> None:
-    if mode != 1:
-        raise Refused(VALUE_RANGE)
+def _only_signature(signature: int) -> Callable[[int], None]:
+    def write(value: int) -> None:
+        if value != signature:
+            raise Refused(STATE_FORBIDS)
+
+    return write

@@ -1,8 +1,9 @@
 """A servo drive on a CAN bus: canopen's LocalNode around `DriveAxis`, by our own EDS.
 
-Adds what LocalNode lacks and this rig needs: SYNC consumer with TPDOs, RPDOs (operational only), heartbeat
-on the rig clock, boot-up after a reset, no SDO when stopped. Not modelled: SDO block transfer, heartbeat
-consumer 0x1016, error history 0x1003, storing of parameters, LSS, bus errors.
+Adds what LocalNode lacks: SYNC consumer with TPDOs, event timers, RPDOs (operational only), heartbeat and
+heartbeat consumer on the rig clock with what 0x6007 asks for, boot-up after a reset, no SDO when stopped, SDO
+block transfer, upkeep of 0x1001 and 0x1003, storing of parameters (0x1010, 0x1011). Not modelled: LSS, bus
+errors, the error register's other bits; limits that the master sets outlive a restart.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from copy import deepcopy
+from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -21,13 +24,18 @@ from canopen.sdo.exceptions import SdoAbortedError
 from mock_devices.clock import RigClock
 from mock_devices.compensation import Compensation, Refused
 from mock_devices.drive_axis import AxisLimits, DriveAxis
-from mock_devices.drive_objects import GENERIC_ERROR_BIT, METRES_PER_INCREMENT, DriveObjects
+from mock_devices.drive_objects import METRES_PER_INCREMENT, DriveObjects
+from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.node_services import Heartbeat, NmtSlave, NmtState
+from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
 from mock_devices.pdo import Mapping, read_mapping
 from mock_devices.plant import SetPoint
+from mock_devices.sdo_server import SdoServer, SegmentServer
 
 _NOTIFIER_CYCLE_S = 0.05
 _RPDO_LENGTH_ERROR = 0x8210
+_OVER_CURRENT = 0x2310
+_PARAMETERS = range(0x1400, 0x1C00)  # what 0x1010 keeps
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +44,7 @@ class DriveServer:
     """One drive at `node_id`. It owns `bus` and shuts it down in `close`.
 
     `machine_id` is that of table images, `load_kg` tells the mass that this drive carries. Positions in metres are
-    encoder positions; the drive starts under its brake at `start_m`.
+    encoder positions; the drive starts under its brake at `start_m`. Many drives know no `block_transfer`.
     """
 
     def __init__(
@@ -51,10 +59,14 @@ class DriveServer:
         travel_m: tuple[float, float],
         start_m: float,
         load_kg: Callable[[], float] = lambda: 0.0,
+        faults: FaultPlan = NO_FAULTS,
+        block_transfer: bool = True,
+        is_first: bool = True,
     ) -> None:
         self.node_id, self.axis_name = node_id, axis_name
         self._lock = threading.RLock()
         self._closed = False
+        self._clock, self.faults, self.is_first = clock, faults, is_first
         low_inc, high_inc = (_increments(limit) for limit in travel_m)
         self.compensation = Compensation(node_id, machine_id)
         self.axis = DriveAxis(
@@ -64,15 +76,28 @@ class DriveServer:
             start_m / METRES_PER_INCREMENT,
             self._send_emergency,
         )
-        self._node = _Node(node_id, _dictionary(node_id), self._stored)
+        self._node = _Node(node_id, _dictionary(node_id), self._stored, faults)
         self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
         self._node.data_store[0x1401] = {1: (0x280 + partner_node_id).to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
         self._heartbeat = Heartbeat(clock, self._send_state)
-        self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start)
+        self._watch = HeartbeatConsumer(clock, self._master_lost, self._master_found)
+        self._history = ErrorHistory()
+        self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start, self._watch, self._history)
+        self._defaults = deepcopy(self._node.data_store)
+        self._saved = deepcopy(self._node.data_store)
+        self._sdo = SdoServer(
+            self._node,
+            lambda frame: self.send_frame(self._node.sdo.tx_cobid, frame),
+            self._node.sdo.on_request,
+            faults,
+            self.power_cycle,
+            blocks=block_transfer,
+        )
         self._nmt = NmtSlave(node_id, send=self._send_heartbeat, changed=self._nmt_changed, reset=self._nmt_reset)
         self._tpdos: list[Mapping] = []
+        self._timers: list[Heartbeat] = []
         self._rpdos: list[Mapping] = []
         self._syncs = 0
         self._network = canopen.Network(bus)
@@ -115,6 +140,8 @@ class DriveServer:
                 return
             self._closed = True
         self._heartbeat.stop()
+        self._watch.close()
+        self._stop_timers()
         self._network.disconnect()
 
     def _connect(self) -> None:
@@ -124,6 +151,9 @@ class DriveServer:
         self._network.subscribe(self._node.sdo.rx_cobid, self._on_sdo)
         self._network.subscribe(0x000, lambda _id, data, _t: self._on_nmt(bytes(data)))
         self._network.subscribe(0x080, lambda _id, _data, _t: self._on_sync())
+        for node_id in range(1, 128):
+            if node_id != self.node_id:
+                self._network.subscribe(0x700 + node_id, self._on_heartbeat)
         self._describe_pdos()
         self._nmt.boot_up()
 
@@ -131,7 +161,18 @@ class DriveServer:
 
     def _on_sdo(self, cob_id: int, data: bytearray, timestamp: float) -> None:
         if self._nmt.state is not NmtState.STOPPED and len(data) == 8:
-            self._node.sdo.on_request(cob_id, data, timestamp)  # type: ignore[no-untyped-call]
+            self._sdo.on_request(cob_id, data, timestamp)
+
+    def _on_heartbeat(self, cob_id: int, _data: bytearray, _timestamp: float) -> None:
+        self._watch.on_heartbeat(cob_id - 0x700)
+
+    def _master_lost(self) -> None:
+        with self._lock:
+            self.axis.abort_connection()
+
+    def _master_found(self) -> None:
+        with self._lock:
+            self.axis.connection_is_back()
 
     def _on_nmt(self, data: bytes) -> None:
         with self._lock:
@@ -139,6 +180,8 @@ class DriveServer:
 
     def _on_sync(self) -> None:
         with self._lock:
+            if self.is_first and self.faults.strikes("drive-emergency"):
+                self.axis.fault(_OVER_CURRENT)
             self.axis.sync()
             self._syncs += 1
             if self._nmt.state is not NmtState.OPERATIONAL:
@@ -146,7 +189,7 @@ class DriveServer:
             due = [m for m in self._tpdos if m.on_sync and self._syncs % m.transmission_type == 0]
             frames = [(m.cob_id, m.pack(self._node.get_data)) for m in due]
         for cob_id, data in frames:
-            self._send(cob_id, data)
+            self.send_frame(cob_id, data)
 
     def _on_rpdo(self, cob_id: int, data: bytearray, _timestamp: float) -> None:
         with self._lock:
@@ -170,15 +213,37 @@ class DriveServer:
         for mapping in self._rpdos:
             if self._on_rpdo in self._network.subscribers.get(mapping.cob_id, []):
                 self._network.unsubscribe(mapping.cob_id, self._on_rpdo)
-        self._rpdos = [read_mapping(read, 0x1400 + i, 0x1600 + i) for i in range(2)]
+        self._rpdos = [read_mapping(read, 0x1400 + i, 0x1600 + i) for i in range(3)]
         self._tpdos = [read_mapping(read, 0x1800 + i, 0x1A00 + i) for i in range(2)]
         for mapping in self._rpdos:
             if mapping.enabled:
                 self._network.subscribe(mapping.cob_id, self._on_rpdo)
 
+        self._set_timers()
+
+    def _set_timers(self) -> None:
+        """Event timers run while the node is operational."""
+        self._stop_timers()
+        if self._nmt.state is NmtState.OPERATIONAL:
+            for mapping in (m for m in self._tpdos if m.on_timer):
+                timer = Heartbeat(self._clock, partial(self._send_tpdo, mapping))
+                self._timers.append(timer)
+                timer.start(mapping.event_timer_s)
+
+    def _stop_timers(self) -> None:
+        timers, self._timers = self._timers, []
+        for timer in timers:
+            timer.stop()
+
+    def _send_tpdo(self, mapping: Mapping) -> None:
+        with self._lock:
+            data = mapping.pack(self._node.get_data)
+        self.send_frame(mapping.cob_id, data)
+
     # Frames to the bus.
 
-    def _send(self, cob_id: int, data: bytes) -> None:
+    def send_frame(self, cob_id: int, data: bytes) -> None:
+        """Send a frame; without a bus it is lost."""
         if not self._closed:
             try:
                 self._network.send_message(cob_id, data)
@@ -186,11 +251,14 @@ class DriveServer:
                 _log.info("%s: frame not sent: %s", self.axis_name, error)
 
     def _send_emergency(self, code: int) -> None:
-        register = GENERIC_ERROR_BIT if code else 0
-        self._send(0x080 + self.node_id, code.to_bytes(2, "little") + bytes([register]) + bytes(5))
+        if code:
+            self._history.add(code)
+        self.send_frame(0x080 + self.node_id, code.to_bytes(2, "little") + bytes([error_register(code)]) + bytes(5))
 
     def _send_heartbeat(self, data: bytes) -> None:
-        self._send(0x700 + self.node_id, data)
+        if self.is_first and self.faults.strikes("drive-heartbeat"):
+            return
+        self.send_frame(0x700 + self.node_id, data)
 
     def _send_state(self) -> None:
         self._send_heartbeat(bytes([self._nmt.state]))
@@ -200,16 +268,26 @@ class DriveServer:
     def _nmt_changed(self, before: NmtState) -> None:
         if before is NmtState.OPERATIONAL:
             self.axis.quick_stop()
+        self._set_timers()
 
     def _nmt_reset(self, whole_node: bool) -> None:
         self._heartbeat.stop()
-        self._node.data_store.pop(0x1017, None)
+        self._watch.configure(0)
+        self._sdo.reset()
+        self._node.data_store = deepcopy(self._saved)
+        self._describe_pdos()
+        self._stop_timers()
         if whole_node:
             self.axis.boot()
 
     # The object dictionary.
 
     def _stored(self, index: int) -> None:
+        if index == 0x1010:
+            self._saved = {i: v for i, v in deepcopy(self._node.data_store).items() if i in _PARAMETERS}
+            self._saved |= {i: v for i, v in self._defaults.items() if i not in self._saved}
+        elif index == 0x1011:
+            self._saved = deepcopy(self._defaults)
         if 0x1400 <= index < 0x1C00:
             with self._lock:
                 self._describe_pdos()
@@ -229,8 +307,11 @@ class DriveServer:
 class _Node(canopen.LocalNode):
     """LocalNode without its host-time heartbeat, telling what was stored."""
 
-    def __init__(self, node_id: int, dictionary: ObjectDictionary, stored: Callable[[int], None]) -> None:
+    def __init__(
+        self, node_id: int, dictionary: ObjectDictionary, stored: Callable[[int], None], faults: FaultPlan
+    ) -> None:
         super().__init__(node_id, dictionary)
+        self.sdo = SegmentServer(self, faults)
         self._write_callbacks.clear()
         self._stored = stored
 

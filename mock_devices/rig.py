@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Literal, Self
 import can
 
 from mock_devices.clock import RigClock
+from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.machine_file import MachineFile
 from mock_devices.mock_drive import DriveServer
 from mock_devices.plant import Plant
@@ -27,7 +29,10 @@ class MockRig:
 
     `bus_factory` gives each drive (and each socketcand client) a bus on the one CAN line; the rig shuts them down.
     Node ids default to 1, 2, ... in the order of the machine file. Ports 0 are free ones; without
-    `socketcand_port` there is no socketcand server.
+    `socketcand_port` there is no socketcand server. `master_limit_s` is how long the PLC waits for the master's
+    heartbeat. `client_bus_factory` is for socketcand clients where they are to have another kind of bus. The nodes in
+    `without_blocks` know no SDO block transfer. `faults` strike in all servers; those of the host's bus (can-...) are
+    for whoever makes that bus (`FaultyBus`).
     """
 
     def __init__(
@@ -41,9 +46,17 @@ class MockRig:
         station_port: int = 0,
         plc_port: int = 0,
         socketcand_port: int | None = None,
+        plc_transport: Literal["tcp", "tls", "rtu"] = "tcp",
+        plc_tls: ssl.SSLContext | None = None,
+        master_limit_s: float = 2.0,
         host: str = "127.0.0.1",
         node_ids: tuple[int, ...] | None = None,
+        without_blocks: tuple[int, ...] = (),
+        client_bus_factory: Callable[[], can.BusABC] | None = None,
+        faults: FaultPlan = NO_FAULTS,
     ) -> None:
+        self.faults = faults
+        self._without_blocks = without_blocks
         self.plant = Plant(machine_path, settings, clock)
         sliders = self.plant.nominal.sliders
         nodes = node_ids or tuple(range(1, len(sliders) + 1))
@@ -58,16 +71,26 @@ class MockRig:
                 drives.append(drive)
             self.drives: tuple[DriveServer, ...] = tuple(drives)
             self.plant.attach(self.drives)
-            self.plc = PlcServer(self.plant, host, plc_port)
+            self.plc = PlcServer(
+                self.plant,
+                host,
+                plc_port,
+                transport=plc_transport,
+                tls=plc_tls,
+                faults=faults,
+                master_limit_s=master_limit_s,
+            )
             self._started.callback(self.plc.close)
-            responder = Station(self.plant)
+            responder = Station(self.plant, faults)
             self.tracker: TrackerServer = (
-                PtyTrackerServer(responder) if station == "pty" else TcpTrackerServer(responder, host, station_port)
+                PtyTrackerServer(responder, faults)
+                if station == "pty"
+                else TcpTrackerServer(responder, host, station_port, faults=faults)
             )
             self._started.callback(self.tracker.close)
             self.socketcand: SocketCandServer | None = None
             if socketcand_port is not None:
-                self.socketcand = SocketCandServer(bus_factory, host, socketcand_port)
+                self.socketcand = SocketCandServer(client_bus_factory or bus_factory, host, socketcand_port)
                 self._started.callback(self.socketcand.close)
         except BaseException:
             self.close()
@@ -115,6 +138,9 @@ class MockRig:
             travel_m=machine.sliders[index].travel_m,
             start_m=home_m(machine, index),
             load_kg=lambda: self.plant.moving_mass_kg() / count,
+            faults=self.faults,
+            block_transfer=node_id not in self._without_blocks,
+            is_first=index == 0,
         )
 
 

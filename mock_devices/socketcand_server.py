@@ -84,8 +84,12 @@ class _Client:
         self._text += data.decode("ascii", "replace")
         *messages, rest = self._text.split(">")
         self._text = rest if len(rest) <= _LONGEST_MESSAGE else ""
-        for message in messages:
-            self._handle(message.partition("<")[2].split())
+        try:
+            for message in messages:
+                self._handle(message.partition("<")[2].split())
+        except can.CanError as error:  # the bus is off: there is nothing to serve any more
+            _log.info("a socketcand client's bus is lost: %s", error)
+            return False
         return True
 
     def close(self) -> None:
@@ -137,9 +141,14 @@ class _Client:
     def _forward(self) -> None:
         with self._lock:
             if not self._closed and self._bus is not None:
-                self._notifier = can.Notifier(self._bus, [self._on_frame], timeout=_NOTIFIER_TIMEOUT_S)
+                self._notifier = can.Notifier(self._bus, [_Forwarder(self)], timeout=_NOTIFIER_TIMEOUT_S)
 
-    def _on_frame(self, frame: can.Message) -> None:
+    def hang_up(self) -> None:
+        """End the connection, so that the client notices that its bus is lost."""
+        with contextlib.suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+
+    def on_frame(self, frame: can.Message) -> None:
         identifier = f"{frame.arbitration_id:08X}" if frame.is_extended_id else f"{frame.arbitration_id:03X}"
         self._send(f"< frame {identifier} {frame.timestamp:.6f} {bytes(frame.data).hex().upper()} >")
 
@@ -148,3 +157,17 @@ class _Client:
             self._connection.sendall(message.encode("ascii"))
         except OSError as error:
             _log.info("a socketcand client is gone: %s", error)
+
+
+class _Forwarder(can.Listener):
+    """Hands frames to a client; a bus that fails ends its connection."""
+
+    def __init__(self, client: _Client) -> None:
+        self._client = client
+
+    def on_message_received(self, msg: can.Message) -> None:
+        self._client.on_frame(msg)
+
+    def on_error(self, exc: Exception) -> None:
+        _log.info("a socketcand client's bus is lost: %s", exc)
+        self._client.hang_up()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.geocom_line import LineError, Request, Value, format_answer, parse_request
 from mock_devices.plant import Plant
 from mock_devices.telescope import ANGLE_OK, OK, AimError, Measured, Telescope
@@ -18,6 +19,7 @@ NAME, SERIAL, FIRMWARE, GEOCOM = "MOCK TDRA", 990001, (8, 10, 0), (1, 50, 0)
 
 INVALID_PARAMETER = 2
 NOT_IMPLEMENTED = 5
+BUSY = 1293
 NOT_ENABLED = 8714
 COM_OFF = 3109
 
@@ -40,9 +42,10 @@ class _Failure(Exception):
 class Station:
     """The responder. Not safe for threads: one line serves one client at a time."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS) -> None:
         self._plant = plant
-        self.telescope = Telescope(plant)
+        self._faults = faults
+        self.telescope = Telescope(plant, faults)
         self._decimals = 4
         self._on = True
         self._atr = True
@@ -71,6 +74,8 @@ class Station:
         if call is None:
             return NOT_IMPLEMENTED, ()
         kinds, handler = call
+        if self._faults.strikes("tracker-busy"):
+            return BUSY, ()
         try:
             return OK, handler(*_parameters(kinds, request.params))
         except (_Failure, AimError) as error:

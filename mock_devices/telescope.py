@@ -3,16 +3,18 @@
 A measurement lasts `_DURATION_S` of its distance mode and sees the reflector where it is in the middle.
 The distance that comes out is (d_true scale + constant + noise) (1 + (ppm set - ppm of the air) 1e-6) + prism constant,
 the reflectors' own constant being 0. Face II readings are Hz + pi and 2 pi - V; collimation and vertical index error
-have opposite signs there. Not modelled: search by spirals, loss of lock, weak signals, compensator, self-heating,
-reflectors that hide one another or turn away.
+have opposite signs there.
+A break of the beam ends a lock. Not modelled: search by spirals, prediction of a lost target, weak signals,
+compensator, self-heating, reflectors that hide one another or turn away.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mock_devices.atmosphere import ppm
+from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.optics import TWO_PI, Polar, direction_between, hz_difference
 from mock_devices.plant import Plant, Sighting
 
@@ -24,6 +26,7 @@ NO_LOCK = 8725
 
 ATR_WINDOW_RAD = 0.020
 LINE_OF_SIGHT_RAD = 1.0e-3
+_KNOCK_RAD = 1.0e-4
 _NEIGHBOUR_RAD = 2.0e-3
 _TURN_START_S = 0.2
 _TURN_RATE_RAD_PER_S = 1.5
@@ -65,8 +68,9 @@ class Air:
 class Telescope:
     """Line of sight, face, lock and the last measurement. All angles are readings, errors included."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS) -> None:
         self._plant = plant
+        self._faults = faults
         self._clock = plant.clock
         self.hz_rad = 0.0
         self.v_rad = 0.5 * math.pi
@@ -76,6 +80,7 @@ class Telescope:
         self.locked: int | None = None
         self.last: Measured | None = None
         self._busy_until_s: float | None = None
+        self._knocked_rad = 0.0
 
     @property
     def face(self) -> int:
@@ -108,6 +113,8 @@ class Telescope:
         self._clock.sleep_s(_FINE_ADJUST_S)
         seen = self._sightings()
         hz, v = self._line_of_sight()
+        if self._faults.strikes("tracker-no-target"):
+            raise AimError(NO_TARGET)
         inside = [
             s
             for s in seen
@@ -116,6 +123,9 @@ class Telescope:
         if not inside:
             raise AimError(NO_TARGET)
         nearest = min(inside, key=lambda s: direction_between(s.polar, hz, v))
+        if self._faults.strikes("tracker-wrong-nest"):
+            others = [s for s in seen if s is not nearest]
+            nearest = min(others, key=lambda s: direction_between(s.polar, hz, v))
         spot = nearest.polar
         near = [s for s in seen if direction_between(s.polar, spot.hz_rad, spot.v_rad) < _NEIGHBOUR_RAD]
         if len(near) > 1:
@@ -169,7 +179,12 @@ class Telescope:
         return ppm(self.air.dry_c, self.air.pressure_hpa, wet_c=self.air.wet_c)
 
     def _measure(self, t_s: float) -> Measured:
-        seen = self._plant.sightings(t_s)
+        if self._faults.strikes("tracker-drift"):
+            self._knocked_rad = _KNOCK_RAD
+        seen = self._sightings_at(t_s)
+        if self._faults.strikes("tracker-beam-break"):
+            self.locked = None
+            raise AimError(ANGLE_OK)
         target = seen[self.locked] if self.locked is not None else self._in_line(seen)
         if target is None:
             raise AimError(ANGLE_OK)
@@ -189,7 +204,14 @@ class Telescope:
         return raw_m * (1.0 + (self.ppm_set() - ppm_air) * 1.0e-6) + self.prism_constant_m
 
     def _sightings(self) -> list[Sighting]:
-        return self._plant.sightings(self._clock.now_s())
+        return self._sightings_at(self._clock.now_s())
+
+    def _sightings_at(self, t_s: float) -> list[Sighting]:
+        """What the plant shows, seen from a stand that may have been knocked."""
+        seen = self._plant.sightings(t_s)
+        if not self._knocked_rad:
+            return seen
+        return [replace(s, polar=replace(s.polar, hz_rad=(s.polar.hz_rad + self._knocked_rad) % TWO_PI)) for s in seen]
 
     def _in_line(self, seen: list[Sighting]) -> Sighting | None:
         hz, v = self._line_of_sight()

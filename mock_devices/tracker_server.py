@@ -14,11 +14,19 @@ import threading
 import tty
 from collections.abc import Callable
 
+from mock_devices.faults import NO_FAULTS, FaultPlan
+from mock_devices.seeds import generator
 from mock_devices.station import Station
 
 _LONGEST_LINE = 4096
 
+_SPLIT_S = 0.005  # host time: two pieces of one answer must not come in one read
+
 Tamper = Callable[[bytes], bytes | None]
+
+
+class LineGone(Exception):
+    """The line is to go away."""
 
 
 class LineBuffer:
@@ -36,11 +44,20 @@ class LineBuffer:
 
 
 class TrackerServer:
-    """Common part of both lines. `tamper` may change or swallow (None) each answer, to play a bad line."""
+    """Common part of both lines. `tamper` may change or swallow (None) each answer, to play a bad line.
 
-    def __init__(self, station: Station) -> None:
+    So do the faults named serial-...; where a byte is hit is drawn from `seed` and the number of the answer.
+    """
+
+    def __init__(self, station: Station, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
         self._station = station
         self.tamper: Tamper | None = None
+        self._faults = faults
+        self._seed = seed
+        self._count = 0
+        self._held = b""
+        self._former = b""
+        self._pause = threading.Event()
         self._wake_reader, self._wake_writer = os.pipe()
         self._closed = False
         self._thread = threading.Thread(target=self._serve, name="mock-station", daemon=True)
@@ -55,6 +72,7 @@ class TrackerServer:
         if self._closed:
             return
         self._closed = True
+        self._pause.set()
         os.write(self._wake_writer, b"x")
         self._thread.join(timeout=5.0)
         self._close_line()
@@ -67,25 +85,62 @@ class TrackerServer:
     def _close_line(self) -> None:
         raise NotImplementedError
 
-    def _answers(self, lines: list[bytes]) -> bytes:
-        answers = b""
+    def _answers(self, lines: list[bytes]) -> list[bytes]:
+        """What goes out for some requests, in pieces that the line keeps apart."""
+        pieces: list[bytes] = []
         for line in lines:
             answer = self._station.respond(line)
             if answer is not None and self.tamper is not None:
                 answer = self.tamper(answer)
-            answers += answer or b""
-        return answers
+            if answer:
+                pieces += self._spoilt(answer)
+        return pieces
+
+    def _spoilt(self, answer: bytes) -> list[bytes]:
+        strikes, self._count = self._faults.strikes, self._count + 1
+        held, self._held = self._held, b""
+        former, self._former = self._former, answer
+        if strikes("serial-gone"):
+            raise LineGone
+        if strikes("serial-lost"):
+            return [held] if held else []
+        if strikes("serial-late"):
+            self._held = answer
+            return [held] if held else []
+        if strikes("serial-previous") and former:
+            answer = former
+        at = int(generator(self._seed, "serial", self._count).integers(len(answer)))
+        if strikes("serial-dropped-byte"):
+            answer = answer[:at] + answer[at + 1 :]
+        if strikes("serial-doubled-byte"):
+            answer = answer[: at + 1] + answer[at:]
+        if strikes("serial-garbled-byte"):
+            answer = answer[:at] + bytes([answer[at] ^ 1 << at % 7]) + answer[at + 1 :]
+        if strikes("serial-split"):
+            return [held, answer[:at], answer[at:]]
+        return [held, answer]
 
 
 class PtyTrackerServer(TrackerServer):
-    """The station on a pseudo terminal."""
+    """The station on a pseudo terminal. A line that went away comes back, under another name, with `plug_in`."""
 
-    def __init__(self, station: Station) -> None:
-        super().__init__(station)
+    def __init__(self, station: Station, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
+        super().__init__(station, faults, seed)
+        self._old_slaves: list[int] = []
+        self._open()
+        self._thread.start()
+
+    def _open(self) -> None:
+        self._gone = False
         self._master, self._slave = os.openpty()  # the open slave keeps the line up between clients
         tty.setraw(self._slave, termios.TCSANOW)
         self._path = os.ttyname(self._slave)
-        self._thread.start()
+
+    def plug_in(self) -> None:
+        """Put the line back after it has gone."""
+        if self._gone:
+            self._open()
+            os.write(self._wake_writer, b"x")
 
     @property
     def url(self) -> str:
@@ -95,26 +150,52 @@ class PtyTrackerServer(TrackerServer):
     def _serve(self) -> None:
         buffer = LineBuffer()
         while not self._closed:
-            ready, _, _ = select.select([self._master, self._wake_reader], [], [])
-            if self._master not in ready:
+            lines = [self._wake_reader] if self._gone else [self._master, self._wake_reader]
+            ready, _, _ = select.select(lines, [], [])
+            if self._wake_reader in ready:
+                os.read(self._wake_reader, 1)
                 continue
             try:
-                answers = self._answers(buffer.feed(os.read(self._master, 4096)))
-                while answers and not self._closed:
-                    answers = answers[os.write(self._master, answers) :]
+                for piece in self._answers(buffer.feed(os.read(self._master, 4096))):
+                    self._write(piece)
+            except LineGone:
+                buffer = LineBuffer()
+                self._gone = True
+                self._hang_up()
             except OSError:
                 return
 
-    def _close_line(self) -> None:
+    def _write(self, piece: bytes) -> None:
+        while piece and not self._closed:
+            piece = piece[os.write(self._master, piece) :]
+            if "serial-split" in self._faults.struck:
+                self._pause.wait(_SPLIT_S)
+
+    def _hang_up(self) -> None:
+        """Close our end; the other stays ours, so that nobody else gets a terminal of this name meanwhile."""
         os.close(self._master)
-        os.close(self._slave)
+        self._old_slaves.append(self._slave)
+
+    def _close_line(self) -> None:
+        if not self._gone:
+            self._hang_up()
+        for slave in self._old_slaves:
+            os.close(slave)
 
 
 class TcpTrackerServer(TrackerServer):
     """The station behind a serial device server, without RFC 2217."""
 
-    def __init__(self, station: Station, host: str = "127.0.0.1", port: int = 0) -> None:
-        super().__init__(station)
+    def __init__(
+        self,
+        station: Station,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        *,
+        faults: FaultPlan = NO_FAULTS,
+        seed: int = 1,
+    ) -> None:
+        super().__init__(station, faults, seed)
         self._listener = socket.create_server((host, port))
         self._clients: dict[socket.socket, LineBuffer] = {}
         self._thread.start()
@@ -144,9 +225,10 @@ class TcpTrackerServer(TrackerServer):
         try:
             data = client.recv(4096)
             if data:
-                client.sendall(self._answers(self._clients[client].feed(data)))
+                for piece in self._answers(self._clients[client].feed(data)):
+                    client.sendall(piece)
                 return
-        except OSError:
+        except (OSError, LineGone):
             pass
         del self._clients[client]
         client.close()

@@ -34,6 +34,7 @@ from pkm_rig.store import Store, now_text
 
 Say = Callable[[str], None]
 Progress = Callable[[int, int, str], None]
+_SAME_TO_GO_ON = ("machine", "campaign", "drives", "payloads", "nest_length")
 
 
 @dataclass(frozen=True)
@@ -72,16 +73,23 @@ class Outcome:
     restored: str | None = None
 
 
-def measure(rig: Rig, store: Store, say: Say, progress: Progress) -> str:
+def measure(rig: Rig, store: Store, say: Say, progress: Progress, resume: str | None = None) -> str:
     """Prepare and measure a calibration campaign, compensation off meanwhile; returns its id.
 
-    Every reading is in the store as soon as it is taken. Raises DeviceError, CampaignRefused, StoreError.
+    Every reading is in the store as soon as it is taken. `resume` goes on with a campaign that broke off: what is
+    stored is not measured again, provided that a nest check finds the station where it was.
+    Raises DeviceError, CampaignRefused, StoreError, and InputError where the rig file is another one.
     """
-    campaign, blocks, total = _open_campaign(rig, store, say, verify=False)
+    if resume is None:
+        campaign, blocks, total = _open_campaign(rig, store, say, verify=False)
+    else:
+        campaign, blocks, total = _reopen_campaign(rig, store, say, resume)
     with (
         running(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
         former_tables(rig) as former,
     ):
+        if resume is not None and store.has_readings(campaign):
+            runner.resume(store.recording(campaign))
         _measure(runner, blocks)
         former.restore()
     return campaign
@@ -137,6 +145,23 @@ def _open_campaign(rig: Rig, store: Store, say: Say, *, verify: bool) -> tuple[s
     store.add_event(campaign, "settings", settings_event(rig))
     say(f"campaign {campaign}: {total} readings planned")
     return campaign, blocks, total
+
+
+def _reopen_campaign(rig: Rig, store: Store, say: Say, campaign: str) -> tuple[str, tuple[Block, ...], int]:
+    problems = check_rig(rig)
+    if problems:
+        raise CampaignRefused("; ".join(problems))
+    settings = store.events(campaign, "settings")
+    if not settings:
+        raise InputError(f"campaign {campaign}: it was not measured here; `pkm-rig list` shows what is there")
+    then, now = (data["rig_file"] for data in (settings[0].data, settings_event(rig)))
+    if any(then[key] != now[key] for key in _SAME_TO_GO_ON):
+        raise InputError(f"campaign {campaign}: begun with another rig file; use that one, or measure a new campaign")
+    if store.events(campaign, "identified") or store.events(campaign, "verifying"):
+        raise InputError(f"campaign {campaign}: its measurement is complete; measure a new one")
+    blocks = calibration_blocks(rig.machine, rig.file.campaign)
+    say(f"campaign {campaign}: going on")
+    return campaign, blocks, planned_readings(rig, blocks, verify=False)
 
 
 def planned_readings(rig: Rig, blocks: Sequence[Block], *, verify: bool) -> int:
@@ -316,7 +341,7 @@ class FormerTables:
         states = [bank.state() for bank in rig.banks]
         self._images = (
             [bank.read_image(state.active) for bank, state in zip(rig.banks, states, strict=True)]
-            if all(state.on and state.active for state in states)
+            if states and all(state.on and state.active for state in states)
             else None
         )
         self.description = "no compensation, as before" if self._images is None else "the former tables"

@@ -26,7 +26,7 @@ from calibration.recording_folder import read_folder, write_folder
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
-from pkm_rig import mock_rig, planning, stages
+from pkm_rig import interim, mock_rig, planning, stages
 from pkm_rig.calibrate import Outcome
 from pkm_rig.config import MockSection, embedded_rig_path, load_rig
 from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
@@ -84,10 +84,15 @@ def verify(
 
 
 @app.command()
-def measure(rig: RigOption = None, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+def measure(
+    rig: RigOption = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    resume: Annotated[str | None, typer.Option(help="go on with this campaign, which broke off")] = None,
+) -> None:
     """Measure a calibration campaign into the store, and stop there."""
     with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
-        campaign = job.measure(connected, store, _say, tell)
+        campaign = job.measure(connected, store, _say, tell, resume)
     if json:
         print_json({"campaign": campaign})
     else:
@@ -98,13 +103,21 @@ def measure(rig: RigOption = None, out: OutOption = Path("runs"), json: JsonOpti
 def mock(
     rig: RigNeeded = Path("examples/mock-rig.toml"),
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+    fault: Annotated[
+        list[str] | None, typer.Option(help="NAME@N: a fault at the Nth operation, again for more")
+    ] = None,
+    list_faults: Annotated[bool, typer.Option(help="print the names of the faults and end")] = False,
 ) -> None:
     """Serve the three mock devices on real transports until interrupted."""
+    if list_faults:
+        for line in mock_rig.fault_list():
+            results.print(line, soft_wrap=True, markup=False)
+        return
     file, _ = load_rig(rig)
     if seed is not None:
         section = file.mock or MockSection()
         file = file.model_copy(update={"mock": section.model_copy(update={"seed": seed})})
-    with mock_rig.served(file, rig) as served:
+    with mock_rig.served(file, rig, fault or ()) as served:
         for line in mock_rig.how_to_connect(file, served):
             results.print(line, soft_wrap=True)
         sys.stdout.flush()
@@ -125,6 +138,19 @@ def check(rig: RigOption = None, json: JsonOption = False) -> None:
         stages.print_check(found)
     if found["problems"]:
         raise CampaignRefused(found["problems"][0])
+
+
+@app.command(name="interim-test")
+def interim_test(rig: RigOption = None, json: JsonOption = False) -> None:
+    """Test the station on the floor nests: two-face errors and the certified distance, pass or fail."""
+    with open_rig(rig) as connected:
+        found = interim.run(connected)
+    if json:
+        print_json(interim.as_json(found))
+    else:
+        interim.show(found)
+    if not found.passed:
+        raise CampaignRefused(f"interim test: {found.failures[0]}; have the station checked before measuring")
 
 
 @app.command()

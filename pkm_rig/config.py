@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from calibration.compensation import GRID_MARGIN_M
 from calibration.machine import Machine, load_machine, shipped_machine
 from calibration.recording_header import LengthEntry, Name, NuisanceEntry, PayloadEntry, StationEntry
 from calibration.toml_file import InputError, Section, read_toml
+from drivers.drive_profile import DriveProfile, load_profile
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
@@ -23,6 +24,7 @@ class StationConnection(StationEntry):
     port: str = ""
     baudrate: int = Field(gt=0, default=115200)
     reply_timeout_s: float = Field(gt=0.0, default=5.0)
+    motion_timeout_s: float = Field(gt=0.0, default=30.0)
 
 
 class CanConnection(Section):
@@ -33,25 +35,69 @@ class CanConnection(Section):
     host: str = "127.0.0.1"
     port: int = 29536
     bitrate: int = 1_000_000
+    master_node_id: int = Field(ge=1, le=127, default=127)
 
 
 class DriveEntry(Section):
-    """One servo drive; its name is that of a drive in the machine file."""
+    """One servo drive; its name is that of a drive in the machine file.
+
+    `profile` names a shipped profile of its make, or a file beside the rig file (docs/drive-objects.md).
+    """
 
     name: str
+    profile: str = "pkm-mock"
     node_id: int = Field(ge=1, le=127)
     vendor_id: int
     product_code: int
     metres_per_increment: float = Field(gt=0.0)
 
 
-class PlcConnection(Section):
-    """The PLC. `registers` moves values of the default map (docs/plc.md)."""
+class RegisterEntry(Section):
+    """A register of the PLC; what is left out is that of the default map (docs/plc.md). A number is its address."""
 
+    address: int = Field(ge=0, le=0xFFFF)
+    type: Literal["u16", "i16", "u32", "i32", "f32"] | None = None
+    order: Literal["ABCD", "CDAB", "BADC", "DCBA"] | None = None
+    scale: float | None = None
+    unit: Literal["degC", "K", "hPa", "mbar", "Pa", "kPa", "%", "1"] | None = None
+    low: float | None = None
+    high: float | None = None
+    stale_s: float | None = Field(gt=0.0, default=None)
+
+
+class PlcConnection(Section):
+    """The PLC: `host` and `port` for TCP and TLS, `serial_port` for RTU. `registers` changes the default map."""
+
+    transport: Literal["tcp", "tls", "rtu"] = "tcp"
     host: str = "127.0.0.1"
     port: int = 502
-    unit: int = 1
-    registers: dict[str, int] = Field(default_factory=dict)
+    ca_file: str | None = None
+    certificate_file: str | None = None
+    key_file: str | None = None
+    serial_port: str | None = None
+    baudrate: int = Field(gt=0, default=115_200)
+    parity: Literal["N", "E", "O"] = "E"
+    stop_bits: Literal[1, 2] = 1
+    unit: int = Field(ge=0, le=247, default=1)
+    reply_timeout_s: float = Field(gt=0.0, default=0.5)
+    without: tuple[Literal["interlocks_inverted", "master_heartbeat", "master_seen"], ...] = ()
+    registers: dict[str, RegisterEntry] = Field(default_factory=dict)
+    interlocks: dict[str, Annotated[int, Field(ge=0, le=15)]] = Field(default_factory=dict)
+
+    @field_validator("registers", mode="before")
+    @classmethod
+    def _addresses(cls, registers: object) -> object:
+        if not isinstance(registers, dict):
+            return registers
+        return {name: {"address": entry} if isinstance(entry, int) else entry for name, entry in registers.items()}
+
+    @model_validator(mode="after")
+    def _complete(self) -> PlcConnection:
+        if self.transport == "tls" and self.ca_file is None:
+            raise ValueError("plc: TLS needs ca_file, the certificate that signs the PLC's")
+        if self.transport == "rtu" and self.serial_port is None:
+            raise ValueError("plc: RTU needs serial_port")
+        return self
 
 
 class CampaignSettings(Section):
@@ -85,6 +131,8 @@ class Limits(Section):
 
     in_plane_u_m: float = Field(gt=0.0, default=15e-6)
     heartbeat_s: float = Field(gt=0.0, default=2.0)
+    drive_watchdog_s: float = Field(ge=1.0, le=60.0, default=1.5)
+    poll_period_s: float = Field(ge=0.005, le=0.1, default=0.01)
     plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
     interlocks: tuple[str, ...] = (
         "guard closed",
@@ -95,10 +143,12 @@ class Limits(Section):
 
 
 class MockSection(Section):
-    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise."""
+    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise; the PLC's certificate."""
 
     seed: int = Field(ge=0, default=1)
     error_scale: float = Field(ge=0.0, default=1.0)
+    plc_certificate_file: str | None = None
+    plc_key_file: str | None = None
 
 
 class RigFile(Section):
@@ -130,6 +180,8 @@ class RigFile(Section):
             raise ValueError("payloads: the first one must be no payload (mass_kg = 0)")
         if len({d.node_id for d in self.drives}) != len(self.drives):
             raise ValueError("drives: two drives have the same node_id")
+        if self.can.master_node_id in {d.node_id for d in self.drives}:
+            raise ValueError("can: master_node_id is that of a drive")
         return self
 
 
@@ -145,11 +197,22 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
         raise InputError(
             f"{path}: drives {', '.join(names)} do not match the machine's {', '.join(machine.drive_names)}"
         )
+    profiles = [drive_profile(d, path) for d in rig.drives]
+    if len({p.compensation is None for p in profiles}) > 1:
+        raise InputError(f"{path}: drives: a machine is compensated by all of its drives or by none")
     if rig.nest_length is not None:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
                 raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
     return rig, machine
+
+
+def drive_profile(drive: DriveEntry, rig_path: Path) -> DriveProfile:
+    """The profile of a drive's make; InputError if there is none such."""
+    try:
+        return load_profile(drive.profile, rig_path.parent)
+    except ValueError as error:
+        raise InputError(f"{rig_path}: {error}") from error
 
 
 def machine_path(rig: RigFile, rig_path: Path) -> Path:

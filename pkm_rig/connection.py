@@ -3,54 +3,69 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields, replace
-from typing import Any
+from pathlib import Path
 
 import can
 
 from calibration.machine import Machine
-from calibration.toml_file import InputError
 from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
+from drivers.drive_profile import DriveProfile
 from drivers.errors import DeviceError
 from drivers.laser_tracker import LaserTracker
 from drivers.plc import Plc
-from drivers.plc_registers import RegisterMap
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
 from drivers.table_bank import TableBank
-from pkm_rig.clock import RigClock
-from pkm_rig.config import RigFile
+from pkm_rig.clock import RigClock, ScaledClock
+from pkm_rig.config import RigFile, drive_profile
+from pkm_rig.interlock import BEAT_PERIOD_S
+from pkm_rig.plc_connection import plc_line, register_map
 from pkm_rig.rig import PLC_POLL_S, Rig
 
 POLL_PERIOD_S = 0.05
 LEAST_HOST_POLL_S = 0.002
+SWITCH_S = 0.0005
 GUARD_S = 1.0  # host time in which an answer has to come
 EMBEDDED_GUARD_S = 20.0  # in one process a busy computer is no fault of the rig
 
 
 @contextmanager
 def connected(
-    file: RigFile, machine: Machine, clock: RigClock, bus_factory: Callable[[], can.BusABC] | None = None
+    file: RigFile,
+    machine: Machine,
+    clock: RigClock,
+    bus_factory: Callable[[], can.BusABC] | None = None,
+    *,
+    rig_path: Path = Path("rig.toml"),
+    guard_s: float | None = None,
 ) -> Iterator[Rig]:
     """Connect all devices, supervise them while in use, leave them stopped and without power.
 
-    `bus_factory` replaces the bus of the rig file (embedded rig, tests).
+    `bus_factory` replaces the bus of the rig file (embedded rig, tests); profiles of drives are looked for beside
+    `rig_path`; `guard_s` is the host time in which every answer has to come (default: by the kind of rig).
     """
     slow = file.time_scale or 1.0
-    guard_s = EMBEDDED_GUARD_S if file.can.interface == "embedded" else GUARD_S
+    station, real = file.station, guard_s is None and file.can.interface != "embedded"
+    if guard_s is not None:
+        station = station.model_copy(update={"reply_timeout_s": guard_s, "motion_timeout_s": guard_s})
+    elif file.can.interface == "embedded":
+        guard_s = EMBEDDED_GUARD_S
+    else:
+        guard_s = GUARD_S
     with ExitStack() as stack:
         plc = Plc(
-            file.plc.host,
-            file.plc.port,
+            plc_line(file.plc, rig_path),
             file.plc.unit,
-            register_map(file),
+            register_map(file.plc),
             clock,
             heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
             poll_period_s=PLC_POLL_S,
-            reply_timeout_s=guard_s,
+            reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if real else guard_s,
+            beat_period_s=BEAT_PERIOD_S * slow,
         )
         stack.callback(plc.close)
         plc.connect()
@@ -59,24 +74,30 @@ def connected(
         )  # fmt: skip
         line = CanLine(bus)
         stack.callback(line.close)
-        drives = [_drive(file, i, line, clock, slow, guard_s) for i in range(len(file.drives))]
+        profiles = [drive_profile(entry, rig_path) for entry in file.drives]
+        drives = [_drive(file, i, line, clock, slow, guard_s, profiles[i]) for i in range(len(file.drives))]
         for drive in drives:
             stack.callback(drive.close)
             drive.connect()
         group = DriveGroup(
             drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
         )
-        banks = [TableBank(drive) for drive in drives]
-        station = LaserTracker(
-            file.station.port,
+        banks = [TableBank(drive) for drive in drives if drive.profile.compensation is not None]
+        tracker = LaserTracker(
+            station.port,
             clock,
-            name=file.station.name,
-            baudrate=file.station.baudrate,
-            reply_timeout_s=file.station.reply_timeout_s,
+            name=station.name,
+            baudrate=station.baudrate,
+            reply_timeout_s=station.reply_timeout_s,
+            motion_timeout_s=station.motion_timeout_s,
         )
-        stack.callback(station.close)
-        station.connect()
-        rig = Rig(file, machine, clock, station, group, banks, plc)
+        stack.callback(tracker.close)
+        tracker.connect()
+        real_time = isinstance(clock, ScaledClock) and clock.time_scale == 1.0
+        period_s = file.limits.poll_period_s if real_time else None
+        if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
+            sys.setswitchinterval(SWITCH_S)
+        rig = Rig(file, machine, clock, tracker, group, banks, plc, period_s)
         stack.callback(_leave_safe, rig)
         rig.supervisor.start()
         yield rig
@@ -88,9 +109,14 @@ def _leave_safe(rig: Rig) -> None:
         rig.stop("the rig is being left")
     with contextlib.suppress(DeviceError):
         rig.drives.disable()
+    for drive in rig.drives.drives:
+        with contextlib.suppress(DeviceError):
+            drive.unwatch_master()
 
 
-def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float, guard_s: float) -> ServoDrive:
+def _drive(
+    file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float, guard_s: float, profile: DriveProfile
+) -> ServoDrive:
     entry = file.drives[index]
     partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
     expected = DriveExpectation(
@@ -102,29 +128,13 @@ def _drive(file: RigFile, index: int, line: CanLine, clock: RigClock, slow: floa
         entry.name,
         clock,
         expected,
+        profile=profile,
         partner_node_id=partner,
+        master_node_id=file.can.master_node_id,
+        master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
         heartbeat_ms=min(60_000, round(1000 * slow)),
         heartbeat_late_s=file.limits.heartbeat_s * slow,
         heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
         state_limit_s=3.0 * slow,
         sdo_timeout_s=guard_s,
     )
-
-
-def register_map(file: RigFile) -> RegisterMap:
-    """The default map (docs/plc.md) with the rig file's addresses."""
-    names = {field.name for field in fields(RegisterMap)}
-    floats = RegisterMap().temperatures_c
-    changed: dict[str, Any] = {}
-    for name, address in file.plc.registers.items():
-        sensor = name.removesuffix("_temperature_c")
-        if sensor in floats and sensor != name:
-            moved = changed.setdefault("temperatures_c", dict(floats))
-            moved[sensor] = replace(floats[sensor], address=address)
-        elif name in ("pressure_hpa", "humidity_percent"):
-            changed[name] = replace(getattr(RegisterMap(), name), address=address)
-        elif name in names - {"temperatures_c", "interlock_bits"}:
-            changed[name] = address
-        else:
-            raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/plc.md")
-    return replace(RegisterMap(), **changed)

@@ -18,8 +18,7 @@ from calibration import station as station_geometry
 from calibration.frame import Frame
 from calibration.machine import Array
 from calibration.recording import DRIVE_COLUMNS, TEXT_COLUMNS, column_names
-from drivers.errors import ProtocolError
-from drivers.laser_tracker import SettleCriterion, average
+from drivers.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig import Rig
 from pkm_rig.schedule import PlannedVisit
 
@@ -280,7 +279,7 @@ class StationDevice:
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
         position = station_geometry.points(hz, v, distance)[0]
-        self._refuse_wrong_target(position)
+        self._refuse_wrong_target(mean)
         stated = rig.file.station.accuracy.stated()
         covariance = station_geometry.covariances(hz, v, distance, stated)[0] / mean.n
         state = rig.supervisor.state()
@@ -331,14 +330,10 @@ class StationDevice:
             columns[f"{drive.name}_{DRIVE_COLUMNS[-1]}"] = 0.0 if visit is None else float(visit.direction)
         return columns
 
-    def _refuse_wrong_target(self, position: Array) -> None:
+    def _refuse_wrong_target(self, mean: MeanReading) -> None:
         """A reflector far from where it should be is another one, or somebody stands in the beam."""
-        assert self._context.aim.frame is not None
-        off = float(np.linalg.norm(self._context.aim.frame.to_station(self._expected()[None])[0] - position))
-        if off > (WRONG_TARGET_M if self._context.aim.learned else WRONG_TARGET_AT_FIRST_M):
-            raise ProtocolError(
-                "station",
-                self._rig.file.station.port,
-                f"SMR '{self._smr}' was found {off * 1e3:.0f} mm from its predicted place",
-                "check which reflector it sees, the station's place in the rig file and the machine file",
-            )
+        aim = self._context.aim
+        assert aim.frame is not None
+        e, n, h = (float(x) for x in aim.frame.to_station(self._expected()[None])[0])
+        tolerance_m = WRONG_TARGET_M if aim.learned else WRONG_TARGET_AT_FIRST_M
+        self._rig.station.require_target(mean, (e, n, h), tolerance_m, self._smr)

@@ -6,6 +6,7 @@ says why; no motion starts unless the interlocks are fresh and good.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -20,15 +21,18 @@ from pkm_rig.clock import RigClock
 REST_PERIOD_S = 0.5
 MOTION_PERIOD_S = 0.05
 LEAST_HOST_PERIOD_S = 0.01
+BEAT_PERIOD_S = 0.25
 LEAST_HOST_STALE_S = 2.0  # a computer that is busy for a moment is no doubt about the rig
 STALE_POLLS = 6  # polls that may be missed before a value counts as old
 
 
 class Supervisor:
-    """Polls on the rig clock's own thread: 2 Hz at rest, 20 Hz while anything moves.
+    """Polls on the rig clock's own thread: every `poll_period_s` where one is given (time scale 1), else 2 Hz at rest
+    and 20 Hz while anything moves.
 
     With scaled time a period is never shorter than 10 ms of host time, and what was read counts as old only
-    after 2 s of it.
+    after 2 s of it. `beat` sends our heartbeat, by which the drives watch us: it comes from here because a program
+    that does not supervise any more must not keep the drives going.
     """
 
     def __init__(
@@ -39,12 +43,16 @@ class Supervisor:
         required: tuple[str, ...],
         on_payload: Callable[[int | None], None],
         time_scale: float | None = None,
+        beat: Callable[[], None] = lambda: None,
+        poll_period_s: float | None = None,
     ) -> None:
         self._plc = plc
         self._drives = drives
         self._clock = clock
         self._required = required
         self._on_payload = on_payload
+        self._slow = time_scale or 1.0
+        self._poll_period_s = poll_period_s
         self._least_s = LEAST_HOST_PERIOD_S * time_scale if time_scale else 0.0
         self._least_stale_s = LEAST_HOST_STALE_S * (time_scale or 1.0)
         self._lock = threading.Lock()
@@ -55,6 +63,8 @@ class Supervisor:
         self._payload: int | None = None
         self._trip: DeviceError | None = None
         self._loading = False
+        self._beat = beat
+        self._beaten_s = -math.inf
         self.polls = 0
 
     @property
@@ -87,7 +97,7 @@ class Supervisor:
         if self._state is None:
             raise InterlockOpen("PLC", "supervision", "nothing read yet", "start supervision first")
         age_s = self._clock.now_s() - self._state.t_rig_s
-        if age_s > max(STALE_POLLS * self._period_s(), self._least_stale_s):
+        if not 0.0 <= age_s <= max(STALE_POLLS * self._period_s(), self._least_stale_s):
             raise StaleData("PLC", "supervision", f"last read {age_s:.1f} s ago", "check the PLC's connection")
 
     @contextmanager
@@ -125,19 +135,25 @@ class Supervisor:
         self._chain += 1
         chain = self._chain
 
-        def tick() -> None:
+        def tick(due_s: float) -> None:
             if self._running and chain == self._chain:
                 self._poll()
                 if chain == self._chain:
-                    self._clock.call_at(self._clock.now_s() + self._period_s(), tick)
+                    wait_for(max(due_s + self._period_s(), self._clock.now_s()))
 
-        self._clock.call_at(self._clock.now_s() + self._period_s(), tick)
+        def wait_for(due_s: float) -> None:
+            self._clock.call_at(due_s, lambda: tick(due_s))
+
+        wait_for(self._clock.now_s() + self._period_s())
 
     def _period_s(self) -> float:
+        if self._poll_period_s is not None:
+            return self._poll_period_s
         return max(MOTION_PERIOD_S if self._moving else REST_PERIOD_S, self._least_s)
 
     def _poll(self) -> None:
         with self._lock:
+            self._send_heartbeat()
             if self._trip is not None:
                 return
             try:
@@ -150,6 +166,14 @@ class Supervisor:
                         "supervision", "poll", f"{type(error).__name__}: {error}", "report it; then start again"
                     )
                 )
+
+    def _send_heartbeat(self) -> None:
+        """Also after a trip: the drives stand already, and their own alarm would hide its cause."""
+        now_s = self._clock.now_s()
+        if not 0.0 <= now_s - self._beaten_s < BEAT_PERIOD_S * self._slow:
+            self._beaten_s = now_s
+            with suppress(DeviceError):  # the poll that follows finds the lost line
+                self._beat()
 
     def _check(self) -> None:
         self.polls += 1

@@ -6,7 +6,8 @@ What comes out is a rig file with the mock's addresses filled in; everything aft
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+import ssl
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,15 @@ from pathlib import Path
 import can
 
 from calibration.toml_file import InputError
+from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
+from mock_devices.faulty_bus import FaultyBus
 from mock_devices.rig import MockRig
 from mock_devices.settings import InstrumentProfile, MockSettings, Payload
+from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.config import MockSection, RigFile, machine_path
 from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.plc_connection import plc_line
 
 _channels = itertools.count()
 
@@ -56,16 +61,36 @@ def settings_of(file: RigFile) -> MockSettings:
 
 
 @contextmanager
-def embedded(file: RigFile, rig_path: Path, *, real_time: bool = False) -> Iterator[Embedded]:
-    """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`."""
+def embedded(
+    file: RigFile,
+    rig_path: Path,
+    *,
+    real_time: bool = False,
+    faults: FaultPlan | None = None,
+    without_blocks: tuple[int, ...] = (),
+) -> Iterator[Embedded]:
+    """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`.
+
+    With `faults` the host's bus and clock can be struck as well. The nodes in `without_blocks` know no block transfer.
+    """
     clock: RigClock = ScaledClock(1.0) if real_time else VirtualClock()
     channel = f"embedded-{next(_channels)}"
 
     def bus() -> can.BusABC:
         return EmbeddedBus(channel, clock)
 
+    def host_bus() -> can.BusABC:
+        return bus() if faults is None else FaultyBus(bus(), faults)
+
     try:
-        with MockRig(machine_path(file, rig_path), settings_of(file), clock, bus) as mock:
+        with MockRig(
+            machine_path(file, rig_path),
+            settings_of(file),
+            clock,
+            bus,
+            without_blocks=without_blocks,
+            faults=faults or NO_FAULTS,
+        ) as mock:
             host, port = mock.plc_address
             found = file.model_copy(
                 update={
@@ -73,19 +98,24 @@ def embedded(file: RigFile, rig_path: Path, *, real_time: bool = False) -> Itera
                     "plc": file.plc.model_copy(update={"host": host, "port": port}),
                 }
             )
-            yield Embedded(found, clock, bus, mock)
+            yield Embedded(found, clock if faults is None else SteppedClock(clock, faults), host_bus, mock)
     finally:
         clock.close()
 
 
 @contextmanager
-def served(file: RigFile, rig_path: Path) -> Iterator[MockRig]:
-    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time."""
-    clock = ScaledClock(file.time_scale or 1.0)
+def served(file: RigFile, rig_path: Path, faults: Sequence[str] = ()) -> Iterator[MockRig]:
+    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time.
+
+    `faults` are NAME@N; on this side a step of time is one of the devices' clock. InputError for an unknown one.
+    """
+    plan = fault_plan(faults)
+    scaled = ScaledClock(file.time_scale or 1.0)
+    clock = SteppedClock(scaled, plan)
     channel = f"served-{next(_channels)}"
 
     def bus() -> can.BusABC:
-        return EmbeddedBus(channel, clock)
+        return EmbeddedBus(channel, scaled)
 
     port = file.station.port
     if not port:
@@ -103,22 +133,63 @@ def served(file: RigFile, rig_path: Path) -> Iterator[MockRig]:
                 station="tcp" if over_tcp else "pty",
                 station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
                 plc_port=file.plc.port,
+                plc_transport=file.plc.transport,
+                plc_tls=_server_certificate(file, rig_path),
+                master_limit_s=file.limits.plc_heartbeat_s * scaled.time_scale,
                 socketcand_port=file.can.port,
+                node_ids=tuple(drive.node_id for drive in file.drives),
+                client_bus_factory=lambda: FaultyBus(bus(), plan),
+                faults=plan,
             ) as mock,
-            nullcontext() if over_tcp else _linked(Path(port), Path(mock.station_url)),
+            nullcontext() if over_tcp else _linked("station", Path(port), Path(mock.station_url)),
+            _linked("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))
+            if file.plc.transport == "rtu" and file.plc.serial_port
+            else nullcontext(),
         ):
             yield mock
     finally:
-        clock.close()
+        scaled.close()
+
+
+def fault_plan(faults: Sequence[str]) -> FaultPlan:
+    """Faults by NAME@N. Raises InputError in one line."""
+    try:
+        return FaultPlan(parse_fault(text) for text in faults)
+    except ValueError as error:
+        raise InputError(f"--fault: {error}") from error
+
+
+def fault_list() -> list[str]:
+    """Each fault's name, what counts as its operations and what it does."""
+    width = max(len(name) for name in FAULTS)
+    return [
+        f"{name:{width}}  at the Nth {kind.operation}{' and from then on' if kind.lasting else ''}: {kind.what}"
+        for name, kind in FAULTS.items()
+    ]
+
+
+def _server_certificate(file: RigFile, rig_path: Path) -> ssl.SSLContext | None:
+    if file.plc.transport != "tls":
+        return None
+    mock = file.mock or MockSection()
+    if mock.plc_certificate_file is None or mock.plc_key_file is None:
+        raise InputError("rig file: a mock PLC with TLS needs plc_certificate_file and plc_key_file in [mock]")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(rig_path.parent / mock.plc_certificate_file, rig_path.parent / mock.plc_key_file)
+    except OSError as error:
+        raise InputError(f"rig file: [mock] certificate: {error}") from error
+    return context
 
 
 @contextmanager
-def _linked(link: Path, terminal: Path) -> Iterator[None]:
+def _linked(device: str, link: Path, terminal: Path) -> Iterator[None]:
     """Make the mock's pseudo-terminal reachable under the rig file's name; only a link is ever replaced."""
     if link.is_symlink():
         link.unlink()
     if link.exists() or not link.parent.is_dir():
-        raise InputError(f"station port {link}: cannot be made a link to the mock's terminal; name another path")
+        raise InputError(f"{device} port {link}: cannot be made a link to the mock's terminal; name another path")
     link.symlink_to(terminal)
     try:
         yield
@@ -128,12 +199,13 @@ def _linked(link: Path, terminal: Path) -> Iterator[None]:
 
 def how_to_connect(file: RigFile, mock: MockRig) -> list[str]:
     """What to put into a rig file, or on a command line, to reach each device."""
-    host, port = mock.plc_address
+    plc = plc_line(file.plc, Path()) if file.plc.transport == "rtu" else f"{mock.plc_address[0]}:{mock.plc_address[1]}"
+    kind = file.plc.transport.upper()
     bus_host, bus_port = mock.socketcand_address
     return [
         f"station: GeoCOM on {file.station.port or mock.station_url}",
         f"drives:  CANopen nodes {', '.join(str(d.node_id) for d in file.drives)} "
         f"on socketcand {bus_host}:{bus_port}, channel {file.can.channel}",
-        f"PLC:     Modbus TCP {host}:{port}, unit {file.plc.unit}",
+        f"PLC:     Modbus {kind} {plc}, unit {file.plc.unit}",
         f"time:    {file.time_scale or 1.0:g} rig seconds a second",
     ]

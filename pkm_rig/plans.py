@@ -6,7 +6,7 @@ A plan only says what happens; devices do it, the store keeps each reading befor
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bluesky.plan_stubs as bps
@@ -27,7 +27,10 @@ class CampaignRefused(Exception):
 
 @dataclass
 class Stage:
-    """The devices of one campaign and what the plans share."""
+    """The devices of one campaign and what the plans share.
+
+    `stored` holds (phase, pose, pass, SMR) of readings of an earlier run of the campaign, which are not taken again.
+    """
 
     rig: Rig
     context: Context
@@ -37,6 +40,7 @@ class Stage:
     wait: WaitDevice
     progress: Callable[[int, str], None]
     first_nests: dict[str, Array]
+    stored: set[tuple[str, int, int, str]] = field(default_factory=set)
 
     def smrs(self, *on: str) -> list[str]:
         """Names of the reflectors on some parts."""
@@ -100,8 +104,11 @@ def nest_check(stage: Stage) -> Plan:
 
 
 def _visit(stage: Stage, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
+    missing = [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in stage.stored]
+    if not missing:
+        return
     yield from bps.abs_set(stage.machine, visit, wait=True)
-    for smr in smrs:
+    for smr in missing:
         yield from _read(stage, phase, smr)
 
 

@@ -41,6 +41,7 @@ class Rig:
         drives: DriveGroup,
         banks: Sequence[TableBank],
         plc: Plc,
+        poll_period_s: float | None = None,
     ) -> None:
         self.file = file
         self.machine = machine
@@ -51,7 +52,22 @@ class Rig:
         self.plc = plc
         self.sensors = PART_SENSORS
         self.compensation = 0
-        self.supervisor = Supervisor(plc, drives, clock, file.limits.interlocks, self._payload_changed, file.time_scale)
+        self._poll_period_s = poll_period_s
+        self.supervisor = self.new_supervisor()
+
+    def new_supervisor(self) -> Supervisor:
+        """Supervision that has not been started: one that has tripped stays so."""
+        file, drives = self.file, self.drives
+        return Supervisor(
+            self.plc,
+            drives,
+            self.clock,
+            file.limits.interlocks,
+            self._payload_changed,
+            file.time_scale,
+            beat=lambda: drives.line.send_heartbeat(file.can.master_node_id),
+            poll_period_s=self._poll_period_s,
+        )
 
     # --- motion
 
@@ -171,6 +187,8 @@ class Rig:
             raise failures[0]
 
     def _activate(self, images: Sequence[TableImage]) -> None:
+        if not self.banks:
+            raise TableError("drives", "profile", "these drives have no table bank", "measure and identify only")
         written = [bank.write_inactive(image) for bank, image in zip(self.banks, images, strict=True)]
         activate_all([Activation(b, w.bank, w.crc, w.generation) for b, w in zip(self.banks, written, strict=True)])
         for bank in self.banks:
@@ -178,7 +196,7 @@ class Rig:
 
     def next_generation(self) -> int:
         """A generation above that of every bank."""
-        return max(bank.state().next_generation for bank in self.banks)
+        return max((bank.state().next_generation for bank in self.banks), default=1)
 
     def images(self, table: CompensationTable, generation: int) -> list[TableImage]:
         """A table as images, one a drive: own axis first, then the partner's."""

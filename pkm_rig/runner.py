@@ -58,7 +58,7 @@ class Runner:
             loop.close()
 
     def resume(self, recording: Recording) -> None:
-        """Go on with a stored campaign: its numbers, and its first nest check as the reference."""
+        """Go on with a stored campaign: its numbers, first nest check as the reference, calibration readings kept."""
         context = self.stage.context
         context.sequence = int(recording["sequence"].max()) + 1
         context.visit_number = int(recording["visit"].max())
@@ -66,6 +66,9 @@ class Runner:
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
             self.stage.first_nests.setdefault(str(name), position)
+        done = recording.rows("calibration")
+        for pose, pass_, smr in zip(done["pose"], done["pass"], done["smr"], strict=True):
+            self.stage.stored.add(("calibration", int(pose), int(pass_), str(smr)))
 
     def run(self, plan: Plan, purpose: str) -> None:
         """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""
@@ -81,7 +84,8 @@ class Runner:
             self._end_plan()
             with contextlib.suppress(StoreError):
                 reason = str(cause) or type(cause).__name__
-                self.store.add_event(self.campaign, "failed", {"plan": purpose, "reason": reason})
+                failed = {"plan": purpose, "reason": reason, "emergencies": emergency_log(self.rig)}
+                self.store.add_event(self.campaign, "failed", failed)
             if cause is error:
                 raise
             raise cause from error
@@ -128,6 +132,15 @@ def running(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str]
         yield runner
     finally:
         runner.close()
+
+
+def emergency_log(rig: Rig) -> list[dict[str, Any]]:
+    """What the drives have reported by EMCY since they were connected, oldest first."""
+    return [
+        {"drive": drive.name, "code": e.code, "register": e.register, "t_rig_s": e.t_rig_s, "t_host_s": e.t_host_s}
+        for drive in rig.drives.drives
+        for e in tuple(drive.emergencies)
+    ]
 
 
 def settings_event(rig: Rig) -> dict[str, Any]:

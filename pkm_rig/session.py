@@ -53,13 +53,13 @@ def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None
             nullcontext() if real_time else one_core(os.getpid()),
             embedded(file, path, real_time=real_time) as mock,
             mock.clock.activity(),
-            connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+            connected(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path) as rig,
         ):
             yield rig
         return
     clock = ScaledClock(file.time_scale or 1.0)
     try:
-        with connected(file, machine, clock) as rig:
+        with connected(file, machine, clock, rig_path=path) as rig:
             yield rig
     finally:
         clock.close()

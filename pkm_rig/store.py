@@ -152,6 +152,12 @@ class Store:
         with self._reading() as connection:
             return [StoredEvent(r.created, r.kind, json.loads(r.data)) for r in connection.execute(query)]
 
+    def has_readings(self, campaign: str) -> bool:
+        """Whether anything was measured in a campaign."""
+        query = sa.select(_readings.c.uid).where(_readings.c.campaign == campaign).limit(1)
+        with self._reading() as connection:
+            return connection.execute(query).first() is not None
+
     def recording(self, campaign: str) -> Recording:
         """All readings of a campaign; InputError if it is unknown or has none."""
         with self._reading() as connection:

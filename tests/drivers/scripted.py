@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 import tty
 from collections.abc import Sequence
+
+from mock_devices.geocom_line import crc16
+
+NO_CHECKSUM = b"(bare)"  # before an answer: it goes out without a checksum
+_CHECKED = re.compile(rb"(%R1Q,\d+,\d+),(\d+)(:.*)")
+_WHOLE = re.compile(rb"(%R1P,\d+,\d+)(:[^\r\n]*\r\n)")
 
 
 class CountingClock:
@@ -24,7 +31,8 @@ class CountingClock:
 class ScriptedPort:
     """A pty whose far end answers each line by the script; `errors` holds what did not go by it.
 
-    An answer of b"" is a lost one. Does not model baud rates.
+    An answer of b"" is a lost one. Scripts are written without checksums: that of a request is checked and taken off,
+    whole answers to such a request get theirs (`literal`: scripts are taken as they are). Does not model baud rates.
     """
 
     def __init__(self, script: Sequence[tuple[bytes, bytes]]) -> None:
@@ -34,6 +42,7 @@ class ScriptedPort:
         self._slave = slave
         self.url = os.ttyname(slave)
         self.script = list(script)
+        self.literal = False
         self.errors: list[str] = []
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -57,6 +66,13 @@ class ScriptedPort:
             self.errors.append(f"nothing more expected, got {line!r}")
             return
         expected, answer = self.script.pop(0)
+        checked = _CHECKED.fullmatch(line)
+        if checked and not self.literal:
+            line = checked[1] + checked[3]
+            if int(checked[2]) != crc16(line):
+                self.errors.append(f"wrong checksum in {line!r}")
+            answer = answer if answer.startswith(NO_CHECKSUM) else _WHOLE.sub(_with_checksum, answer)
+        answer = answer.removeprefix(NO_CHECKSUM)
         if line != expected:
             self.errors.append(f"expected {expected!r}, got {line!r}")
         if answer:
@@ -72,3 +88,8 @@ class ScriptedPort:
         """Assert that the whole script was played."""
         assert not self.errors, self.errors
         assert self.script == []
+
+
+def _with_checksum(match: re.Match[bytes]) -> bytes:
+    crc = crc16((match[1] + match[2]).rstrip())
+    return match[1] + b",%d" % crc + match[2]

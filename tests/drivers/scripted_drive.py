@@ -97,6 +97,8 @@ class ScriptedDrive:
             self._begin_upload(key)
         elif command & 0xE0 == 0x60:
             self._upload_segment(command)
+        else:  # no block transfer
+            self._reply(struct.pack("<BHBI", 0x80, *key, 0x05040001))
 
     def _begin_download(self, key: Object, data: bytes) -> None:
         if data[0] & 0x02:
@@ -167,7 +169,9 @@ class ScriptedDrive:
 def _dictionary(node: int, partner: int) -> list[tuple[Object, str, int]]:
     entries: list[tuple[Object, str, int]] = [
         ((0x1000, 0), "<I", 0x00020192),
+        ((0x1016, 1), "<I", 0),
         ((0x1017, 0), "<H", 0),
+        ((0x6007, 0), "<h", 1),
         ((0x1018, 1), "<I", VENDOR),
         ((0x1018, 2), "<I", PRODUCT),
         ((0x1018, 3), "<I", 1),
@@ -186,6 +190,7 @@ def _dictionary(node: int, partner: int) -> list[tuple[Object, str, int]]:
         ((0x6092, 2), "<I", 1),
         ((0x2100, 7), "<I", 0xFFFFFFFF),
         *(((index, 0), "<I", 0) for index in (0x6081, 0x6083, 0x6084)),
+        ((0x2103, 1), "<B", 1),
         *(((0x2100, sub), "<B", 0) for sub in (1, 2, 3, 6)),
         *(((0x2100, sub), "<I", 0) for sub in (4, 5)),
         *(((bank, sub), "<I", 0) for bank in (0x2101, 0x2102) for sub in (1, 2, 3, 4)),

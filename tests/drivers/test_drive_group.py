@@ -154,3 +154,16 @@ def test_bad_positions(rig: Rig, positions: list[float]) -> None:
     with pytest.raises(ValueError, match="position"):
         rig.group.move_to(positions, 0.1)
     assert all((0x607A, 0) not in drive.writes for drive in rig.drives.values())
+
+
+def test_a_move_by_the_frame(rig: Rig) -> None:
+    """What the two drives hear, without the SYNCs and the answers: targets by SDO, bit 4 up and down on both."""
+    for drive in rig.drives.values():
+        drive.controlwords.clear()
+        drive.writes.clear()
+    rig.group.move_to([0.1, -0.2], 0.1, 1.0)
+    for drive in rig.drives.values():
+        assert drive.writes == [(0x6081, 0), (0x6083, 0), (0x6084, 0), (0x607A, 0)]
+        assert drive.controlwords == [0x001F, 0x000F]
+    assert rig.drives[1].integer(0x607A) == 10_000_000
+    assert rig.drives[2].integer(0x607A) == -20_000_000

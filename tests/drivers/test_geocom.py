@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from collections.abc import Callable, Iterator
 
 import pytest
 from geocompy.communication import Connection
 from geocompy.geo import GeoCom
+from geocompy.geo.gctypes import GeoComCode
+from hypothesis import given
+from hypothesis import strategies as st
 from scripted import CountingClock, ScriptedPort
 
 from drivers.errors import (
     ConnectionFailed,
+    DeviceError,
     MultipleTargets,
     NoAnswer,
     NotImplementedByStation,
@@ -20,6 +26,8 @@ from drivers.errors import (
     TargetNotFound,
 )
 from drivers.geocom import GeoComSession, QuietGeoCom
+from drivers.return_codes import station_error
+from drivers.serial_line import SerialLine
 
 SHORT_S = 0.2  # where an answer is lost on purpose; elsewhere a loaded machine gets its time
 Open = Callable[..., tuple[GeoComSession, ScriptedPort]]
@@ -199,5 +207,62 @@ class _Stub(Connection):
 def test_the_quiet_session_has_the_librarys_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("geocompy.geo.sleep", lambda _seconds: None)
     theirs, ours = GeoCom(_Stub()), QuietGeoCom(_Stub())
-    unused = {"aus", "bmm", "cam", "ctl", "dna", "ftr", "img", "kdm", "mot", "sup", "wir"}
+    unused = {"bmm", "cam", "ctl", "dna", "ftr", "img", "kdm", "sup", "wir"}
     assert set(vars(theirs)) - set(vars(ours)) == unused
+
+
+def test_checksums_by_the_byte(opened: Open) -> None:
+    script = [(b"%R1Q,0,0,10948:", b"%R1P,0,0,18235:0\r\n"), (b"%R1Q,5003,1,5982:", b"%R1P,0,1,54323:0,7\r\n")]
+    session, port = opened(script)
+    port.literal = True
+    assert session.agree_on_checksums()
+    assert _serial_number(session) == 7
+    port.finished()
+
+
+@pytest.mark.parametrize("code", [int(code) for code in GeoComCode if code not in (0, 13, 1293)])
+def test_every_code_is_a_typed_error_in_one_line(code: int) -> None:
+    error = station_error(code, "call", "station", "port")
+    assert error.code == code
+    assert str(code) in str(error)
+    assert "\n" not in str(error)
+
+
+class _Wire:
+    """A port that holds whatever bytes came."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self.timeout = 0.0
+
+    def write(self, data: bytes) -> int:
+        return len(data)
+
+    def reset_input_buffer(self) -> None: ...
+
+    def read_until(self, _end: bytes, size: int) -> bytes:
+        if not self._data:
+            raise OSError("the line is gone")
+        taken, self._data = self._data[:size], self._data[size:]
+        return taken
+
+
+_LINES = st.one_of(
+    st.binary(max_size=80),
+    st.from_regex(rb"\A%R1P,[0-9]{1,4},[0-9]{1,5}(,[0-9]{1,5})?:[0-9]{1,4}(,[-0-9.e\"a]{0,9}){0,9}\r\n\Z"),
+)
+
+
+@given(st.lists(_LINES, min_size=1, max_size=4), st.booleans())
+def test_any_bytes_give_values_or_a_declared_error(lines: list[bytes], checked: bool) -> None:
+    session = GeoComSession.__new__(GeoComSession)
+    clock = CountingClock()
+    session.device, session.where, session._clock = "station", "port", clock
+    session._lock, session._busy_limit_s = threading.RLock(), 0.0
+    session._reply_timeout_s = session._motion_timeout_s = 5.0
+    session._line = SerialLine(_Wire(b"".join(lines) + b"\n"), clock, 5.0)  # type: ignore[arg-type]
+    session.geocom = QuietGeoCom(session._line)
+    session.geocom.checked = checked
+    with contextlib.suppress(DeviceError):
+        values, _ = session.ask_flagged(session.geocom.tmc.get_complete_measurement)
+        assert len(values) == 8

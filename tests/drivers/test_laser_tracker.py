@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scripted import CountingClock, ScriptedPort
+from scripted import NO_CHECKSUM, CountingClock, ScriptedPort
 
-from drivers.errors import AngleOnly, IdentityMismatch, NoAnswer, NotSettled, ProtocolError, SignalError
-from drivers.laser_tracker import LaserTracker, SettleCriterion
+from drivers.errors import (
+    AngleOnly,
+    IdentityMismatch,
+    LockLost,
+    NoAnswer,
+    NotSettled,
+    ProtocolError,
+    SignalError,
+    WrongTarget,
+)
+from drivers.laser_tracker import LaserTracker, LockState, SettleCriterion
 from drivers.polar import average, cartesian_to_polar, polar_to_cartesian, to_face_one
 
 Make = Callable[..., tuple[LaserTracker, ScriptedPort]]
@@ -41,6 +51,14 @@ def _reading(n: int, hz: str = "0.5", v: str = "1.5", d: str = "3.0", code: int 
         (b"%%R1Q,2008,%d:1,1" % n, b"%%R1P,0,%d:0\r\n" % n),
         (b"%%R1Q,2167,%d:5000,1" % (n + 1), full),
     ]
+
+
+def _face(n: int, face: int) -> tuple[bytes, bytes]:
+    return b"%%R1Q,2026,%d:" % n, b"%%R1P,0,%d:0,%d\r\n" % (n, face)
+
+
+def _fine_adjust(n: int, code: int = 0) -> tuple[bytes, bytes]:
+    return b"%%R1Q,9037,%d:0.01,0.01,0" % n, b"%%R1P,0,%d:%d\r\n" % (n, code)
 
 
 @pytest.fixture
@@ -91,7 +109,7 @@ def test_silence_and_nonsense(make: Make) -> None:
     silent, _ = make([(b"%R1Q,0,0:", b""), (b"%R1Q,0,1:", b"")], 0.1)
     with pytest.raises(NoAnswer):
         silent.connect()
-    babbler, _ = make([(b"%R1Q,0,0:", b"what?\r\n"), (b"%R1Q,0,1:", b"what?\r\n")])
+    babbler, _ = make([(b"%%R1Q,0,%d:" % n, b"what?\r\n") for n in range(4)])
     with pytest.raises(ProtocolError):
         babbler.connect()
 
@@ -140,8 +158,8 @@ def test_values_that_cannot_be(make: Make, bad: dict[str, str]) -> None:
 
 
 def test_two_faces(make: Make) -> None:
-    change = [(b"%R1Q,9028,17:0,0,0", b"%R1P,0,17:0\r\n"), (b"%R1Q,9037,18:0.01,0.01,0", b"%R1P,0,18:0\r\n")]
-    other = _reading(19, hz=repr(0.5 + math.pi), v=repr(2 * math.pi - 1.5))
+    other = _reading(21, hz=repr(0.5 + math.pi), v=repr(2 * math.pi - 1.5))
+    change = [_face(17, 0), (b"%R1Q,9028,18:0,0,0", b"%R1P,0,18:0\r\n"), _face(19, 1), _fine_adjust(20)]
     tracker, port = make([*CONNECT, *_reading(15), *change, *other])
     tracker.connect()
     readings = tracker.measure(1, two_face=True)
@@ -192,6 +210,135 @@ def test_aiming_sends_the_direction(make: Make) -> None:
     tracker, port = make([*CONNECT, *aim])
     tracker.connect()
     tracker.point_and_aim(0.5 - 2 * math.pi, 1.5, window_rad=0.02)
+    port.finished()
+
+
+CHANGE = b"%R1Q,9028,"
+
+
+def test_a_face_change_whose_answer_is_lost_is_not_made_twice(make: Make) -> None:
+    script = [_face(15, 0), (CHANGE + b"16:0,0,0", b""), _face(17, 1), _face(18, 1), _fine_adjust(19)]
+    tracker, port = make([*CONNECT, *script], 0.2)
+    tracker.connect()
+    tracker.change_face()
+    port.finished()
+
+
+def test_a_face_change_that_was_not_understood_is_asked_for_again(make: Make) -> None:
+    refused = (CHANGE + b"16:0,0,0", b"%R1P,3101,16:0\r\n")
+    script = [_face(15, 0), refused, (CHANGE + b"17:0,0,0", b"%R1P,0,17:0\r\n"), _face(18, 1), _fine_adjust(19)]
+    tracker, port = make([*CONNECT, *script])
+    tracker.connect()
+    tracker.change_face()
+    port.finished()
+
+
+def test_a_face_that_stays(make: Make) -> None:
+    script = [_face(15, 0), (CHANGE + b"16:0,0,0", b"%R1P,0,16:0\r\n"), _face(17, 0)]
+    tracker, _ = make([*CONNECT, *script])
+    tracker.connect()
+    with pytest.raises(ProtocolError, match="did not change"):
+        tracker.change_face()
+
+
+def test_a_station_without_checksums_has_each_value_fetched_twice(make: Make) -> None:
+    bare = [(b"%%R1Q,0,%d:" % n, NO_CHECKSUM + b"%%R1P,0,%d:0\r\n" % n) for n in range(6)]
+    rest = [(_counted(line, 5), _counted(answer, 5)) for line, answer in CONNECT[1:]]
+    fetch = (b"%R1Q,2167,21:5000,1", b"%R1P,0,21:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
+    again = (b"%R1Q,2167,22:5000,1", b"%R1P,0,22:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
+    other = (b"%R1Q,2167,25:5000,1", b"%R1P,0,25:0,0.5,1.5,0,0,0,0,8.0,0\r\n")
+    start = [(b"%%R1Q,2008,%d:1,1" % n, b"%%R1P,0,%d:0\r\n" % n) for n in (20, 23)]
+    spoilt = (b"%R1Q,2167,24:5000,1", b"%R1P,0,24:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
+    tracker, port = make([*bare, *rest, start[0], fetch, again, start[1], spoilt, other])
+    tracker.connect()
+    assert not tracker.checked
+    assert tracker.measure()[0].slope_distance_m == 3.0
+    with pytest.raises(ProtocolError, match="twice"):
+        tracker.measure()
+    port.finished()
+
+
+def _counted(line: bytes, more: int) -> bytes:
+    """The same line with a transaction number that is higher."""
+    return re.sub(rb"^(%R1[QP],\d+,)(\d+)", lambda m: m[1] + b"%d" % (int(m[2]) + more), line)
+
+
+def test_search_and_lock(make: Make) -> None:
+    script = [
+        (b"%R1Q,9029,15:0.1,0.1,0", b"%R1P,0,15:0\r\n"),
+        (b"%R1Q,18007,16:1", b"%R1P,0,16:0\r\n"),
+        (b"%R1Q,9013,17:", b"%R1P,0,17:0\r\n"),
+        (b"%R1Q,6021,18:", b"%R1P,0,18:0,1\r\n"),
+        (b"%R1Q,6021,19:", b"%R1P,0,19:0,2\r\n"),
+        (b"%R1Q,18007,20:0", b"%R1P,0,20:0\r\n"),
+    ]
+    tracker, port = make([*CONNECT, *script])
+    tracker.connect()
+    tracker.search(0.1)
+    tracker.lock()
+    assert tracker.lock_state() is LockState.IN
+    assert tracker.lock_state() is LockState.PREDICTED
+    tracker.unlock()
+    port.finished()
+
+
+def test_a_lost_lock_is_found_again_where_the_reflector_is_predicted(make: Make) -> None:
+    script = [
+        (b"%R1Q,6021,15:", b"%R1P,0,15:0,1\r\n"),
+        (b"%R1Q,6021,16:", b"%R1P,0,16:0,0\r\n"),
+        (b"%R1Q,9027,17:0.5,1.5,0,0,0", b"%R1P,0,17:0\r\n"),
+        _fine_adjust(18),
+        (b"%R1Q,18007,19:1", b"%R1P,0,19:0\r\n"),
+        (b"%R1Q,9013,20:", b"%R1P,0,20:0\r\n"),
+        (b"%R1Q,6021,21:", b"%R1P,0,21:0,1\r\n"),
+    ]
+    tracker, port = make([*CONNECT, *script])
+    tracker.connect()
+    assert not tracker.keep_lock(0.5, 1.5)
+    assert tracker.keep_lock(0.5, 1.5)
+    port.finished()
+
+
+def test_no_lock_is_a_typed_error(make: Make) -> None:
+    script = [(b"%R1Q,18007,15:1", b"%R1P,0,15:0\r\n"), (b"%R1Q,9013,16:", b"%R1P,0,16:8725\r\n")]
+    tracker, _ = make([*CONNECT, *script])
+    tracker.connect()
+    with pytest.raises(LockLost, match="8725"):
+        tracker.lock()
+
+
+def test_a_simple_measurement(make: Make) -> None:
+    script = [
+        (b"%R1Q,2008,15:1,1", b"%R1P,0,15:0\r\n"),
+        (b"%R1Q,2108,16:5000,1", b"%R1P,0,16:1283,0.5,1.5,3.0\r\n"),
+    ]
+    tracker, _ = make([*CONNECT, *script])
+    tracker.connect()
+    reading = tracker.measure_simple()
+    assert (reading.slope_distance_m, reading.flags) == (3.0, ("no_full_correction",))
+    assert (reading.edm_mode, reading.prism_type) == (2, 1)
+
+
+def test_another_reflector_than_the_predicted_one(make: Make) -> None:
+    tracker, _ = make([*CONNECT, *_reading(15)])
+    tracker.connect()
+    reading = tracker.measure()[0]
+    here_m = polar_to_cartesian(0.5, 1.5, 3.0)
+    tracker.require_target(reading, here_m, 1e-3, "P1")
+    with pytest.raises(WrongTarget, match=r"'P1' was found 500 mm"):
+        tracker.require_target(reading, (here_m[0], here_m[1], here_m[2] + 0.5), 0.02, "P1")
+
+
+def test_a_late_answer_of_the_session_before_is_dropped(make: Make) -> None:
+    again = [(_counted(line, 16), _counted(answer, 16)) for line, answer in CONNECT]
+    late = (b"%R1Q,2026,15:", b"")
+    again[0] = (again[0][0], b"%R1P,0,15:0,1\r\n" + again[0][1])
+    tracker, port = make([*CONNECT, late, *again], 0.3)
+    tracker.connect()
+    session = tracker._open()
+    with pytest.raises(NoAnswer):
+        session._settled(session.geocom.tmc.get_face, True, 0.3)
+    tracker.connect()
     port.finished()
 
 

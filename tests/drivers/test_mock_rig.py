@@ -15,11 +15,13 @@ import pytest
 import calibration
 from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
-from drivers.errors import NoAnswer, ProtocolError, TargetNotFound
-from drivers.laser_tracker import LaserTracker, SettleCriterion, average, cartesian_to_polar
+from drivers.errors import AngleOnly, NoAnswer, ProtocolError, TargetNotFound, WrongTarget
+from drivers.laser_tracker import LaserTracker, LockState, SettleCriterion, average, cartesian_to_polar
+from drivers.modbus_line import TcpLine
 from drivers.plc import Plc
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
+from mock_devices.faults import FAULTS, Fault, FaultPlan
 from mock_devices.rig import MockRig
 from mock_devices.settings import MockSettings
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
@@ -35,6 +37,7 @@ class Bench:
     clock: RigClock
     mock: MockRig
     new_bus: Callable[[], can.BusABC]
+    faults: FaultPlan
 
 
 def _start(stack: ExitStack, clock: RigClock, *, tcp: bool = False, socketcand: bool = False) -> Bench:
@@ -44,6 +47,7 @@ def _start(stack: ExitStack, clock: RigClock, *, tcp: bool = False, socketcand: 
         return EmbeddedBus(channel, clock)
 
     stack.callback(clock.close)
+    faults = FaultPlan()
     mock = stack.enter_context(
         MockRig(
             MACHINE,
@@ -52,12 +56,13 @@ def _start(stack: ExitStack, clock: RigClock, *, tcp: bool = False, socketcand: 
             bus,
             station="tcp" if tcp else "pty",
             socketcand_port=0 if socketcand else None,
+            faults=faults,
         )
     )
     if not socketcand:
-        return Bench(clock, mock, bus)
+        return Bench(clock, mock, bus, faults)
     host, port = mock.socketcand_address
-    return Bench(clock, mock, lambda: open_bus("socketcand", "can0", host, port))
+    return Bench(clock, mock, lambda: open_bus("socketcand", "can0", host, port), faults)
 
 
 @pytest.fixture(params=["one process", "sockets"])
@@ -157,7 +162,7 @@ def test_two_drives(bench: Bench) -> None:
 def test_the_plc(bench: Bench) -> None:
     slow = bench.clock.time_scale if isinstance(bench.clock, ScaledClock) else 1.0
     host, port = bench.mock.plc_address
-    plc = Plc(host, port, clock=bench.clock, heartbeat_limit_s=slow)
+    plc = Plc(TcpLine(host, port), clock=bench.clock, heartbeat_limit_s=slow)
     try:
         state = plc.connect()
         state.require_safe()
@@ -166,3 +171,60 @@ def test_the_plc(bench: Bench) -> None:
         assert set(state.temperatures_c) == {"air", "struts", "columns", "base", "platform"}
     finally:
         plc.close()
+
+
+def test_search_lock_and_a_lock_that_is_lost(bench: Bench, tracker: LaserTracker) -> None:
+    tracker.connect()
+    direction = _direction(MockSettings(), FLOOR_NEST_M)
+    tracker.point_and_aim(*direction, window_rad=0.04)
+    tracker.search(0.04)
+    tracker.lock()
+    assert tracker.lock_state() is LockState.IN
+    assert not tracker.keep_lock(*direction, window_rad=0.04)
+    bench.faults.arm([Fault("tracker-beam-break", 1)])
+    with pytest.raises(AngleOnly):
+        tracker.measure()
+    assert tracker.lock_state() is LockState.OUT
+    assert tracker.keep_lock(*direction, window_rad=0.04)
+    assert tracker.measure()[0].slope_distance_m > 1.0
+    tracker.unlock()
+    assert tracker.lock_state() is LockState.OUT
+
+
+def test_simple_full_and_averaged_agree(tracker: LaserTracker) -> None:
+    tracker.connect()
+    tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)
+    simple, full, mean = tracker.measure_simple(), tracker.measure()[0], tracker.measure_averaged(3, two_face=True)
+    for other in (full, mean):
+        assert other.slope_distance_m == pytest.approx(simple.slope_distance_m, abs=1e-3)
+        assert other.v_rad == pytest.approx(simple.v_rad, abs=30e-6)
+    assert mean.n == 6
+
+
+def test_another_nest_is_noticed(bench: Bench, tracker: LaserTracker) -> None:
+    tracker.connect()
+    place = MockSettings().station_position_m
+    dx, dy, dz = (p - s for p, s in zip(FLOOR_NEST_M, place, strict=True))
+    expected_m = (dx, -dz, dy)
+    tracker.point_and_aim(*cartesian_to_polar(*expected_m)[:2], window_rad=0.04)
+    tracker.require_target(tracker.measure()[0], expected_m, 0.05, "N1")
+    bench.faults.arm([Fault("tracker-wrong-nest", 1)])
+    tracker.point_and_aim(*cartesian_to_polar(*expected_m)[:2], window_rad=0.04)
+    with pytest.raises(WrongTarget, match="'N1' was found"):
+        tracker.require_target(tracker.measure()[0], expected_m, 0.05, "N1")
+
+
+@pytest.mark.parametrize("name", [name for name, kind in FAULTS.items() if kind.site == "serial" and not kind.lasting])
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_after_a_spoilt_answer_the_next_one_is_right(bench: Bench, name: str, number: int) -> None:
+    tracker = LaserTracker(bench.mock.station_url, bench.clock, reply_timeout_s=0.3, motion_timeout_s=2.0)
+    tracker.connect()
+    tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)
+    distance_m = tracker.measure()[0].slope_distance_m
+    bench.faults.arm([Fault(name, number)])
+    assert tracker.measure()[0].slope_distance_m == pytest.approx(distance_m, abs=1e-3)
+    assert tracker.read_face() == 1
+    assert tracker.identity is not None
+    assert tracker.measure()[0].slope_distance_m == pytest.approx(distance_m, abs=1e-3)
+    assert bench.faults.struck == (name,)
+    tracker.close()

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import socket
 import struct
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from scripted import CountingClock
 
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
+from drivers.modbus_line import TcpLine
 from drivers.plc import Plc
 from drivers.plc_registers import Register, RegisterMap, decode
 
@@ -35,6 +40,9 @@ class ModbusPlc:
         self.result = 0
         self.delay = 3
         self.writes: list[list[int]] = []
+        self.beats: list[int] = []
+        self.stuck = 0
+        self.words[36] = 1
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
@@ -63,12 +71,16 @@ class ModbusPlc:
     async def _act(
         self, _code: int, _block: int, start: int, count: int, registers: list[int], values: list[int] | None
     ) -> None:
+        if values and start == 30:  # our heartbeat; the block is read in the same request
+            self.beats.append(values[0])
+            return
         if values:
             self.writes.append(list(values))
             self.words[start : start + count] = values
             self.words[34], self.words[35] = self.words[31], 2
         else:
             self._step()
+        self.words[3] = self.words[1] ^ 0xFFFF ^ self.stuck
         registers[start : start + count] = self.words[start : start + count]
 
     def _step(self) -> None:
@@ -90,7 +102,7 @@ def server() -> Iterator[ModbusPlc]:
 
 @pytest.fixture
 def plc(server: ModbusPlc) -> Iterator[Plc]:
-    plc = Plc("127.0.0.1", server.port, clock=CountingClock(), reply_timeout_s=0.5)
+    plc = Plc(TcpLine("127.0.0.1", server.port), clock=CountingClock(), reply_timeout_s=0.5)
     yield plc
     plc.close()
 
@@ -182,24 +194,27 @@ def test_nobody_listens() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(ConnectionFailed, match="no connection"):
-        Plc("127.0.0.1", port, clock=CountingClock(), reply_timeout_s=0.2).connect()
+        Plc(TcpLine("127.0.0.1", port), clock=CountingClock(), reply_timeout_s=0.2).connect()
 
 
 def test_a_peer_that_does_not_answer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        plc = Plc("127.0.0.1", listener.getsockname()[1], clock=CountingClock(), reply_timeout_s=0.05)
+        plc = Plc(TcpLine("127.0.0.1", listener.getsockname()[1]), clock=CountingClock(), reply_timeout_s=0.05)
         with pytest.raises(NoAnswer, match="no answer"):
             plc.connect()
 
 
 def test_a_wrong_unit(server: ModbusPlc) -> None:
-    plc = Plc("127.0.0.1", server.port, unit=9, clock=CountingClock(), reply_timeout_s=0.2)
+    plc = Plc(TcpLine("127.0.0.1", server.port), unit=9, clock=CountingClock(), reply_timeout_s=0.2)
     with pytest.raises((NoAnswer, PlcError)):
         plc.connect()
 
 
 def test_registers_may_move() -> None:
     moved = RegisterMap(
+        interlocks_inverted=None,
+        master_heartbeat=None,
+        master_seen=None,
         heartbeat=100,
         interlocks=101,
         payload=102,
@@ -221,3 +236,75 @@ def test_registers_may_move() -> None:
         decode(moved, words[:-1], True, (0.0, 0.0))
     with pytest.raises(ValueError, match="span"):
         RegisterMap(heartbeat=500)
+
+
+def test_a_stuck_bit_is_noticed(server: ModbusPlc, plc: Plc) -> None:
+    plc.connect()
+    server.stuck = 0b0001
+    with pytest.raises(PlcError, match="a bit is stuck"):
+        plc.read()
+
+
+def test_our_heartbeat_goes_with_the_reads_and_a_plc_that_does_not_see_it_is_not_safe(
+    server: ModbusPlc, plc: Plc
+) -> None:
+    plc.connect()
+    for _ in range(4):
+        plc._clock.sleep_s(0.3)
+        plc.read().require_safe()
+    assert server.beats == sorted(set(server.beats))
+    assert len(server.beats) >= 5
+    server.words[36] = 0
+    with pytest.raises(StaleData, match="does not see our heartbeat"):
+        plc.read().require_safe()
+
+
+def test_a_sensor_that_stands_still_is_old(server: ModbusPlc) -> None:
+    air = Register(4, -20.0, 60.0, stale_s=10.0)
+    registers = RegisterMap(temperatures_c={"air": air})
+    plc = Plc(TcpLine("127.0.0.1", server.port), register_map=registers, clock=CountingClock(), reply_timeout_s=0.5)
+    plc.connect()
+    for celsius in (20.6, 20.7, 20.8):
+        plc._clock.sleep_s(8.0)
+        server.put(4, celsius)
+        plc.read()
+    plc._clock.sleep_s(8.0)
+    plc.read()
+    plc._clock.sleep_s(8.0)
+    with pytest.raises(StaleData, match="air temperature has not changed for 16 s"):
+        plc.read()
+    plc.close()
+
+
+@pytest.mark.parametrize(
+    ("register", "words", "value"),
+    [
+        (Register(0, -1e9, 1e9), [0x41A4, 0x0000], 20.5),
+        (Register(0, -1e9, 1e9, order="CDAB"), [0x0000, 0x41A4], 20.5),
+        (Register(0, -1e9, 1e9, order="BADC"), [0xA441, 0x0000], 20.5),
+        (Register(0, -1e9, 1e9, order="DCBA"), [0x0000, 0xA441], 20.5),
+        (Register(0, -1e9, 1e9, type="i16", scale=0.1), [0xFF38], -20.0),
+        (Register(0, -1e9, 1e9, type="u16", scale=0.01, unit="K"), [29365], 20.5),
+        (Register(0, -1e9, 1e9, type="u16", order="BADC"), [0x0100], 1.0),
+        (Register(0, -1e9, 1e9, type="u32", unit="Pa"), [1, 0x8BCD], 1013.25),
+        (Register(0, -1e9, 1e9, type="i32", scale=0.001, order="CDAB"), [0xB1E0, 0xFFFF], -20.0),
+        (Register(0, -1e9, 1e9, unit="1"), [0x3EE6, 0x6666], 45.0),
+    ],
+)
+def test_types_orders_scales_and_units(register: Register, words: list[int], value: float) -> None:
+    assert register.value(words) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("wrong", [{"unit": "F"}, {"scale": 0.0}, {"low": 1.0, "high": 0.0}, {"address": 70000}])
+def test_registers_that_cannot_be(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="cannot be"):
+        Register(**{"address": 0, "low": 0.0, "high": 1.0, **wrong})
+
+
+@given(st.lists(st.integers(0, 0xFFFF), max_size=40), st.booleans())
+def test_any_words_are_a_state_or_a_plc_error(words: list[int], fresh: bool) -> None:
+    registers = RegisterMap()
+    with contextlib.suppress(PlcError):
+        state = decode(registers, words, fresh, (0.0, 0.0))
+        assert fresh or not any(state.interlocks.values())
+        assert all(-20.0 <= value <= 60.0 for value in state.temperatures_c.values())

@@ -167,3 +167,13 @@ def test_a_station_with_a_poor_place_is_refused_before_anything_moves(run, rig_f
     done = run("calibrate", "--rig", rig, "--out", tmp_path)
     assert done.returncode == 1
     assert "in-plane uncertainty" in last_line(done)
+
+
+def test_the_interim_test_passes_on_the_mock_station(run):
+    found = json.loads(run("interim-test", "--json").stdout)
+    assert found["passed"]
+    assert set(found["two_face"]) == {"N1", "N2"}
+    assert abs(found["distances"][0]["error_m"]) < 0.5e-3
+    done = run("interim-test")
+    assert done.returncode == 0
+    assert done.stdout.strip().splitlines()[-1] == "passed"

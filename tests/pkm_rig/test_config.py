@@ -4,7 +4,7 @@ import pytest
 
 from calibration.toml_file import InputError
 from pkm_rig.config import embedded_rig_path, load_rig
-from pkm_rig.connection import register_map
+from pkm_rig.plc_connection import plc_line, register_map
 
 
 @pytest.fixture
@@ -53,9 +53,60 @@ def test_the_example_is_fit(request):
 
 def test_registers_can_be_moved_and_unknown_ones_are_named(tmp_path, text):
     file, _ = load(tmp_path, text.replace("port = 0", "port = 0\nregisters = { payload = 40, air_temperature_c = 20 }"))
-    registers = register_map(file)
+    registers = register_map(file.plc)
     assert registers.payload == 40
     assert registers.temperatures_c["air"].address == 20
     file, _ = load(tmp_path, text.replace("port = 0", "port = 0\nregisters = { wind = 40 }"))
     with pytest.raises(InputError, match="wind"):
-        register_map(file)
+        register_map(file.plc)
+
+
+def test_registers_may_have_another_type_order_unit_and_range(tmp_path, text):
+    entry = (
+        'registers.air_temperature_c = { address = 20, type = "i16", scale = 0.1, unit = "K", low = 0, stale_s = 60 }\n'
+        'without = ["master_seen"]\ninterlocks = { "guard closed" = 5 }'
+    )
+    file, _ = load(tmp_path, text.replace("port = 0", f"port = 0\n{entry}"))
+    registers = register_map(file.plc)
+    air = registers.temperatures_c["air"]
+    assert (air.type, air.unit, air.low, air.high, air.stale_s) == ("i16", "K", 0.0, 60.0, 60.0)
+    assert air.value([2940]) == pytest.approx(20.85)
+    assert registers.master_seen is None
+    assert registers.interlock_bits == {"guard closed": 5}
+    file, _ = load(tmp_path, text.replace("port = 0", "port = 0\nregisters.heartbeat = { address = 1, scale = 2 }"))
+    with pytest.raises(InputError, match="whole word"):
+        register_map(file.plc)
+
+
+def test_the_line_to_the_plc(tmp_path, text):
+    file, _ = load(tmp_path, text.replace("port = 0", 'transport = "rtu"\nserial_port = "/dev/ttyS9"\nparity = "N"'))
+    assert str(plc_line(file.plc, tmp_path / "rig.toml")) == "/dev/ttyS9 (RTU, 115200 Bd, 8N1)"
+    file, _ = load(tmp_path, text.replace("port = 0", 'port = 802\ntransport = "tls"\nca_file = "ca.pem"'))
+    with pytest.raises(InputError, match=r"no file .*ca\.pem"):
+        plc_line(file.plc, tmp_path / "rig.toml")
+    (tmp_path / "ca.pem").write_text("")
+    assert str(plc_line(file.plc, tmp_path / "rig.toml")) == "127.0.0.1:802 (TLS)"
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ('transport = "tls"', "ca_file"),
+        ('transport = "rtu"', "serial_port"),
+        ('transport = "udp"', "transport"),
+        ('registers.air_temperature_c = { address = 4, unit = "F" }', "unit"),
+        ('registers.air_temperature_c = "4"', "air_temperature_c"),
+    ],
+)
+def test_a_plc_that_cannot_be(tmp_path, text, line, complaint):
+    with pytest.raises(InputError, match=complaint):
+        load(tmp_path, text.replace("port = 0", f"port = 0\n{line}"))
+
+
+def test_profiles_of_drives(tmp_path, text):
+    with pytest.raises(InputError, match="not shipped"):
+        load(tmp_path, text.replace("node_id = 1", 'node_id = 1\nprofile = "nobody"'))
+    with pytest.raises(InputError, match="all of its drives or by none"):
+        load(tmp_path, text.replace("node_id = 1", 'node_id = 1\nprofile = "plain-402"'))
+    with pytest.raises(InputError, match="master_node_id"):
+        load(tmp_path, text.replace('interface = "embedded"', 'interface = "embedded"\nmaster_node_id = 2'))

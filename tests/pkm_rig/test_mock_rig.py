@@ -8,9 +8,10 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
+import trustme
 
 from calibration.toml_file import InputError
-from drivers.errors import ConnectionFailed, NoAnswer, ProtocolError
+from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import load_rig
 from pkm_rig.connection import connected
@@ -88,3 +89,41 @@ def test_a_station_that_answers_nonsense_is_named_and_the_drives_are_left_alone(
         assert port in str(caught.value)
         assert "\n" not in str(caught.value)
         assert not any(drive.axis.powered for drive in mock.drives)
+
+
+@pytest.mark.parametrize("transport", ["tls", "rtu"])
+def test_the_mock_serves_its_plc_by_tls_and_rtu(rig_path, tmp_path, transport):
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    certificate = authority.issue_cert("127.0.0.1")
+    certificate.cert_chain_pems[0].write_to_path(tmp_path / "plc.pem")
+    certificate.private_key_pem.write_to_path(tmp_path / "plc.key")
+    changes = {
+        "tls": 'transport = "tls"\nca_file = "ca.pem"',
+        "rtu": f'transport = "rtu"\nserial_port = "{tmp_path / "plc"}"\nparity = "N"',
+    }
+    text = rig_path.read_text(encoding="utf-8").replace("[plc]", f"[plc]\n{changes[transport]}")
+    text = text.replace("[mock]", '[mock]\nplc_certificate_file = "plc.pem"\nplc_key_file = "plc.key"')
+    rig_path.write_text(text, encoding="utf-8")
+    file, machine = load_rig(rig_path)
+    with served(file, rig_path) as mock:
+        assert f"Modbus {transport.upper()}" in how_to_connect(file, mock)[2]
+        clock = ScaledClock(file.time_scale)
+        with connected(file, machine, clock, rig_path=rig_path) as rig:
+            assert rig.supervisor.state().payload == 0
+        clock.close()
+
+
+def test_a_fault_by_name_strikes_a_served_rig(rig_path):
+    file, machine = load_rig(rig_path)
+    with served(file, rig_path, ["drive-emergency@5", "serial-split@3"]) as mock:
+        clock = ScaledClock(file.time_scale)
+        with connected(file, machine, clock) as rig:
+            rig.enable()
+            with pytest.raises(DriveFault, match="0x2310"):
+                rig.move(np.array([1.15, 1.10]), 0.2)
+        clock.close()
+        assert set(mock.faults.struck) == {"drive-emergency", "serial-split"}
+    for wrong in ("nothing@1", "serial-lost"):
+        with pytest.raises(InputError, match="--fault"), served(file, rig_path, [wrong]):
+            pass

@@ -133,3 +133,14 @@ def test_in_plane_uncertainty_grows_when_the_station_looks_from_the_side():
     aside = file.station.model_copy(update={"position_m": (2.9, 0.3, 1.2)})
     assert good < 10e-6
     assert in_plane_u_m(file.model_copy(update={"station": aside}), machine) > 2.0 * good
+
+
+def test_drives_without_a_table_bank_can_be_moved_but_not_compensated():
+    file, machine = short_rig_file()
+    drives = tuple(drive.model_copy(update={"profile": "plain-402"}) for drive in file.drives)
+    with mock_and_rig(file.model_copy(update={"drives": drives}), machine) as (_, rig):
+        rig.enable()
+        rig.move(np.array([1.15, 1.10]), 0.2)
+        rig.compensate(None)
+        with pytest.raises(TableError, match="no table bank"):
+            rig.compensate(rig.images(flat_table(0.0, 0.0), rig.next_generation()))

@@ -1,0 +1,1 @@
+"""The mocks and drivers against other people's programs."""

@@ -1,0 +1,162 @@
+"""Profiles of drive makes: which manufacturer objects a drive keeps its table bank under, and what it lacks.
+
+A profile is a small TOML file (docs/drive-objects.md). Objects are written "0x2100:01 u8".
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from drivers.objects import DriveObject
+
+_FORMATS = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i16": "<h", "i32": "<i", "domain": ""}
+_OBJECT = re.compile(r"0x([0-9A-Fa-f]{4}):([0-9A-Fa-f]{2}) (\w+)")
+_LONGEST = 20_000
+_COMPENSATION = ("mode", "activate", "active", "crc", "generation", "valid", "payload")
+_BANK = ("image", "crc", "generation", "payload", "status")
+
+
+@dataclass(frozen=True)
+class BankObjects:
+    """Objects of one of the two banks."""
+
+    image: DriveObject
+    crc: DriveObject
+    generation: DriveObject
+    payload: DriveObject
+    status: DriveObject
+
+
+@dataclass(frozen=True)
+class CompensationObjects:
+    """Objects of the compensation and of its banks 1 and 2; the partner's command and velocity come by RPDO2."""
+
+    mode: DriveObject
+    activate: DriveObject
+    active: DriveObject
+    crc: DriveObject
+    generation: DriveObject
+    valid: DriveObject
+    payload: DriveObject
+    partner_command: DriveObject
+    partner_velocity: DriveObject
+    banks: tuple[BankObjects, BankObjects]
+
+
+@dataclass(frozen=True)
+class DriveProfile:
+    """What a make of drive has.
+
+    `factor_group`: 0x608F, 0x6091 and 0x6092 tell its units. `watchdog`: it can watch the master (0x1016, 0x6007).
+    `referenced`: object whose masked bits are all set when the position is referenced; None if it cannot be lost.
+    `compensation` is None where there is no table bank.
+    """
+
+    name: str
+    factor_group: bool = True
+    watchdog: bool = True
+    referenced: DriveObject | None = None
+    referenced_mask: int = 0
+    compensation: CompensationObjects | None = None
+
+
+def load_profile(source: str, folder: Path | None = None) -> DriveProfile:
+    """A shipped profile by its name, or a file `*.toml` (relative to `folder`).
+
+    Raises ValueError in one line if it cannot be read or is not a profile.
+    """
+    try:
+        if source.endswith(".toml"):
+            text = ((folder or Path()) / source).read_text(encoding="utf-8")
+        else:
+            text = _shipped(source)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"drive profile {source}: cannot be read: {error}") from error
+    return parse_profile(text, source)
+
+
+def parse_profile(text: str, where: str = "profile") -> DriveProfile:
+    """Read a profile; raises ValueError in one line."""
+    if len(text) > _LONGEST:
+        raise ValueError(f"drive profile {where}: longer than {_LONGEST} characters")
+    try:
+        return _profile(tomllib.loads(text))
+    except (tomllib.TOMLDecodeError, RecursionError, _NotAProfile) as error:
+        raise ValueError(f"drive profile {where}: {' '.join(str(error).split())}") from None
+
+
+class _NotAProfile(Exception):
+    pass
+
+
+@lru_cache
+def _shipped(name: str) -> str:
+    folder = resources.files("drivers") / "profiles"
+    names = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+    if name not in names:
+        raise ValueError(f"drive profile '{name}' is not shipped; there are {', '.join(names)}, or give a file *.toml")
+    return (folder / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _profile(table: Mapping[str, Any]) -> DriveProfile:
+    _only(table, {"name", "factor_group", "watchdog", "referenced", "compensation"}, "profile")
+    referenced = table.get("referenced")
+    if referenced is not None:
+        _only(referenced, {"object", "mask"}, "referenced")
+    return DriveProfile(
+        name=_typed(table.get("name"), str, "name"),
+        factor_group=_typed(table.get("factor_group", True), bool, "factor_group"),
+        watchdog=_typed(table.get("watchdog", True), bool, "watchdog"),
+        referenced=None if referenced is None else _object(referenced.get("object"), "referenced.object"),
+        referenced_mask=0 if referenced is None else _typed(referenced.get("mask"), int, "referenced.mask"),
+        compensation=None if "compensation" not in table else _compensation(table["compensation"]),
+    )
+
+
+def _compensation(table: Any) -> CompensationObjects:
+    _only(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks"}, "compensation")
+    banks = table.get("banks")
+    if not isinstance(banks, list) or len(banks) != 2:
+        raise _NotAProfile("compensation.banks: two are wanted")
+    for number, bank in enumerate(banks, start=1):
+        _only(bank, set(_BANK), f"bank {number}")
+    first, second = (
+        BankObjects(**{key: _object(bank.get(key), f"bank {number} {key}") for key in _BANK})
+        for number, bank in enumerate(banks, start=1)
+    )
+    named = {key: _object(table.get(key), f"compensation {key}") for key in _COMPENSATION}
+    named["activate"] = _object(table.get("activate"), "activate bank", holds=False)
+    return CompensationObjects(
+        **named,
+        partner_command=_object(table.get("partner_command"), "partner's command"),
+        partner_velocity=_object(table.get("partner_velocity"), "partner's velocity"),
+        banks=(first, second),
+    )
+
+
+def _object(text: Any, name: str, *, holds: bool = True) -> DriveObject:
+    match = _OBJECT.fullmatch(text) if isinstance(text, str) else None
+    if match is None or match[3] not in _FORMATS:
+        raise _NotAProfile(f"{name}: {text!r:.40} is no object such as '0x2100:01 u8'")
+    return DriveObject(int(match[1], 16), int(match[2], 16), _FORMATS[match[3]], name, holds)
+
+
+def _only(table: Any, keys: set[str], where: str) -> None:
+    if not isinstance(table, dict):
+        raise _NotAProfile(f"{where}: a table is wanted")
+    unknown = sorted(set(table) - keys)
+    if unknown:
+        raise _NotAProfile(f"{where}: unknown key '{unknown[0]}'")
+
+
+def _typed(value: Any, kind: type[Any], name: str) -> Any:
+    if type(value) is not kind:
+        raise _NotAProfile(f"{name}: {kind.__name__} wanted, not {value!r:.40}")
+    return value

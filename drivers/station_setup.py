@@ -1,0 +1,127 @@
+"""What is compared, written and read back before a station may be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from geocompy.geo.gcdata import EDMModeV2, Prism
+
+from drivers.atmosphere import atmospheric_ppm, wet_bulb_c
+from drivers.errors import IdentityMismatch, NotImplementedByStation, ProtocolError
+from drivers.geocom import GeoComSession
+
+_SET_ATMOSPHERE, _SET_PRISM_CONSTANT = 2028, 2024
+_DIGITS = 15
+_CHECK_SETTINGS = "check the station's configuration and connect again"
+
+
+@dataclass(frozen=True)
+class StationIdentity:
+    """Who answers on the port."""
+
+    name: str
+    serial: int
+    firmware: tuple[int, int, int]
+    geocom: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class StationSetup:
+    """The steps of connecting to one station. All raise NoAnswer, ProtocolError, ConnectionFailed, StationError."""
+
+    session: GeoComSession
+
+    def set_precision(self) -> None:
+        """Have values written with all digits, and read that back."""
+        session, com = self.session, self.session.geocom.com
+        session.ask(lambda: com.set_double_precision(_DIGITS), values=False)
+        digits = session.ask(com.get_double_precision)
+        if digits != _DIGITS:
+            raise self._not_taken("number of digits", _DIGITS, digits)
+
+    def read_identity(self, expected_serial: int | None) -> StationIdentity:
+        """Who answers. Raises IdentityMismatch."""
+        session, csv, com = self.session, self.session.geocom.csv, self.session.geocom.com
+        identity = StationIdentity(
+            name=session.ask(csv.get_instrument_name),
+            serial=session.ask(csv.get_serial_number),
+            firmware=session.ask(csv.get_firmware_version),
+            geocom=session.ask(com.get_geocom_version),
+        )
+        if expected_serial not in (None, identity.serial):
+            raise IdentityMismatch(
+                session.device,
+                session.where,
+                f"serial number {identity.serial} answers, {expected_serial} is configured",
+                "connect the right station or correct the rig file",
+            )
+        return identity
+
+    def set_distance_mode(self, mode: EDMModeV2 | None) -> int:
+        """Set the distance mode (2020) unless it is None; returns the one that is on."""
+        tmc = self.session.geocom.tmc
+        if mode is None:
+            return int(self.session.ask(tmc.get_edm_mode_v2).value)
+        self._set("distance mode", mode, lambda: tmc.set_edm_mode_v2(mode), tmc.get_edm_mode_v2)
+        return int(mode.value)
+
+    def set_prism(self, prism: Prism | None, constant_m: float) -> int:
+        """Set prism type (17008) unless it is None and constant (2024); returns the type that is on."""
+        bap, tmc = self.session.geocom.bap, self.session.geocom.tmc
+        if prism is not None:
+            self._set("prism type", prism, lambda: bap.set_prism_type(prism), bap.get_prism_type)
+        kind = prism if prism is not None else self.session.ask(bap.get_prism_type)
+        self.session.ask(self.session.call(_SET_PRISM_CONSTANT, constant_m), values=False)
+        taken_m = self.session.ask(tmc.get_prism_correction)
+        if not abs(taken_m - constant_m) < 1e-6:
+            raise self._not_taken("prism constant", constant_m, taken_m)
+        return int(kind.value)
+
+    def read_atmosphere(self) -> Sequence[float]:
+        """Wavelength in m, pressure in hPa, dry and wet temperature in degC, as the station holds them."""
+        values: Sequence[float] = self.session.ask(self.session.geocom.tmc.get_atmospheric_corrections)
+        if not all(math.isfinite(value) for value in values):
+            raise self.out_of_range("atmosphere", values[0])
+        return values
+
+    def set_atmosphere(self, wavelength_m: float, temperature_c: float, pressure_hpa: float, humidity: float) -> None:
+        """Write the air (2028) and read it back."""
+        wet_c = wet_bulb_c(temperature_c, pressure_hpa, humidity)
+        asked = (wavelength_m, float(pressure_hpa), float(temperature_c), wet_c)
+        self.session.ask(self.session.call(_SET_ATMOSPHERE, *asked), values=False)
+        taken = self.read_atmosphere()
+        if any(abs(a - b) > 1e-3 for a, b in zip(asked[1:], taken[1:], strict=True)):
+            raise self._not_taken("atmosphere", asked[1:], tuple(taken[1:]))
+
+    def read_ppm(self, temperature_c: float, pressure_hpa: float, humidity: float) -> float:
+        """The station's own ppm (2151) where it tells; else by the formula of its manual."""
+        try:
+            ppm = float(self.session.ask(self.session.geocom.tmc.get_atmospheric_correction_ppm))
+        except NotImplementedByStation:
+            return atmospheric_ppm(temperature_c, pressure_hpa, humidity)
+        if not abs(ppm) < 1000.0:
+            raise self.out_of_range("ppm", ppm)
+        return ppm
+
+    def out_of_range(self, what: str, value: float) -> ProtocolError:
+        """A value that cannot be."""
+        return ProtocolError(
+            self.session.device, self.session.where, f"{what} of {value} cannot be", "measure again; check the line"
+        )
+
+    def _set(self, what: str, value: object, write: Callable[[], Any], read: Callable[[], Any]) -> None:
+        self.session.ask(write, values=False)
+        taken = self.session.ask(read)
+        if taken != value:
+            raise self._not_taken(what, value, taken)
+
+    def _not_taken(self, what: str, asked: object, taken: object) -> ProtocolError:
+        return ProtocolError(
+            self.session.device,
+            self.session.where,
+            f"{what}: {asked} was set, {taken} is read back",
+            _CHECK_SETTINGS,
+        )

@@ -1,0 +1,107 @@
+"""What a node watches and remembers by CiA 301: the master's heartbeat (0x1016) and its own errors (0x1003)."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from mock_devices.clock import RigClock
+from mock_devices.compensation import VALUE_RANGE, Refused
+
+_HISTORY = 8
+COMMUNICATION_ERROR_BIT = 0x10
+GENERIC_ERROR_BIT = 0x01
+
+
+class HeartbeatConsumer:
+    """Watches one node from its first heartbeat on. `lost` is called once when it stays away, `found` when it is back.
+
+    Both are called without a lock held, from a thread of the clock or of the bus.
+    """
+
+    def __init__(self, clock: RigClock, lost: Callable[[], None], found: Callable[[], None]) -> None:
+        self._clock = clock
+        self._lost, self._found = lost, found
+        self._lock = threading.Lock()
+        self._node, self._limit_s = 0, 0.0
+        self._last_s: float | None = None
+        self._missing = False
+        self._cancel: Callable[[], None] | None = None
+
+    def configure(self, value: int) -> None:
+        """Object 0x1016:01: node in bits 16 to 22, time in ms in bits 0 to 15; either 0 switches it off."""
+        with self._lock:
+            self._stop()
+            self._node, self._limit_s = value >> 16 & 0x7F, (value & 0xFFFF) * 1e-3
+
+    @property
+    def value(self) -> int:
+        """What reading 0x1016:01 gives."""
+        return self._node << 16 | round(self._limit_s * 1e3)
+
+    def on_heartbeat(self, node: int) -> None:
+        """A heartbeat of some node has come."""
+        with self._lock:
+            if node != self._node or self._limit_s <= 0.0:
+                return
+            first, self._last_s = self._last_s is None, self._clock.now_s()
+            back, self._missing = self._missing, False
+            if first or back:
+                self._schedule(self._last_s + self._limit_s)
+        if back:
+            self._found()
+
+    def close(self) -> None:
+        """Watch nothing any more."""
+        self.configure(0)
+
+    def _schedule(self, t_s: float) -> None:
+        self._cancel = self._clock.call_at(t_s, self._check)
+
+    def _stop(self) -> None:
+        if self._cancel is not None:
+            self._cancel()
+        self._cancel, self._last_s, self._missing = None, None, False
+
+    def _check(self) -> None:
+        with self._lock:
+            if self._last_s is None or self._missing:
+                return
+            due_s = self._last_s + self._limit_s
+            if self._clock.now_s() < due_s:
+                self._schedule(due_s)
+                return
+            self._missing = True
+        self._lost()
+
+
+class ErrorHistory:
+    """Object 0x1003: the last eight error codes, newest first."""
+
+    def __init__(self) -> None:
+        self._codes: list[int] = []
+
+    def add(self, code: int) -> None:
+        """An error has come up."""
+        self._codes = [code, *self._codes][:_HISTORY]
+
+    def count(self) -> int:
+        """Sub-index 0."""
+        return len(self._codes)
+
+    def code(self, number: int) -> int:
+        """Sub-index `number`; 0 where there is none."""
+        return self._codes[number - 1] if number <= len(self._codes) else 0
+
+    def write_count(self, value: int) -> None:
+        """Writing 0 forgets all; anything else is refused."""
+        if value != 0:
+            raise Refused(VALUE_RANGE)
+        self._codes = []
+
+
+def error_register(code: int) -> int:
+    """Object 0x1001 for an error code: generic always, communication for 0x81xx."""
+    if code == 0:
+        return 0
+    return GENERIC_ERROR_BIT | (COMMUNICATION_ERROR_BIT if code >> 8 == 0x81 else 0)

@@ -1,0 +1,120 @@
+"""What the mock PLC knows and does, and how that stands in its registers (docs/plc.md)."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Callable
+
+from mock_devices.faults import NO_FAULTS, FaultPlan
+from mock_devices.plant import Plant
+
+REGISTERS = 60
+CHANGING = 0xFFFF
+GOOD_INTERLOCKS = 0b1111
+DONE, REFUSED, IN_PROGRESS = 0, 1, 2
+
+_HEARTBEAT_PERIOD_S = 0.1
+_MASTER_HEARTBEAT, _SEQUENCE, _MASTER_SEEN = 30, 31, 36
+_REQUEST_PAYLOAD = 1
+_FLOATS_AT = 4
+_GUARD_BIT = 0
+
+
+class PlcState:
+    """What the PLC knows and does, without its line. Safe to use from several threads.
+
+    The master counts as seen while its heartbeat has changed within `master_limit_s` of rig time.
+    """
+
+    def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS, master_limit_s: float = 2.0) -> None:
+        self._plant = plant
+        self._faults = faults
+        self._master_limit_s = master_limit_s
+        self._lock = threading.Lock()
+        self._interlocks = GOOD_INTERLOCKS
+        self._command = [0, 0, 0]
+        self._taken, self._result = 0, DONE
+        self._cancel: Callable[[], None] | None = None
+        self._master_beat = 0
+        self._master_seen_s = float("-inf")
+        self._frozen: list[int] | None = None
+
+    def set_interlock(self, bit: int, good: bool) -> None:
+        """Open or close an interlock."""
+        with self._lock:
+            self._interlocks = self._interlocks | 1 << bit if good else self._interlocks & ~(1 << bit)
+
+    def answer(self) -> list[int]:
+        """All registers for one request, with the faults that strike at it."""
+        if self._faults.strikes("modbus-stale-heartbeat"):
+            self._frozen = self._frozen or self.registers()
+            return list(self._frozen)
+        self._frozen = None
+        words = self.registers()
+        if self._faults.strikes("modbus-stuck-coil"):
+            words[3] |= 1 << _GUARD_BIT  # the guard is open; the bit that should say so stays good
+        return words
+
+    def registers(self) -> list[int]:
+        """All registers as they are now."""
+        t_s, thermal = self._plant.clock.now_s(), self._plant.thermal
+        words = [0] * REGISTERS
+        with self._lock:
+            words[0] = int(t_s / _HEARTBEAT_PERIOD_S) & 0xFFFF
+            words[1] = self._interlocks
+            words[2] = self._plant.payload if self._cancel is None else CHANGING
+            words[3] = self._interlocks ^ 0xFFFF
+            words[_MASTER_HEARTBEAT] = self._master_beat
+            words[_SEQUENCE : _SEQUENCE + 5] = [*self._command, self._taken, self._result]
+            words[_MASTER_SEEN] = int(t_s - self._master_seen_s <= self._master_limit_s)
+        sensors = [thermal.sensor_c(name, t_s) for name in ("air", "struts", "columns", "base", "platform")]
+        floats = [*sensors, thermal.pressure_hpa(t_s), 100.0 * thermal.humidity()]
+        words[_FLOATS_AT : _FLOATS_AT + 2 * len(floats)] = struct.unpack(
+            f">{2 * len(floats)}H", struct.pack(f">{len(floats)}f", *floats)
+        )
+        return words
+
+    def write(self, address: int, values: list[int]) -> bool:
+        """Write registers: the master's heartbeat and the command's three. False if any other is touched."""
+        if address < _MASTER_HEARTBEAT or address + len(values) > _SEQUENCE + 3:
+            return False
+        with self._lock:
+            if address == _MASTER_HEARTBEAT:
+                beat, values, address = values[0], values[1:], _SEQUENCE
+                if beat != self._master_beat:
+                    self._master_beat, self._master_seen_s = beat, self._plant.clock.now_s()
+            if not values:
+                return True
+            at = address - _SEQUENCE
+            self._command[at : at + len(values)] = values
+            sequence, command, argument = self._command
+            if sequence != self._taken:
+                self._taken = sequence
+                self._result = self._take(command, argument)
+        return True
+
+    def close(self) -> None:
+        """Send the operator home."""
+        with self._lock:
+            if self._cancel is not None:
+                self._cancel()
+
+    def _take(self, command: int, argument: int) -> int:
+        known = command == _REQUEST_PAYLOAD and argument < len(self._plant.settings.payloads)
+        if not known or self._cancel is not None or self._plant.is_moving():
+            return REFUSED
+        if argument == self._plant.payload:
+            return DONE
+        clock, sequence = self._plant.clock, self._taken
+        self._cancel = clock.call_at(
+            clock.now_s() + self._plant.settings.operator_time_s, lambda: self._payload_is_on(argument, sequence)
+        )
+        return IN_PROGRESS
+
+    def _payload_is_on(self, payload: int, sequence: int) -> None:
+        with self._lock:
+            self._plant.put_on(payload)
+            self._cancel = None
+            if self._taken == sequence:
+                self._result = DONE

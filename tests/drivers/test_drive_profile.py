@@ -1,0 +1,66 @@
+"""Profiles of drive makes."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.drive_profile import load_profile, parse_profile
+
+SHIPPED = ("pkm-mock", "plain-402", "example-high-index", "example-array")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_profiles_can_be_read(name: str) -> None:
+    profile = load_profile(name)
+    assert (profile.compensation is None) == (name == "plain-402")
+    if profile.compensation is not None:
+        assert not profile.compensation.activate.holds
+        assert profile.compensation.banks[0].image.format == ""
+        assert profile.compensation.banks[0].image != profile.compensation.banks[1].image
+
+
+def test_the_mocks_profile_is_the_documents() -> None:
+    found = load_profile("pkm-mock").compensation
+    assert found is not None
+    assert (found.payload.index, found.payload.sub, found.payload.format) == (0x2100, 7, "<I")
+    assert (found.banks[1].status.index, found.banks[1].status.sub) == (0x2102, 5)
+
+
+def test_a_file_beside_the_rig_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "mine.toml").write_text('name = "mine"\nfactor_group = false\n')
+    assert not load_profile("mine.toml", tmp_path).factor_group
+    with pytest.raises(ValueError, match="cannot be read"):
+        load_profile("none.toml", tmp_path)
+    with pytest.raises(ValueError, match="plain-402"):
+        load_profile("no-such-make")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "name"),
+        ("name = 3", "name: str wanted"),
+        ('name = "x"\nspeed = 1', "unknown key 'speed'"),
+        ('name = "x"\n[referenced]\nobject = "2103"\nmask = 1', "no object such as"),
+        ('name = "x"\n[referenced]\nobject = "0x2103:01 f64"\nmask = 1', "no object such as"),
+        ('name = "x"\n[compensation]\nbanks = []', "two are wanted"),
+        ('name = "x"\n[compensation]\nbanks = [{}, {}]', "bank 1 image"),
+        ('name = "x"\ncompensation = 1', "a table is wanted"),
+        ("name = [", ""),
+    ],
+)
+def test_what_is_no_profile_is_said_in_one_line(text: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match="drive profile here: ") as caught:
+        parse_profile(text, "here")
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.one_of(st.text(max_size=200), st.from_regex(r'\Aname = "x"\n(\[\[?[a-z.]+\]\]?\n[a-z]+ = .{0,20}\n){0,3}\Z')))
+def test_any_text_is_a_profile_or_a_value_error(text: str) -> None:
+    with contextlib.suppress(ValueError):
+        parse_profile(text)

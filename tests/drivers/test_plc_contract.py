@@ -1,0 +1,133 @@
+"""One contract for the PLC's driver, run over each kind of line to the mock PLC."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import trustme
+from pymodbus.client.base import ModbusBaseClient
+
+import calibration
+from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
+from drivers.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
+from drivers.plc import Plc
+from mock_devices.faults import Fault, FaultPlan
+from mock_devices.plant import Plant
+from mock_devices.plc_server import PlcServer
+from mock_devices.settings import MockSettings
+from pkm_rig.clock import VirtualClock
+from tests.mock_devices.standing import StandingPlant
+
+MACHINE = Path(calibration.__file__).parent / "machines" / "planar4.toml"
+ON_EVERY_LINE = ("modbus-exception", "modbus-short", "modbus-stuck-coil", "modbus-stale-heartbeat")
+
+
+class Bench:
+    """A mock PLC, the line to it and a virtual clock."""
+
+    def __init__(self, kind: str, folder: Path) -> None:
+        self.clock = VirtualClock()
+        self.faults = FaultPlan()
+        plant = StandingPlant(Plant(MACHINE, MockSettings(operator_time_s=5.0), self.clock)).plant
+        authority = trustme.CA()
+        context: ssl.SSLContext | None = None
+        if kind == "tls":
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            authority.issue_cert("127.0.0.1").configure_cert(context)
+            authority.cert_pem.write_to_path(folder / "ca.pem")
+        self.server = PlcServer(plant, transport=kind, tls=context, faults=self.faults)  # type: ignore[arg-type]
+        host, port = self.server.address
+        lines: dict[str, Callable[[], ModbusLine]] = {
+            "tcp": lambda: TcpLine(host, port),
+            "tls": lambda: TlsLine(host, folder / "ca.pem", port),
+            "rtu": lambda: RtuLine(self.server.serial_port, parity="N"),
+        }
+        self.line = lines[kind]()
+        self.plc = Plc(self.line, clock=self.clock, reply_timeout_s=0.3)
+
+    def close(self) -> None:
+        self.plc.close()
+        self.server.close()
+        self.clock.close()
+
+
+@pytest.fixture(params=["tcp", "tls", "rtu"])
+def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
+    bench = Bench(request.param, tmp_path)
+    with bench.clock.activity():
+        yield bench
+    bench.close()
+
+
+def test_values_interlocks_and_both_heartbeats(bench: Bench) -> None:
+    bench.plc.connect().require_safe()
+    for _ in range(8):
+        bench.clock.sleep_s(0.5)
+        state = bench.plc.read()
+        state.require_safe()
+        assert state.master_seen
+    assert set(state.temperatures_c) == {"air", "struts", "columns", "base", "platform"}
+    assert 900.0 < state.pressure_hpa < 1100.0
+    bench.server.set_interlock(0, False)
+    with pytest.raises(InterlockOpen, match="guard closed"):
+        bench.plc.read().require_safe()
+
+
+def test_a_payload_by_the_sequence_word(bench: Bench) -> None:
+    bench.plc.connect()
+    assert bench.plc.request_payload(2).payload == 2
+    with pytest.raises(PlcError, match="refused"):
+        bench.plc.request_payload(9)
+
+
+@pytest.mark.parametrize("name", ON_EVERY_LINE)
+def test_faults_fail_closed_and_the_next_good_answer_is_right(bench: Bench, name: str) -> None:
+    bench.plc.connect()
+    bench.faults.arm([Fault(name, 1)])
+    try:
+        for _ in range(12):
+            bench.clock.sleep_s(0.3)
+            bench.plc.read().require_safe()
+    except (PlcError, StaleData, NoAnswer, ConnectionFailed):
+        assert name != "modbus-short"
+    else:
+        assert name == "modbus-short"
+    assert bench.faults.struck == (name,)
+    bench.faults.clear()
+    bench.clock.sleep_s(0.3)
+    bench.plc.read()
+    bench.clock.sleep_s(0.3)
+    bench.plc.read().require_safe()
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+@pytest.mark.parametrize("name", ["modbus-short", "modbus-reset", "modbus-transaction"])
+def test_a_lost_answer_to_a_command_does_not_send_it_twice(
+    bench: Bench, name: str, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name != "modbus-short" and isinstance(bench.line, RtuLine):
+        pytest.skip("RTU has neither connections nor transaction ids")
+    bench.plc.connect()
+    sent: list[list[int]] = []
+    send = ModbusBaseClient.write_registers
+
+    def counted(self: ModbusBaseClient, address: int, values: list[int], **more: object) -> object:
+        sent.append(values)
+        return send(self, address, values, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ModbusBaseClient, "write_registers", counted)
+    bench.faults.arm([Fault(name, number)])
+    assert bench.plc.request_payload(1).payload == 1
+    assert len(sent) == 1
+
+
+def test_a_certificate_of_somebody_else_is_refused(tmp_path: Path) -> None:
+    bench = Bench("tls", tmp_path)
+    assert isinstance(bench.line, TlsLine)
+    trustme.CA().cert_pem.write_to_path(tmp_path / "ca.pem")
+    with bench.clock.activity(), pytest.raises(ConnectionFailed):
+        Plc(bench.line, clock=bench.clock, reply_timeout_s=0.3).connect()
+    bench.close()

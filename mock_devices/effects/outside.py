@@ -1,0 +1,245 @@
+"""Effects that are in no catalogue: a diagnosis that knows only the catalogue shall call them unknown.
+
+Each has a signal of unit size; its variants are shapes that the signal goes through.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Kind, Leg, Moments, Parameter, Place, Remembering
+
+FULL_PAYLOAD_KG = 400.0
+VARIANTS = ("plain", "saturating", "with_payload", "cubic")
+FINAL = "cubic"
+
+
+def shaped(y: Array, variant: str, payload_kg: Array) -> Array:
+    """A unit signal (n,) through one of VARIANTS."""
+    if variant == "saturating":
+        return np.asarray(np.tanh(2.0 * y) / math.tanh(2.0))
+    if variant == "with_payload":
+        return y * (0.5 + payload_kg / FULL_PAYLOAD_KG)
+    if variant == "cubic":
+        return np.asarray(1.3 * y**3)
+    return y
+
+
+class _Outside(Effect):
+    """Draws what all of them may want."""
+
+    def setup(self) -> None:
+        """A phase and some moments of the campaign."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.moments_s = np.cumsum(self.rng.uniform(400.0, 1200.0, 40))
+        self.levels = self.rng.choice([-1.0, 0.0, 1.0], 41)
+
+    def unit(self, m: Moments) -> Array:
+        raise NotImplementedError
+
+    def signal(self, m: Moments) -> Array:
+        return self.size * shaped(self.unit(m), self.variant, m.payload_kg)
+
+    def along(self, m: Moments, drive: int) -> Array:
+        middle, half = self.site.drive_range_m(drive)
+        return (m.q_m[:, drive] - middle) / half
+
+    def platform_x(self, m: Moments) -> Array:
+        """Where the platform is across the machine, roughly, from -1 to 1."""
+        return np.clip((m.q_m[:, 0] - m.q_m[:, 1]) / 0.9, -1.5, 1.5)
+
+
+class CableDrag(_Outside):
+    """A cable chain pulls the platform: by its place, and by the side that it came from."""
+
+    def unit(self, m: Moments) -> Array:
+        return np.asarray(self.platform_x(m) ** 2 + 0.5 * m.direction[:, 0])
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Pull at the platform's upper edge."""
+        point = np.full(len(m), 0.05 + 0.2j)
+        d.loads.append((point, self.signal(m).astype(np.complex128)))
+
+
+class PayloadShift(Remembering):
+    """The payload slides in its fixture, to one side or the other as the platform was last moved far sideways."""
+
+    def setup(self) -> None:
+        """How far to move before it slides."""
+        self.slip_m = float(self.rng.uniform(0.1, 0.25))
+
+    def after(self, drive: int, before: float, leg: Leg) -> float:
+        """Which side it lies on: decided by a long motion of the first drive."""
+        way = leg.to_m - leg.from_m
+        return math.copysign(1.0, way) if abs(way) > self.slip_m else before
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the payload's centre of mass."""
+        y = self.before(m, 0)
+        if self.variant == "cubic":
+            y = np.maximum(y, 0.0)
+        elif self.variant == "saturating":
+            y = y * np.tanh(self.elapsed_s(m) / 1800.0)
+        elif self.variant == "with_payload":
+            y = y * np.minimum(m.payload_kg / FULL_PAYLOAD_KG, 1.0)
+        d.payload_shift_m += self.size * y
+
+
+class PlatformBending(_Outside):
+    """A warm upper side bends the platform: reflectors and joints move with its curvature."""
+
+    def unit(self, m: Moments) -> Array:
+        return np.asarray(1.0 - np.exp(-self.elapsed_s(m) / 2000.0))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Bend: y = curvature x^2 / 2, curvature = alpha dT / thickness."""
+        alpha = self.site.machine.expansion["platform"].coefficient_per_k
+        curvature = alpha * self.signal(m) / 0.1
+        for i, strut in enumerate(self.site.machine.struts):
+            d.platform_joint_m[:, i] += 0.5j * curvature * strut.platform_joint.real**2
+        for i, smr in enumerate(self.site.machine.smrs):
+            if smr.on == "platform":
+                d.smr_m[:, i, 1] += 0.5 * curvature * smr.position_m[0] ** 2
+                d.smr_m[:, i, 0] -= curvature * smr.position_m[0] * (smr.position_m[1] + 0.12)
+
+
+class SpindleVibration(_Outside):
+    """While the spindle runs, the station averages a vibration whose rectified part is not zero, strongest at one place."""
+
+    def unit(self, m: Moments) -> Array:
+        running = np.sin(2.0 * np.pi * self.elapsed_s(m) / 1500.0 + self.phase) > 0.2
+        return np.asarray(running * np.exp(-(((self.platform_x(m) - 0.2) / 0.5) ** 2)))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Shift all reflectors of the platform together."""
+        for i, smr in enumerate(self.site.machine.smrs):
+            if smr.on == "platform":
+                d.smr_m[:, i, 0] += self.signal(m)
+
+
+class LooseBolt(Remembering):
+    """A carriage plate with a loose bolt has two places: it flips up high and down low on the column."""
+
+    def after(self, drive: int, before: float, leg: Leg) -> float:
+        """Which place: changed by passing a quarter from either end."""
+        middle, half = self.site.drive_range_m(drive)
+        x = (leg.to_m - middle) / half
+        return 1.0 if x > 0.3 else -1.0 if x < -0.3 else before
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Turn the carriage."""
+        middle, half = self.site.drive_range_m(self.place)
+        x, held = (m.q_m[:, self.place] - middle) / half, self.before(m, self.place)
+        y = np.where(x > 0.3, 1.0, np.where(x < -0.3, -1.0, held))
+        d.yaw_rad[:, self.place] += self.size * shaped(np.where(y == 0.0, -1.0, y), self.variant, m.payload_kg)
+        if self.variant == "saturating":
+            d.sideways_m[:, self.place] += 0.05 * self.size * y
+
+
+class AirBearingLift(_Outside):
+    """The bearing's gap follows the compressor: pressure falls slowly and is pumped up again."""
+
+    def unit(self, m: Moments) -> Array:
+        return np.asarray(1.0 - 2.0 * ((self.elapsed_s(m) / 640.0 + self.phase) % 1.0))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Lift the slider off its guide."""
+        d.sideways_m[:, self.place] += self.signal(m)
+
+
+class OilFilm(_Outside):
+    """A plain guide floats up with speed and sinks slowly at rest."""
+
+    def unit(self, m: Moments) -> Array:
+        speed = m.speed_m_per_s[:, self.place] / 0.5
+        return np.asarray(np.sqrt(np.maximum(speed, 0.0)) * np.exp(-m.since_s[:, self.place] / 12.0))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Lift the slider off its guide."""
+        d.sideways_m[:, self.place] += self.signal(m)
+
+
+class MagnetDetent(_Outside):
+    """Magnets pull a linear motor into detents, harder from one side than from the other."""
+
+    def unit(self, m: Moments) -> Array:
+        q = m.q_m[:, self.place]
+        return np.asarray(np.sin(2.0 * np.pi * q / 0.048 + self.phase) * (1.0 + 0.8 * m.direction[:, self.place]))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the slider."""
+        d.travel_m[:, self.place] += self.signal(m)
+
+
+class CraneTilt(_Outside):
+    """A crane stands here and there in the bay, and the floor leans to it: machine against station and nests."""
+
+    def unit(self, m: Moments) -> Array:
+        return np.asarray(self.levels[np.searchsorted(self.moments_s, self.elapsed_s(m))])
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Tilt the machine about its feet."""
+        turn = self.signal(m)
+        d.frame_turn_rad += turn
+        d.frame_shift_m += -1j * turn * (0.4 - 1.2j)
+
+
+class HumiditySwelling(_Outside):
+    """A strut of carbon fibre takes up moisture: slowly and in waves of the air's."""
+
+    def unit(self, m: Moments) -> Array:
+        t = self.elapsed_s(m)
+        return np.asarray(0.5 * np.sin(2.0 * np.pi * t / 4100.0 + self.phase) + 0.5 * np.sin(t / 1370.0))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Lengthen the strut."""
+        d.length_m[:, self.place] += self.signal(m)
+
+
+class HoseMoment(_Outside):
+    """A hydraulic hose straightens whenever the clamp has pressure, and turns the platform."""
+
+    def unit(self, m: Moments) -> Array:
+        clamped = np.sin(2.0 * np.pi * self.elapsed_s(m) / 900.0 + self.phase) > 0.0
+        return np.asarray(clamped * (0.6 + 0.4 * self.platform_x(m)))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Turn the platform."""
+        d.moment_nm += self.signal(m)
+
+
+class LubricationPulse(Remembering):
+    """Every few metres of way the lubricator gives a pulse, and the guide floats until it is used up."""
+
+    def after(self, drive: int, before: float, leg: Leg) -> float:
+        """The way so far."""
+        return before + abs(leg.to_m - leg.from_m)
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Lift the slider off its guide."""
+        way = self.before(m, self.place) + np.abs(m.q_m[:, self.place] - m.from_m[:, self.place])
+        y = np.exp(-(way % 7.0) / 1.5)
+        d.sideways_m[:, self.place] += self.size * shaped(y, self.variant, m.payload_kg)
+
+
+_FACTS: tuple[tuple[str, Place, type[Effect], Parameter, str], ...] = (
+    ("cable_drag", "rig", CableDrag, Parameter("force_n", 5.0, 400.0, 9000.0, "at the workspace's edge"), "x, direction"),
+    ("payload_shift", "rig", PayloadShift, Parameter("shift_m", 1e-4, 5e-3, 0.2, "either way"), "payload, former pose"),
+    ("platform_bending", "rig", PlatformBending, Parameter("gradient_k", 0.1, 3.0, 40.0, "across it"), "time, SMRs"),
+    ("spindle_vibration", "rig", SpindleVibration, Parameter("bias_m", 1e-6, 2e-5, 4e-4, "at most"), "time and place"),
+    ("loose_bolt", "drive", LooseBolt, Parameter("yaw_rad", 2e-6, 6e-5, 2e-3, "either way"), "former pose"),
+    ("air_bearing_lift", "drive", AirBearingLift, Parameter("lift_m", 1e-6, 2e-5, 4e-4, "either way"), "time"),
+    ("oil_film", "drive", OilFilm, Parameter("lift_m", 1e-6, 3e-5, 1e-3, "at 0.5 m/s"), "speed, dwell"),
+    ("magnet_detent", "drive", MagnetDetent, Parameter("amplitude_m", 1e-6, 1e-5, 2e-4, "of the mean"), "q and direction"),
+    ("crane_tilt", "rig", CraneTilt, Parameter("tilt_rad", 1e-6, 2e-5, 4e-4, "either way"), "time, nests stand still"),
+    ("humidity_swelling", "strut", HumiditySwelling, Parameter("swelling_m", 1e-6, 2e-5, 6e-4, "either way"), "time"),
+    ("hose_moment", "rig", HoseMoment, Parameter("moment_nm", 1.0, 150.0, 6000.0, "with pressure"), "time, rotation"),
+    ("lubrication_pulse", "drive", LubricationPulse, Parameter("lift_m", 1e-6, 4e-5, 1e-3, "after a pulse"), "way"),
+)  # fmt: skip
+_KIND: Kind = "outside"
+
+EFFECTS = tuple(
+    EffectSpec(name, _KIND, place, size, VARIANTS, FINAL, reveals, make) for name, place, make, size, reveals in _FACTS
+)

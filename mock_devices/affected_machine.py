@@ -112,7 +112,14 @@ class AffectedMachine:
         return seen
 
     def _on_slider(
-        self, spot: complex, extra: Complex, a: int, d: Departure, rest: Rest, structure: Structure, grown: dict[str, Array]
+        self,
+        spot: complex,
+        extra: Complex,
+        a: int,
+        d: Departure,
+        rest: Rest,
+        structure: Structure,
+        grown: dict[str, Array],
     ) -> Complex:
         mine = [strut.base_joint for strut in self._struts if strut.drive == a]
         arm = (spot - np.mean(mine)) * grown["base"] + extra

@@ -1,7 +1,7 @@
 """Equilibria of many moments at once, for structures that effects have changed: force laws, compliant carriages, loads.
 
-The unknowns of a moment are the platform's x, y, rz and, where a carriage gives way, its motion along, across and in yaw.
-Newton's iteration with the linear part of the Hessian: what it leaves out is a ten-thousandth (force over length
+The unknowns of a moment are the platform's x, y, rz and, where a carriage gives way, its motion along, across and in
+yaw. Newton's iteration with the linear part of the Hessian: what it leaves out is a ten-thousandth (force over length
 against stiffness), so that it still gains four digits a step; the gradient, and so the solution, is exact.
 """
 

@@ -167,7 +167,9 @@ class Plant:
             seen = affected.sight(moments, payload)
             self._force_n = [float(force) for force in affected.departure(moments).force_n[0]]
         return [
-            Sighting(i, smr.name, Polar(float(seen.hz_rad[0, i]), float(seen.v_rad[0, i]), float(seen.distance_m[0, i])))
+            Sighting(
+                i, smr.name, Polar(float(seen.hz_rad[0, i]), float(seen.v_rad[0, i]), float(seen.distance_m[0, i]))
+            )
             for i, smr in enumerate(self.nominal.smrs)
         ]
 

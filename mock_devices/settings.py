@@ -59,9 +59,9 @@ class MockSettings:
     `error_scale` multiplies the drawn geometric errors (lengths, joints, tilts, drive scales), not the
     stiffness, the mounting of the reflectors or the instrument. `payloads[n]` is number n of the PLC.
     `station_heading_rad` turns the zero direction, clockwise seen from above, away from -z of the machine.
-    `effects` are what a calibrated model leaves out, `nuisance` the ordinary wander. `noise_tails`: degrees of freedom of
-    Student's t that readings' noise has, of the same variance (0: normal). `temperature_programme`: corners (rig time,
-    kelvin) of a swing of the shop's temperature. `clock_jitter_s` is of the time stamps in recordings.
+    `effects` are what a calibrated model leaves out, `nuisance` the ordinary wander. `noise_tails`: degrees of freedom
+    of Student's t that readings' noise has, of the same variance (0: normal). `temperature_programme`: corners (rig
+    time, kelvin) of a swing of the shop's temperature. `clock_jitter_s` is of the time stamps in recordings.
     """
 
     seed: int = 1

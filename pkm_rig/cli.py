@@ -98,12 +98,19 @@ def measure(rig: RigOption = None, out: OutOption = Path("runs"), json: JsonOpti
 def mock(
     rig: RigNeeded = Path("examples/mock-rig.toml"),
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=VALUE[,place=...,variant=...]: a flaw (docs/mock-effects.md); may be repeated"),
+    ] = None,
 ) -> None:
     """Serve the three mock devices on real transports until interrupted."""
     file, _ = load_rig(rig)
+    section = file.mock or MockSection()
     if seed is not None:
-        section = file.mock or MockSection()
-        file = file.model_copy(update={"mock": section.model_copy(update={"seed": seed})})
+        section = section.model_copy(update={"seed": seed})
+    if effect:
+        section = section.model_copy(update={"effects": (*section.effects, *effect)})
+    file = file.model_copy(update={"mock": section})
     with mock_rig.served(file, rig) as served:
         for line in mock_rig.how_to_connect(file, served):
             results.print(line, soft_wrap=True)

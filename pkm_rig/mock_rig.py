@@ -13,11 +13,14 @@ from pathlib import Path
 
 import can
 
+from calibration.recording_header import AccuracyEntry
 from calibration.toml_file import InputError
+from mock_devices.effects import EffectChoice, parse
+from mock_devices.machine_file import read_machine_file
 from mock_devices.rig import MockRig
-from mock_devices.settings import InstrumentProfile, MockSettings, Payload
+from mock_devices.settings import InstrumentProfile, MockSettings, Nuisance, Payload
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
-from pkm_rig.config import MockSection, RigFile, machine_path
+from pkm_rig.config import MockSection, RigFile, embedded_rig_path, machine_path
 from pkm_rig.embedded_bus import EmbeddedBus
 
 _channels = itertools.count()
@@ -33,11 +36,37 @@ class Embedded:
     mock: MockRig
 
 
-def settings_of(file: RigFile) -> MockSettings:
-    """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, the seed."""
+def settings_of(file: RigFile, rig_path: Path | None = None) -> MockSettings:
+    """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, seed and effects.
+
+    InputError in one line if an effect cannot be; a machine file of the rig's own needs `rig_path`.
+    """
     mock = file.mock or MockSection()
     accuracy = file.station.accuracy
+    try:
+        return _settings(file, mock, accuracy, chosen_effects(file, rig_path))
+    except ValueError as error:  # EffectError is one
+        raise InputError(f"mock: {error}") from None
+
+
+def chosen_effects(file: RigFile, rig_path: Path | None) -> tuple[EffectChoice, ...]:
+    """The effects of the rig file as the mock plant takes them; raises ValueError in one line."""
+    texts = (file.mock or MockSection()).effects
+    if not texts:
+        return ()
+    machine = read_machine_file(machine_path(file, rig_path or embedded_rig_path()))
+    return tuple(parse(text, machine) for text in texts)
+
+
+def _settings(
+    file: RigFile, mock: MockSection, accuracy: AccuracyEntry, effects: tuple[EffectChoice, ...]
+) -> MockSettings:
     return MockSettings(
+        effects=effects,
+        nuisance=Nuisance(**mock.nuisance.model_dump()),
+        noise_tails=mock.noise_tails,
+        temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
+        temperature_programme=mock.temperature_programme,
         seed=mock.seed,
         error_scale=mock.error_scale,
         payloads=tuple(
@@ -65,7 +94,7 @@ def embedded(file: RigFile, rig_path: Path, *, real_time: bool = False) -> Itera
         return EmbeddedBus(channel, clock)
 
     try:
-        with MockRig(machine_path(file, rig_path), settings_of(file), clock, bus) as mock:
+        with MockRig(machine_path(file, rig_path), settings_of(file, rig_path), clock, bus) as mock:
             host, port = mock.plc_address
             found = file.model_copy(
                 update={
@@ -97,7 +126,7 @@ def served(file: RigFile, rig_path: Path) -> Iterator[MockRig]:
         with (
             MockRig(
                 machine_path(file, rig_path),
-                settings_of(file),
+                settings_of(file, rig_path),
                 clock,
                 bus,
                 station="tcp" if over_tcp else "pty",

@@ -158,9 +158,9 @@ class Departure:
 
     travel, sideways: of a slider along its axis and across it (axis turned by +90 degrees); yaw about the middle of its
     joints. length, ln_stiffness: (n, struts). platform_joint, base_joint: complex (n, struts). frame_shift,
-    frame_turn_rad: of the whole machine against the floor. loads: forces at points of the platform. carriage_*: compliance
-    (n, d, 3: along, across, yaw) and cubic hardening. smr: (n, smrs, 3) in the SMR's own frame. force_n: what the drives'
-    torque shows besides the weight.
+    frame_turn_rad: of the whole machine against the floor. loads: forces at points of the platform. carriage_*:
+    compliance (n, d, 3: along, across, yaw) and cubic hardening. smr: (n, smrs, 3) in the SMR's own frame. force_n:
+    what the drives' torque shows besides the weight.
     """
 
     travel_m: Array

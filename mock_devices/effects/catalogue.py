@@ -6,7 +6,17 @@ import math
 
 import numpy as np
 
-from mock_devices.effects import control, drive_train, guides, instrument, nuisance, outside, reversal, structure, thermal
+from mock_devices.effects import (
+    control,
+    drive_train,
+    guides,
+    instrument,
+    nuisance,
+    outside,
+    reversal,
+    structure,
+    thermal,
+)
 from mock_devices.effects.base import Effect, EffectChoice, EffectSpec, Made, Site, names_of
 from mock_devices.machine_file import MachineFile
 from mock_devices.seeds import generator
@@ -34,7 +44,7 @@ def spec_of(name: str) -> EffectSpec:
 
 
 def check(choice: EffectChoice, machine: MachineFile, *, any_size: bool = False) -> EffectSpec:
-    """The entry of a choice if all it says can be; raises EffectError. Size zero is always allowed, and means nothing."""
+    """The entry of a choice if all it says can be; raises EffectError. Size zero is allowed: no effect."""
     spec = spec_of(choice.name)
     places = names_of(machine, spec.place)
     if choice.place and choice.place not in places:
@@ -67,7 +77,7 @@ def make(choice: EffectChoice, site: Site, seed: int) -> Effect:
 
 
 def draw(name: str, machine: MachineFile, rng: np.random.Generator, *, final: bool | None = None) -> EffectChoice:
-    """A choice with place, variant and all parameters but the size drawn within their ranges; the size is in its middle.
+    """A choice with place, variant and all parameters but the size drawn within their ranges; the size in its middle.
 
     `final` wants the final variant, or any but it; None draws from all.
     """
@@ -98,7 +108,7 @@ def parse(text: str, machine: MachineFile) -> EffectChoice:
     name, separator, value = head.partition("=")
     spec = spec_of(name.strip())
     if not separator:
-        raise EffectError(f"effect {spec.name}: give its {spec.size.name}, for example {spec.name}={spec.size.typical:g}")
+        raise EffectError(f"effect {spec.name}: give its {spec.size.name}: {spec.name}={spec.size.typical:g}")
     words = {"place": "", "variant": ""}
     seed, numbers = 0, []
     for part in rest:

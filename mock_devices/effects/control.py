@@ -42,7 +42,7 @@ class Latency(Effect):
         if self.variant == "filtering":
             return 0.0
         if self.variant == "bus_cycles":  # alternates between two cycles of a bus
-            return self.size * (0.6 + 0.8 * (m.leg[:, 0] % 2))
+            return np.asarray(self.size * (0.6 + 0.8 * (m.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "with_speed":
             return np.asarray(self.size * np.abs(m.velocity_m_per_s).max(axis=1) / 0.25)
         return self.size
@@ -76,17 +76,17 @@ class ServoSettling(Effect):
 
 EFFECTS = (
     EffectSpec(
-        "axis_coupling", "catalogue", "drive", Parameter("ratio", 1e-6, 3e-5, 5e-4, "metres a metre of the other axis"),
+        "axis_coupling", "catalogue", "drive", Parameter("ratio", 1e-6, 3e-5, 2e-3, "metres a metre of the other axis"),
         ("linear", "quadratic", "saturating", "by_approach", "product"), "product",
         "the other drive's coordinate, SMRs on the sliders", AxisCoupling,
     ),
     EffectSpec(
-        "latency", "catalogue", "rig", Parameter("latency_s", 1e-5, 5e-4, 5.0, "dead time, or time constant of a filter"),
+        "latency", "catalogue", "rig", Parameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
         ("dead_time", "filtering", "with_speed", "bus_cycles"), "bus_cycles",
         "readings on the fly at several speeds, or short dwell", Latency,
     ),
     EffectSpec(
-        "servo_settling", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 4e-5, 2e-3, "behind the target on arrival"),
+        "servo_settling", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
         ("creep", "ringing", "logarithmic", "integrator", "two_stages"), "two_stages",
         "varied dwell and speed, SMRs on the sliders", ServoSettling,
         (Parameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

@@ -81,18 +81,18 @@ class Interpolation(Effect):
 EFFECTS = (
     EffectSpec(
         "screw_cumulative_error", "catalogue", "drive",
-        Parameter("amplitude_m", 1e-6, 1e-5, 2e-4, "largest error along the travel"),
+        Parameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
         ("parabola", "cubic", "irregular", "two_pieces"), "two_pieces",
         "drive coordinate, SMRs on the sliders", CumulativeError,
     ),
     EffectSpec(
-        "screw_periodic_error", "catalogue", "drive", Parameter("amplitude_m", 5e-7, 8e-6, 1e-4, "of the first harmonic"),
+        "screw_periodic_error", "catalogue", "drive", Parameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
         ("sine", "two_harmonics", "modulated", "with_load", "triangle"), "triangle",
         "many drive positions off a grid, SMRs on the sliders", PeriodicError,
         (Parameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
     ),
     EffectSpec(
-        "encoder_interpolation", "catalogue", "drive", Parameter("amplitude_m", 2e-7, 5e-6, 1e-4, "of the first term"),
+        "encoder_interpolation", "catalogue", "drive", Parameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
         ("amplitude", "offset", "both", "dirty_scale"), "dirty_scale",
         "many drive positions off a grid, SMRs on the sliders", Interpolation,
         (Parameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

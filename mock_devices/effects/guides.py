@@ -89,15 +89,15 @@ _VARIANTS = ("sine", "bow", "irregular", "with_load", "rail_joint")
 
 EFFECTS = (
     EffectSpec(
-        "guide_straightness", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 1e-5, 2e-4, "sideways"),
+        "guide_straightness", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
         _VARIANTS, "rail_joint", "drive coordinate, SMRs on the sliders", Straightness, _WAVE,
     ),
     EffectSpec(
-        "guide_angular", "catalogue", "drive", Parameter("amplitude_rad", 2e-6, 3e-5, 1e-3, "rotation in the plane"),
-        _VARIANTS, "rail_joint", "drive coordinate, platform rotation; not the SMR in the slider's middle", Angular, _WAVE,
+        "guide_angular", "catalogue", "drive", Parameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
+        _VARIANTS, "rail_joint", "drive coordinate, platform rotation; not a slider's SMR", Angular, _WAVE,
     ),
     EffectSpec(
-        "foundation_settling", "catalogue", "drive", Parameter("settled_m", 1e-6, 2e-5, 4e-4, "how far the foot sinks"),
+        "foundation_settling", "catalogue", "drive", Parameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
         ("exponential", "step", "logarithmic", "creep", "stick_slip"), "stick_slip",
         "time, SMRs on the sliders against the floor nests", Settling,
         (

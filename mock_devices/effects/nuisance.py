@@ -1,4 +1,4 @@
-"""What a rig declares as its ordinary wander (`[nuisance]`): drift, reseating, reversal, temperature, at one sd each."""
+"""What a rig declares as its ordinary wander (`[nuisance]`): drift, reseating, reversal, temperature, one sd each."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ class OrdinaryTemperature(Effect):
 
 _FACTS: tuple[tuple[str, type[Effect], Parameter, str], ...] = (
     ("ordinary_drift", OrdinaryDrift, Parameter("drift_m", 1e-7, 1e-5, 1e-3, "sd after one hour at 3 m"), "time"),
-    ("ordinary_reseat", OrdinaryReseat, Parameter("reseat_m", 1e-7, 2e-6, 1e-3, "sd of a coordinate"), "payload blocks"),
-    ("ordinary_reversal", OrdinaryReversal, Parameter("reversal_m", 1e-7, 1e-6, 1e-3, "sd of half the loop"), "direction"),
+    ("ordinary_reseat", OrdinaryReseat, Parameter("reseat_m", 1e-7, 2e-6, 1e-3, "sd of a coordinate"), "payload"),
+    ("ordinary_reversal", OrdinaryReversal, Parameter("reversal_m", 1e-7, 1e-6, 1e-3, "sd of half a loop"), "side"),
     ("ordinary_temperature", OrdinaryTemperature, Parameter("temperature_k", 1e-4, 2e-2, 5.0, "sd of a part"), "time"),
 )  # fmt: skip
 

@@ -9,7 +9,18 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Kind, Leg, Moments, Parameter, Place, Remembering
+from mock_devices.effects.base import (
+    Array,
+    Departure,
+    Effect,
+    EffectSpec,
+    Kind,
+    Leg,
+    Moments,
+    Parameter,
+    Place,
+    Remembering,
+)
 
 FULL_PAYLOAD_KG = 400.0
 VARIANTS = ("plain", "saturating", "with_payload", "cubic")
@@ -36,11 +47,11 @@ class _Outside(Effect):
         self.moments_s = np.cumsum(self.rng.uniform(400.0, 1200.0, 40))
         self.levels = self.rng.choice([-1.0, 0.0, 1.0], 41)
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         raise NotImplementedError
 
     def signal(self, m: Moments) -> Array:
-        return self.size * shaped(self.unit(m), self.variant, m.payload_kg)
+        return self.size * shaped(self._unit(m), self.variant, m.payload_kg)
 
     def along(self, m: Moments, drive: int) -> Array:
         middle, half = self.site.drive_range_m(drive)
@@ -54,7 +65,7 @@ class _Outside(Effect):
 class CableDrag(_Outside):
     """A cable chain pulls the platform: by its place, and by the side that it came from."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         return np.asarray(self.platform_x(m) ** 2 + 0.5 * m.direction[:, 0])
 
     def act(self, m: Moments, d: Departure) -> None:
@@ -90,7 +101,7 @@ class PayloadShift(Remembering):
 class PlatformBending(_Outside):
     """A warm upper side bends the platform: reflectors and joints move with its curvature."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         return np.asarray(1.0 - np.exp(-self.elapsed_s(m) / 2000.0))
 
     def act(self, m: Moments, d: Departure) -> None:
@@ -106,9 +117,9 @@ class PlatformBending(_Outside):
 
 
 class SpindleVibration(_Outside):
-    """While the spindle runs, the station averages a vibration whose rectified part is not zero, strongest at one place."""
+    """While the spindle runs, the station averages a vibration; its rectified part is not zero, most at one place."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         running = np.sin(2.0 * np.pi * self.elapsed_s(m) / 1500.0 + self.phase) > 0.2
         return np.asarray(running * np.exp(-(((self.platform_x(m) - 0.2) / 0.5) ** 2)))
 
@@ -124,24 +135,25 @@ class LooseBolt(Remembering):
 
     def after(self, drive: int, before: float, leg: Leg) -> float:
         """Which place: changed by passing a quarter from either end."""
-        middle, half = self.site.drive_range_m(drive)
-        x = (leg.to_m - middle) / half
-        return 1.0 if x > 0.3 else -1.0 if x < -0.3 else before
+        return float(self._flipped(np.array([leg.to_m]), np.array([before]), drive)[0])
 
     def act(self, m: Moments, d: Departure) -> None:
         """Turn the carriage."""
-        middle, half = self.site.drive_range_m(self.place)
-        x, held = (m.q_m[:, self.place] - middle) / half, self.before(m, self.place)
-        y = np.where(x > 0.3, 1.0, np.where(x < -0.3, -1.0, held))
+        y = self._flipped(m.q_m[:, self.place], self.before(m, self.place), self.place)
         d.yaw_rad[:, self.place] += self.size * shaped(np.where(y == 0.0, -1.0, y), self.variant, m.payload_kg)
         if self.variant == "saturating":
             d.sideways_m[:, self.place] += 0.05 * self.size * y
+
+    def _flipped(self, q_m: Array, held: Array, drive: int) -> Array:
+        middle, half = self.site.drive_range_m(drive)
+        x, limit = (q_m - middle) / half, 0.15 if self.variant == FINAL else 0.3
+        return np.where(x > limit, 1.0, np.where(x < -limit, -1.0, held))
 
 
 class AirBearingLift(_Outside):
     """The bearing's gap follows the compressor: pressure falls slowly and is pumped up again."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         return np.asarray(1.0 - 2.0 * ((self.elapsed_s(m) / 640.0 + self.phase) % 1.0))
 
     def act(self, m: Moments, d: Departure) -> None:
@@ -152,7 +164,7 @@ class AirBearingLift(_Outside):
 class OilFilm(_Outside):
     """A plain guide floats up with speed and sinks slowly at rest."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         speed = m.speed_m_per_s[:, self.place] / 0.5
         return np.asarray(np.sqrt(np.maximum(speed, 0.0)) * np.exp(-m.since_s[:, self.place] / 12.0))
 
@@ -164,7 +176,7 @@ class OilFilm(_Outside):
 class MagnetDetent(_Outside):
     """Magnets pull a linear motor into detents, harder from one side than from the other."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         q = m.q_m[:, self.place]
         return np.asarray(np.sin(2.0 * np.pi * q / 0.048 + self.phase) * (1.0 + 0.8 * m.direction[:, self.place]))
 
@@ -176,7 +188,7 @@ class MagnetDetent(_Outside):
 class CraneTilt(_Outside):
     """A crane stands here and there in the bay, and the floor leans to it: machine against station and nests."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         return np.asarray(self.levels[np.searchsorted(self.moments_s, self.elapsed_s(m))])
 
     def act(self, m: Moments, d: Departure) -> None:
@@ -189,7 +201,7 @@ class CraneTilt(_Outside):
 class HumiditySwelling(_Outside):
     """A strut of carbon fibre takes up moisture: slowly and in waves of the air's."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         t = self.elapsed_s(m)
         return np.asarray(0.5 * np.sin(2.0 * np.pi * t / 4100.0 + self.phase) + 0.5 * np.sin(t / 1370.0))
 
@@ -201,7 +213,7 @@ class HumiditySwelling(_Outside):
 class HoseMoment(_Outside):
     """A hydraulic hose straightens whenever the clamp has pressure, and turns the platform."""
 
-    def unit(self, m: Moments) -> Array:
+    def _unit(self, m: Moments) -> Array:
         clamped = np.sin(2.0 * np.pi * self.elapsed_s(m) / 900.0 + self.phase) > 0.0
         return np.asarray(clamped * (0.6 + 0.4 * self.platform_x(m)))
 
@@ -225,14 +237,14 @@ class LubricationPulse(Remembering):
 
 
 _FACTS: tuple[tuple[str, Place, type[Effect], Parameter, str], ...] = (
-    ("cable_drag", "rig", CableDrag, Parameter("force_n", 5.0, 400.0, 9000.0, "at the workspace's edge"), "x, direction"),
-    ("payload_shift", "rig", PayloadShift, Parameter("shift_m", 1e-4, 5e-3, 0.2, "either way"), "payload, former pose"),
-    ("platform_bending", "rig", PlatformBending, Parameter("gradient_k", 0.1, 3.0, 40.0, "across it"), "time, SMRs"),
+    ("cable_drag", "rig", CableDrag, Parameter("force_n", 5.0, 400.0, 9000.0, "at the edge"), "x, direction"),
+    ("payload_shift", "rig", PayloadShift, Parameter("shift_m", 1e-4, 5e-3, 0.5, "either way"), "payload, former pose"),
+    ("platform_bending", "rig", PlatformBending, Parameter("gradient_k", 0.1, 3.0, 100.0, "across it"), "time, SMRs"),
     ("spindle_vibration", "rig", SpindleVibration, Parameter("bias_m", 1e-6, 2e-5, 4e-4, "at most"), "time and place"),
     ("loose_bolt", "drive", LooseBolt, Parameter("yaw_rad", 2e-6, 6e-5, 2e-3, "either way"), "former pose"),
     ("air_bearing_lift", "drive", AirBearingLift, Parameter("lift_m", 1e-6, 2e-5, 4e-4, "either way"), "time"),
-    ("oil_film", "drive", OilFilm, Parameter("lift_m", 1e-6, 3e-5, 1e-3, "at 0.5 m/s"), "speed, dwell"),
-    ("magnet_detent", "drive", MagnetDetent, Parameter("amplitude_m", 1e-6, 1e-5, 2e-4, "of the mean"), "q and direction"),
+    ("oil_film", "drive", OilFilm, Parameter("lift_m", 1e-6, 3e-5, 4e-3, "at 0.5 m/s"), "speed, dwell"),
+    ("magnet_detent", "drive", MagnetDetent, Parameter("amplitude_m", 1e-6, 1e-5, 2e-4, "of the mean"), "q, side"),
     ("crane_tilt", "rig", CraneTilt, Parameter("tilt_rad", 1e-6, 2e-5, 4e-4, "either way"), "time, nests stand still"),
     ("humidity_swelling", "strut", HumiditySwelling, Parameter("swelling_m", 1e-6, 2e-5, 6e-4, "either way"), "time"),
     ("hose_moment", "rig", HoseMoment, Parameter("moment_nm", 1.0, 150.0, 6000.0, "with pressure"), "time, rotation"),

@@ -26,7 +26,7 @@ class _Play(Remembering):
 
     def after(self, drive: int, before: float, leg: Leg) -> float:
         """The follower's offset after a leg: it stays where it is until the play is used up."""
-        return float(np.clip(before - (leg.to_m - leg.from_m), -self.half_m, self.half_m))
+        return min(max(before - (leg.to_m - leg.from_m), -self.half_m), self.half_m)
 
     def side(self, m: Moments, drive: int) -> Array:
         """Where the follower is in its play (n,): -1 after motion in +, +1 after motion in -."""
@@ -80,11 +80,8 @@ class FrictionWindup(_Play):
         drives = len(self.site.machine.sliders)
         weight = (self.site.machine.moving_mass_kg + m.payload_kg) * GRAVITY_M_PER_S2 / drives
         force = weight + friction
-        if self.variant == "hardening":
-            force_seen = force / np.sqrt(1.0 + (force / 1500.0) ** 2)
-        else:
-            force_seen = force
-        d.travel_m[:, a] -= self.size * force_seen
+        softness = 1.0 / np.sqrt(1.0 + (force / 1500.0) ** 2) if self.variant == "hardening" else 1.0
+        d.travel_m[:, a] -= self.size * force * softness
         if self.size:
             d.force_n[:, a] += friction
 
@@ -93,7 +90,7 @@ _TAU = Parameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
 
 EFFECTS = (
     EffectSpec(
-        "backlash", "catalogue", "drive", Parameter("width_m", 1e-6, 1e-5, 1e-4, "whole play of the drive"),
+        "backlash", "catalogue", "drive", Parameter("width_m", 1e-6, 1e-5, 6e-4, "whole play of the drive"),
         ("play", "position_width", "load_width", "closing", "soft"), "soft",
         "both directions of approach; by variant drive coordinate, payload, dwell", Backlash, (_TAU,),
     ),

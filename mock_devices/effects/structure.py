@@ -1,4 +1,4 @@
-"""Elastic effects, which act inside the equilibrium: columns, unequal struts, clearance; and what is inside the geometry.
+"""Elastic effects, which act inside the equilibrium: columns, struts, clearance; and what is inside the geometry.
 
 Force laws give force and its derivative for a strut's elongation and its linear stiffness.
 """
@@ -183,7 +183,7 @@ def _step(x: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))
 
 
-_PER_N = Parameter("compliance_m_per_n", 5e-10, 1e-8, 2e-7, "of the carriage, at mid travel, at 0.25 m lever if in yaw")
+_PER_N = Parameter("compliance_m_per_n", 5e-10, 1e-8, 2e-6, "of the carriage, at mid travel, at 0.25 m lever if in yaw")
 
 EFFECTS = (
     EffectSpec(
@@ -197,20 +197,20 @@ EFFECTS = (
         "payload", LinkStiffness,
     ),
     EffectSpec(
-        "joint_clearance", "catalogue", "strut", Parameter("clearance_m", 1e-6, 1.5e-5, 2e-4, "play each way"),
+        "joint_clearance", "catalogue", "strut", Parameter("clearance_m", 1e-6, 1.5e-5, 4e-4, "play each way"),
         ("dead_zone", "soft_contact", "one_sided", "load_dependent", "gravity_seated"), "gravity_seated",
         "poses where the strut's force changes its sign, payload", JointClearance,
     ),
     EffectSpec(
         "smr_offset", "geometry", "smr", Parameter("offset_m", 1e-6, 1e-4, 2e-3, "from its place"),
-        ("fixed", "with_payload", "with_temperature"), "with_temperature", "everything; absorbed by mounting", SmrOffset,
+        ("fixed", "with_payload", "with_temperature"), "with_temperature", "absorbed by mounting", SmrOffset,
     ),
     EffectSpec(
         "joint_spacing", "geometry", "strut", Parameter("spacing_m", 1e-6, 5e-5, 1e-3, "beyond the drawing"),
         ("platform", "slider", "both"), "both", "everything; absorbed by geometry", JointSpacing,
     ),
     EffectSpec(
-        "link_self_weight", "geometry", "strut", Parameter("mass_kg", 0.5, 12.0, 400.0, "of the strut"),
+        "link_self_weight", "geometry", "strut", Parameter("mass_kg", 0.5, 12.0, 1200.0, "of the strut"),
         ("half", "uneven", "quarter", "sagging"), "sagging", "constant load; absorbed by mass and geometry",
         LinkSelfWeight,
     ),

@@ -8,11 +8,11 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Leg, Moments, Parameter, Place, Remembering
 
-DUTY_M_PER_S = 0.05
+DUTY_M_PER_S = 0.01
 FOOT_M = -1.2
 _GRID_S = 30.0
 
-_RISE = Parameter("rise_k", 0.05, 1.0, 8.0, "how much warmer than the sensor the part becomes")
+_RISE = Parameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
 _TAU = Parameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the part")
 
 
@@ -84,7 +84,7 @@ class ColumnGrowth(_Warming):
 class ScrewGrowth(Remembering):
     """A screw that its own motion heats: every metre leaves heat, which decays with the time constant.
 
-    `rise_k` is where its temperature ends at a mean speed of 0.05 m/s. What is remembered is its temperature.
+    `rise_k` is where its temperature ends at a mean speed of 0.01 m/s. What is remembered is its temperature.
     """
 
     def after(self, drive: int, before: float, leg: Leg) -> float:
@@ -120,7 +120,9 @@ class ScrewGrowth(Remembering):
         d.travel_m[:, a] += alpha * warm * way_m
 
 
-def _spec(name: str, place: Place, variants: tuple[str, ...], final: str, reveals: str, make: type[Effect]) -> EffectSpec:
+def _spec(
+    name: str, place: Place, variants: tuple[str, ...], final: str, reveals: str, make: type[Effect]
+) -> EffectSpec:
     return EffectSpec(name, "catalogue", place, _RISE, variants, final, reveals, make, (_TAU,))
 
 

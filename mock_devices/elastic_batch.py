@@ -17,7 +17,7 @@ from mock_devices.structure import NoEquilibrium
 _TOLERANCE = 2e-12
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.05
-_RIGID = 1.0e13
+_RIGID = 1.0e16
 
 
 @dataclass(frozen=True)

@@ -118,13 +118,19 @@ def parse(text: str, machine: MachineFile) -> EffectChoice:
         if key in words:
             words[key] = word
         elif key == "seed":
-            seed = int(_number(spec.name, key, word))
+            seed = _whole(spec.name, key, word)
         else:
             numbers.append((key, _number(spec.name, key, word)))
     size = _number(spec.name, spec.size.name, value)
     choice = EffectChoice(spec.name, size, words["place"], words["variant"], tuple(numbers), seed)
     check(choice, machine)
     return choice
+
+
+def _whole(effect: str, key: str, text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) <= 10):
+        raise EffectError(f"effect {effect}: {key} = '{text}' is not a whole number")
+    return int(text)
 
 
 def _number(effect: str, key: str, text: str) -> float:

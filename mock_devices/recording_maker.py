@@ -53,6 +53,7 @@ class Bench:
         self.thermal = Thermal(settings)
         self.view = StationView(settings)
         self.machine = draw_machine(self.nominal, settings)
+        self._plain: Moments | None = None
 
     @property
     def start_s(self) -> float:
@@ -67,6 +68,9 @@ class Bench:
         if effects is None:
             effects = effects_of(self.nominal, self.settings, start_s=self.start_s)
         affected = AffectedMachine(self.machine, self.view, effects)
+        if not effects:  # nobody to be told of motions: the moments stay the same
+            self._plain = self._plain or self.timeline.moments([], self.thermal, self.settings.payloads)
+            return affected.sight(self._plain, self.timeline.payload), self._plain, np.zeros(self._plain.q_m.shape)
         seen, m = self.timeline.sight(affected, self.thermal, self.settings.payloads)
         return seen, m, affected.departure(m).force_n
 

@@ -45,7 +45,7 @@ class _Outside(Effect):
         """A phase and some moments of the campaign."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.moments_s = np.cumsum(self.rng.uniform(400.0, 1200.0, 40))
-        self.levels = self.rng.choice([-1.0, 0.0, 1.0], 41)
+        self.levels = self.rng.uniform(-1.0, 1.0, 41)
 
     def _unit(self, m: Moments) -> Array:
         raise NotImplementedError
@@ -94,7 +94,7 @@ class PayloadShift(Remembering):
         elif self.variant == "saturating":
             y = y * np.tanh(self.elapsed_s(m) / 1800.0)
         elif self.variant == "with_payload":
-            y = y * np.minimum(m.payload_kg / FULL_PAYLOAD_KG, 1.0)
+            y = y * (0.4 + np.sin(3.0 * m.q_m[:, 0]) ** 2)  # slides further on where the platform leans most
         d.payload_shift_m += self.size * y
 
 

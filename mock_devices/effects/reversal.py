@@ -40,8 +40,8 @@ class Backlash(_Play):
     def setup(self) -> None:
         """The play that is used up on a reversal; the variants change what is seen of it."""
         self.half_m = max(0.5 * self.size, 1e-12)
-        if self.variant == "soft":  # balls and grooves give way: a wider, gradual loop
-            self.half_m += 2.0e-3
+        if self.variant == "soft":  # balls and grooves give way: a gradual loop, wider than the usual approach
+            self.half_m += 8.0e-3
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
     def act(self, m: Moments, d: Departure) -> None:

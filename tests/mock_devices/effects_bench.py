@@ -31,7 +31,8 @@ class Temperatures:
     def part_series_c(self, _name, t_s):
         return self._of(np.asarray(t_s, dtype=float))
 
-    air_series_c = part_series_c
+    def air_series_c(self, t_s):
+        return self._of(np.asarray(t_s, dtype=float))
 
 
 class Alone:

@@ -32,7 +32,13 @@ def at_rest(*choices, payload=0):
     n = len(DRIVES)
     mass = np.full(n, SETTINGS.payloads[payload].mass_kg)
     m = moments(
-        MotionHistory((1.1, 1.1), affected.effects), np.zeros(n), DRIVES, 0.0 * DRIVES, mass, np.zeros(n), Temperatures()
+        MotionHistory((1.1, 1.1), affected.effects),
+        np.zeros(n),
+        DRIVES,
+        0.0 * DRIVES,
+        mass,
+        np.zeros(n),
+        Temperatures(),
     )
     rest, structure = affected.rest(m, affected.departure(m), np.full(n, payload))
     return rest, structure
@@ -73,7 +79,7 @@ def test_a_joint_beside_its_place():
 
 
 def test_half_of_a_struts_weight_hangs_at_its_platform_joint():
-    rest, structure = at_rest(EffectChoice("link_self_weight", 12.0, "left_upper"))
+    rest, _ = at_rest(EffectChoice("link_self_weight", 12.0, "left_upper"))
     joint = FILE.struts[0].platform_joint
     file = TRUE.file
     for i, q in enumerate(DRIVES):
@@ -85,15 +91,13 @@ def test_half_of_a_struts_weight_hangs_at_its_platform_joint():
 
 def test_guides_turn_the_joints_of_their_slider_about_its_middle():
     yaw = 3e-5
-    rest, structure = at_rest(EffectChoice("guide_angular", yaw, "left", "bow"))
+    rest, _ = at_rest(EffectChoice("guide_angular", yaw, "left", "bow"))
     x = (DRIVES[:, 0] - 1.01) / 0.69
     for i in range(len(DRIVES)):
         angle = yaw * (2.0 * x[i] ** 2 - 1.0)
         middle = np.mean([s.base_joint for s in TRUE.file.struts[:2]])
         turned = [middle + (s.base_joint - middle) * np.exp(1j * angle) for s in TRUE.file.struts[:2]]
-        struts = tuple(
-            replace(s, base_joint=turned[k]) if k < 2 else s for k, s in enumerate(TRUE.file.struts)
-        )
+        struts = tuple(replace(s, base_joint=turned[k]) if k < 2 else s for k, s in enumerate(TRUE.file.struts))
         pose = replace(TRUE, file=replace(TRUE.file, struts=struts)).pose(tuple(DRIVES[i]), 0, COLD)
         assert abs(rest.p[i] - pose.p) < 2e-12
 

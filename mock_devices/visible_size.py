@@ -75,7 +75,7 @@ class VisibleScale:
                 {"base_joint": strut.base_joint + 1j * h * width.base_joint_m},
                 {"stiffness_n_per_m": strut.stiffness_n_per_m * math.exp(h * width.ln_stiffness)},
             ):
-                struts = (*file.struts[:i], replace(strut, **changes), *file.struts[i + 1 :])  # type: ignore[arg-type]
+                struts = (*file.struts[:i], replace(strut, **changes), *file.struts[i + 1 :])
                 yield replace(true, file=replace(file, struts=struts))
         for a, slider in enumerate(file.sliders):
             tilted = replace(slider, axis=slider.axis * np.exp(1j * h * width.axis_tilt_rad))

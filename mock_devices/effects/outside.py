@@ -21,48 +21,11 @@ from mock_devices.effects.base import (
     Place,
     Remembering,
 )
-
-FULL_PAYLOAD_KG = 400.0
-VARIANTS = ("plain", "saturating", "with_payload", "cubic")
-FINAL = "cubic"
+from mock_devices.effects.outside_drives import AirBearingLift, LooseBolt, LubricationPulse, MagnetDetent, OilFilm
+from mock_devices.effects.outside_shapes import FINAL, VARIANTS, Outside
 
 
-def shaped(y: Array, variant: str, payload_kg: Array) -> Array:
-    """A unit signal (n,) through one of VARIANTS."""
-    if variant == "saturating":
-        return np.asarray(np.tanh(2.0 * y) / math.tanh(2.0))
-    if variant == "with_payload":
-        return y * (0.5 + payload_kg / FULL_PAYLOAD_KG)
-    if variant == "cubic":
-        return np.asarray(1.3 * y**3)
-    return y
-
-
-class _Outside(Effect):
-    """Draws what all of them may want."""
-
-    def setup(self) -> None:
-        """A phase and some moments of the campaign."""
-        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
-        self.moments_s = np.cumsum(self.rng.uniform(400.0, 1200.0, 40))
-        self.levels = self.rng.uniform(-1.0, 1.0, 41)
-
-    def _unit(self, m: Moments) -> Array:
-        raise NotImplementedError
-
-    def signal(self, m: Moments) -> Array:
-        return self.size * shaped(self._unit(m), self.variant, m.payload_kg)
-
-    def along(self, m: Moments, drive: int) -> Array:
-        middle, half = self.site.drive_range_m(drive)
-        return (m.q_m[:, drive] - middle) / half
-
-    def platform_x(self, m: Moments) -> Array:
-        """Where the platform is across the machine, roughly, from -1 to 1."""
-        return np.clip((m.q_m[:, 0] - m.q_m[:, 1]) / 0.9, -1.5, 1.5)
-
-
-class CableDrag(_Outside):
+class CableDrag(Outside):
     """A cable chain pulls the platform: by its place, and by the side that it came from."""
 
     def _unit(self, m: Moments) -> Array:
@@ -98,7 +61,7 @@ class PayloadShift(Remembering):
         d.payload_shift_m += self.size * y
 
 
-class PlatformBending(_Outside):
+class PlatformBending(Outside):
     """A warm upper side bends the platform: reflectors and joints move with its curvature."""
 
     def _unit(self, m: Moments) -> Array:
@@ -116,7 +79,7 @@ class PlatformBending(_Outside):
                 d.smr_m[:, i, 0] -= curvature * smr.position_m[0] * (smr.position_m[1] + 0.12)
 
 
-class SpindleVibration(_Outside):
+class SpindleVibration(Outside):
     """While the spindle runs, the station averages a vibration; its rectified part is not zero, most at one place."""
 
     def _unit(self, m: Moments) -> Array:
@@ -130,62 +93,7 @@ class SpindleVibration(_Outside):
                 d.smr_m[:, i, 0] += self.signal(m)
 
 
-class LooseBolt(Remembering):
-    """A carriage plate with a loose bolt has two places: it flips up high and down low on the column."""
-
-    def after(self, drive: int, before: float, leg: Leg) -> float:
-        """Which place: changed by passing a quarter from either end."""
-        return float(self._flipped(np.array([leg.to_m]), np.array([before]), drive)[0])
-
-    def act(self, m: Moments, d: Departure) -> None:
-        """Turn the carriage."""
-        y = self._flipped(m.q_m[:, self.place], self.before(m, self.place), self.place)
-        d.yaw_rad[:, self.place] += self.size * shaped(np.where(y == 0.0, -1.0, y), self.variant, m.payload_kg)
-        if self.variant == "saturating":
-            d.sideways_m[:, self.place] += 0.05 * self.size * y
-
-    def _flipped(self, q_m: Array, held: Array, drive: int) -> Array:
-        middle, half = self.site.drive_range_m(drive)
-        x, limit = (q_m - middle) / half, 0.15 if self.variant == FINAL else 0.3
-        return np.where(x > limit, 1.0, np.where(x < -limit, -1.0, held))
-
-
-class AirBearingLift(_Outside):
-    """The bearing's gap follows the compressor: pressure falls slowly and is pumped up again."""
-
-    def _unit(self, m: Moments) -> Array:
-        return np.asarray(1.0 - 2.0 * ((self.elapsed_s(m) / 640.0 + self.phase) % 1.0))
-
-    def act(self, m: Moments, d: Departure) -> None:
-        """Lift the slider off its guide."""
-        d.sideways_m[:, self.place] += self.signal(m)
-
-
-class OilFilm(_Outside):
-    """A plain guide floats up with speed and sinks slowly at rest."""
-
-    def _unit(self, m: Moments) -> Array:
-        speed = m.speed_m_per_s[:, self.place] / 0.5
-        return np.asarray(np.sqrt(np.maximum(speed, 0.0)) * np.exp(-m.since_s[:, self.place] / 12.0))
-
-    def act(self, m: Moments, d: Departure) -> None:
-        """Lift the slider off its guide."""
-        d.sideways_m[:, self.place] += self.signal(m)
-
-
-class MagnetDetent(_Outside):
-    """Magnets pull a linear motor into detents, harder from one side than from the other."""
-
-    def _unit(self, m: Moments) -> Array:
-        q = m.q_m[:, self.place]
-        return np.asarray(np.sin(2.0 * np.pi * q / 0.048 + self.phase) * (1.0 + 0.8 * m.direction[:, self.place]))
-
-    def act(self, m: Moments, d: Departure) -> None:
-        """Move the slider."""
-        d.travel_m[:, self.place] += self.signal(m)
-
-
-class CraneTilt(_Outside):
+class CraneTilt(Outside):
     """A crane stands here and there in the bay, and the floor leans to it: machine against station and nests."""
 
     def _unit(self, m: Moments) -> Array:
@@ -198,7 +106,7 @@ class CraneTilt(_Outside):
         d.frame_shift_m += -1j * turn * (0.4 - 1.2j)
 
 
-class HumiditySwelling(_Outside):
+class HumiditySwelling(Outside):
     """A strut of carbon fibre takes up moisture: slowly and in waves of the air's."""
 
     def _unit(self, m: Moments) -> Array:
@@ -210,7 +118,7 @@ class HumiditySwelling(_Outside):
         d.length_m[:, self.place] += self.signal(m)
 
 
-class HoseMoment(_Outside):
+class HoseMoment(Outside):
     """A hydraulic hose straightens whenever the clamp has pressure, and turns the platform."""
 
     def _unit(self, m: Moments) -> Array:
@@ -220,20 +128,6 @@ class HoseMoment(_Outside):
     def act(self, m: Moments, d: Departure) -> None:
         """Turn the platform."""
         d.moment_nm += self.signal(m)
-
-
-class LubricationPulse(Remembering):
-    """Every few metres of way the lubricator gives a pulse, and the guide floats until it is used up."""
-
-    def after(self, drive: int, before: float, leg: Leg) -> float:
-        """The way so far."""
-        return before + abs(leg.to_m - leg.from_m)
-
-    def act(self, m: Moments, d: Departure) -> None:
-        """Lift the slider off its guide."""
-        way = self.before(m, self.place) + np.abs(m.q_m[:, self.place] - m.from_m[:, self.place])
-        y = np.exp(-(way % 7.0) / 1.5)
-        d.sideways_m[:, self.place] += self.size * shaped(y, self.variant, m.payload_kg)
 
 
 _FACTS: tuple[tuple[str, Place, type[Effect], Parameter, str], ...] = (

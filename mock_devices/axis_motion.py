@@ -44,6 +44,7 @@ class AxisMotion:
     def __init__(self, encoder_inc: float) -> None:
         point = SetPoint(0, round(encoder_inc))
         self._chain = [_Segment(float("-inf"), rest(encoder_inc), None, point, braked_at_inc=encoder_inc)]
+        self.trail: list[tuple[float, Profile]] = []  # all motions with their start, for effects that remember
 
     def command(self, t_s: float) -> tuple[float, float, float]:
         """Commanded position, velocity, acceleration at `t_s`."""
@@ -124,6 +125,10 @@ class AxisMotion:
     def _append(self, segment: _Segment) -> None:
         chain = [old for old in self._chain if old.start_s < segment.start_s] or self._chain[:1]
         self._chain = [*chain[-_KEPT:], segment]
+        while self.trail and self.trail[-1][0] >= segment.start_s:
+            self.trail.pop()
+        if segment.profile.phases:
+            self.trail.append((segment.start_s, segment.profile))
 
     def _at(self, t_s: float) -> _Segment:
         for segment in reversed(self._chain):

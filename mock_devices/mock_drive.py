@@ -8,6 +8,7 @@ errors, the error register's other bits; limits that the master sets outlive a r
 
 from __future__ import annotations
 
+import bisect
 import logging
 import threading
 from collections.abc import Callable
@@ -29,7 +30,7 @@ from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.node_services import Heartbeat, NmtSlave, NmtState
 from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
 from mock_devices.pdo import Mapping, read_mapping
-from mock_devices.plant import SetPoint
+from mock_devices.plant import Motion, SetPoint
 from mock_devices.sdo_server import SdoServer, SegmentServer
 
 _NOTIFIER_CYCLE_S = 0.05
@@ -120,6 +121,22 @@ class DriveServer:
         """Whether a motion is under way at `t_s`."""
         with self._lock:
             return self.axis.motion.is_moving(t_s)
+
+    def motions_after(self, t_s: float) -> list[Motion]:
+        """All motions that began after `t_s`, in encoder positions without compensation."""
+        with self._lock:
+            trail = self.axis.motion.trail
+            first = bisect.bisect_right(trail, t_s, key=lambda entry: entry[0])
+            return [
+                Motion(
+                    start_s,
+                    start_s + profile.duration_s,
+                    profile.at(0.0)[0] * METRES_PER_INCREMENT,
+                    profile.target * METRES_PER_INCREMENT,
+                    max(abs(phase.v) for phase in (*profile.phases, profile.phases[-1])) * METRES_PER_INCREMENT,
+                )
+                for start_s, profile in trail[first:]
+            ]
 
     # What tests and the rig may do.
 

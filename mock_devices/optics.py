@@ -61,6 +61,11 @@ class StationView:
         """A point of the machine frame in the station frame of time zero, shape (3,)."""
         return np.asarray(self.rotation @ np.array(position_m) + self.translation_m)
 
+    def drift_series(self, t_s: Array) -> tuple[Array, Array]:
+        """Small rotation and shift of what is seen at times (n,): (n, 3) each, station frame."""
+        turns = np.stack([turn.series(t_s) for turn in self._turns], axis=1)
+        return turns, np.stack([shift.series(t_s) for shift in self._shifts], axis=1)
+
     def polar(self, position_m: Vector3, t_s: float) -> Polar:
         """A point of the machine frame as the drifting station sees it."""
         x, y, z = (float(value) for value in self.drift_free(position_m))
@@ -81,6 +86,9 @@ class _Wander:
 
     def at(self, t_s: float) -> float:
         return self._signal.at(t_s) - self._start
+
+    def series(self, t_s: Array) -> Array:
+        return self._signal.series(t_s) - self._start
 
 
 def rotation(vector_rad: Array) -> Array:

@@ -8,16 +8,23 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
+import numpy as np
+
+from mock_devices.affected_machine import AffectedMachine, affected_machine, heavy_tailed, moments
 from mock_devices.clock import RigClock
+from mock_devices.effects.base import GRAVITY_M_PER_S2, Moments
 from mock_devices.machine_file import MachineFile, read_machine_file
+from mock_devices.motion_history import MotionHistory
 from mock_devices.optics import Polar, StationView
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
 from mock_devices.thermal import Thermal
 from mock_devices.true_machine import draw_machine
 from mock_devices.truth import Truth
+
+_DIFFERENCE_S = 1.0e-3
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,17 @@ class SetPoint:
 
     count: int
     target_inc: int
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion of a drive as it was planned: rig times, positions, highest speed."""
+
+    start_s: float
+    end_s: float
+    from_m: float
+    to_m: float
+    speed_m_per_s: float
 
 
 class DriveMotion(Protocol):
@@ -41,6 +59,15 @@ class DriveMotion(Protocol):
 
     def is_moving(self, t_s: float) -> bool:
         """Whether a motion is under way."""
+        ...
+
+
+@runtime_checkable
+class Remembered(Protocol):
+    """A drive that can tell of its motions; effects that remember need it."""
+
+    def motions_after(self, t_s: float) -> list[Motion]:
+        """All motions that began after `t_s`."""
         ...
 
 
@@ -84,6 +111,10 @@ class Plant:
         self._visit: tuple[SetPoint, ...] | None = None
         self._readings: dict[int, int] = {}
         self.truth = Truth(self._machine, self.view, self.thermal)
+        self._affected = affected_machine(self._machine, self.view, self.nominal, settings)
+        self._exchanges = 0
+        self._history: MotionHistory | None = None
+        self._force_n = [0.0] * len(self.nominal.sliders)
 
     def attach(self, drives: tuple[DriveMotion, ...]) -> None:
         """Connect the drives, in the order of the machine file."""
@@ -101,6 +132,7 @@ class Plant:
         if not 0 <= payload < len(self.settings.payloads):
             raise ValueError(f"there is no payload {payload}")
         self._payload = payload
+        self._exchanges += 1
 
     def moving_mass_kg(self) -> float:
         """Nominal mass that the drives carry, payload included."""
@@ -113,14 +145,69 @@ class Plant:
 
     def sightings(self, t_s: float) -> list[Sighting]:
         """All reflectors as the station sees them at rig time `t_s`, in the order of the machine file."""
-        drives_m = tuple(drive.encoder_m(t_s) for drive in self._drives)
+        if self._affected is not None:
+            return self._affected_sightings(self._affected, t_s)
         temperatures_c = self.thermal.parts_c(t_s)
+        drives_m = tuple(drive.encoder_m(t_s) for drive in self._drives)
         pose = self._machine.pose(drives_m, self._payload, temperatures_c)
         places = self._machine.smr_positions(pose, drives_m, temperatures_c)
         return [
             Sighting(i, smr.name, self.view.polar(place, t_s))
             for i, (smr, place) in enumerate(zip(self.nominal.smrs, places, strict=True))
         ]
+
+    def friction_kg(self, drive: int) -> float:
+        """What effects add to a drive's load, as a mass: of when the machine was last looked at."""
+        return self._force_n[drive] / GRAVITY_M_PER_S2
+
+    def _affected_sightings(self, affected: AffectedMachine, t_s: float) -> list[Sighting]:
+        with self._lock:
+            moments = self._moments(affected, t_s)
+            payload = np.array([self._payload])
+            seen = affected.sight(moments, payload)
+            self._force_n = [float(force) for force in affected.departure(moments).force_n[0]]
+        return [
+            Sighting(
+                i, smr.name, Polar(float(seen.hz_rad[0, i]), float(seen.v_rad[0, i]), float(seen.distance_m[0, i]))
+            )
+            for i, smr in enumerate(self.nominal.smrs)
+        ]
+
+    def _moments(self, affected: AffectedMachine, t_s: float) -> Moments:
+        """The present as one moment; drives are seen later than the station by its latency."""
+        now = self._moment(affected, t_s, t_s)
+        early_s = float(affected.early_s(now)[0])
+        return now if early_s == 0.0 else self._moment(affected, t_s, t_s + early_s)
+
+    def _moment(self, affected: AffectedMachine, t_s: float, drives_s: float) -> Moments:
+        history = self._followed(affected, drives_s)
+        positions = np.array([[drive.encoder_m(drives_s) for drive in self._drives]])
+        before = np.array([[drive.encoder_m(drives_s - _DIFFERENCE_S) for drive in self._drives]])
+        return moments(
+            history,
+            np.array([t_s]),
+            positions,
+            (positions - before) / _DIFFERENCE_S,
+            np.array([self.settings.payloads[self._payload].mass_kg]),
+            np.array([float(self._exchanges)]),
+            self.thermal,
+            drives_s=np.array([drives_s]),
+        )
+
+    def _followed(self, affected: AffectedMachine, t_s: float) -> MotionHistory:
+        """The drives' motions until `t_s`, told to the effects."""
+        if self._history is None:
+            self._history = MotionHistory([drive.encoder_m(0.0) for drive in self._drives], affected.effects)
+        for index, drive in enumerate(self._drives):
+            if not isinstance(drive, Remembered):
+                continue
+            last_s = self._history.legs(index)[-1].start_s
+            for motion in drive.motions_after(last_s):
+                if motion.start_s <= t_s:
+                    self._history.add(
+                        index, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s, reached_m=motion.from_m
+                    )
+        return self._history
 
     def reading_noise(self, smr: int, t_s: float) -> ReadingNoise:
         """Draw the errors of the next reading of an SMR and count it."""
@@ -134,6 +221,7 @@ class Plant:
             visit = self._visits[targets]
             reading = self._readings[smr] = self._readings.get(smr, 0) + 1
         key = (smr, *targets, visit, reading)
-        hz, v, distance = generator(self.settings.seed, "reading", *key).standard_normal(3)
+        rng = generator(self.settings.seed, "reading", *key)
+        hz, v, distance = heavy_tailed(rng.standard_normal(3), self.settings.noise_tails, rng)
         sd = self.settings.instrument
         return ReadingNoise(float(sd.angle_sd_rad * hz), float(sd.angle_sd_rad * v), float(sd.range_sd_m * distance))

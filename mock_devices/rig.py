@@ -137,7 +137,7 @@ class MockRig:
             machine_id=machine_id_of(machine.name),
             travel_m=machine.sliders[index].travel_m,
             start_m=home_m(machine, index),
-            load_kg=lambda: self.plant.moving_mass_kg() / count,
+            load_kg=lambda: self.plant.moving_mass_kg() / count + self.plant.friction_kg(index),
             faults=self.faults,
             block_transfer=node_id not in self._without_blocks,
             is_first=index == 0,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mock_devices.effects.base import EffectChoice
+
 Vector3 = tuple[float, float, float]
 
 
@@ -33,6 +35,16 @@ class InstrumentProfile:
     vertical_index_rad: float = 1.0e-6
 
 
+@dataclass(frozen=True)
+class Nuisance:
+    """Ordinary wander of a rig at its declared level, one standard deviation each (`[nuisance]` of a recording)."""
+
+    drift_m: float = 0.0
+    reseat_m: float = 0.0
+    reversal_m: float = 0.0
+    temperature_k: float = 0.0
+
+
 DEFAULT_PAYLOADS = (
     Payload("none", 0.0),
     Payload("plate 200 kg", 200.0, (0.0, -0.2, 0.0), 0.2, 0.002),
@@ -47,6 +59,9 @@ class MockSettings:
     `error_scale` multiplies the drawn geometric errors (lengths, joints, tilts, drive scales), not the
     stiffness, the mounting of the reflectors or the instrument. `payloads[n]` is number n of the PLC.
     `station_heading_rad` turns the zero direction, clockwise seen from above, away from -z of the machine.
+    `effects` are what a calibrated model leaves out, `nuisance` the ordinary wander. `noise_tails`: degrees of freedom
+    of Student's t that readings' noise has, of the same variance (0: normal). `temperature_programme`: corners (rig
+    time, kelvin) of a swing of the shop's temperature. `clock_jitter_s` is of the time stamps in recordings.
     """
 
     seed: int = 1
@@ -61,6 +76,12 @@ class MockSettings:
     air_temperature_c: float = 21.5
     temperature_sensor_sd_k: float = 0.005
     warm_up_time_constant_s: float = 900.0
+    effects: tuple[EffectChoice, ...] = ()
+    nuisance: Nuisance = Nuisance()
+    noise_tails: float = 0.0
+    temperature_sensor_bias_k: float = 0.0
+    clock_jitter_s: float = 0.0
+    temperature_programme: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be."""
@@ -68,3 +89,5 @@ class MockSettings:
             raise ValueError(f"there is no payload {self.initial_payload}")
         if self.seed < 0 or self.error_scale < 0.0:
             raise ValueError("seed and error_scale must not be negative")
+        if self.noise_tails and self.noise_tails <= 2.0:
+            raise ValueError("noise_tails must be above 2 (or 0 for normal noise)")

@@ -8,11 +8,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
 
 SENSORS = ("struts", "columns", "base", "platform")
+_FOLLOW_S = {"struts": 900.0, "columns": 2400.0, "base": 5400.0, "platform": 1500.0, "air": 60.0}
+_GRID_S = 30.0
 
 
 class SlowSignal:
@@ -31,6 +34,11 @@ class SlowSignal:
         """Value at rig time `t_s`."""
         terms = zip(self._amplitudes, self._rates, self._phases, strict=True)
         return sum(a * math.sin(w * t_s + phase) for a, w, phase in terms)
+
+    def series(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values at several times (n,)."""
+        terms = zip(self._amplitudes, self._rates, self._phases, strict=True)
+        return np.asarray(sum(a * np.sin(w * t_s + phase) for a, w, phase in terms))
 
 
 class Thermal:
@@ -51,11 +59,23 @@ class Thermal:
         # A sine of random phase with amplitude a has the standard deviation a / sqrt(2); three of them add up.
         amplitude = settings.temperature_sensor_sd_k * math.sqrt(2.0 * 3.0)
         self._sensor_noise = {name: SlowSignal(noise, amplitude, 40.0, 400.0) for name in (*SENSORS, "air")}
+        bias = generator(settings.seed, "temperature sensor bias")
+        self._bias_k = {
+            name: settings.temperature_sensor_bias_k * float(bias.standard_normal()) for name in (*SENSORS, "air")
+        }
+        self._programme = _Programme(settings.temperature_programme) if settings.temperature_programme else None
 
     def part_c(self, name: str, t_s: float) -> float:
         """True temperature of a part."""
         warming = self._gap_k[name] * math.exp(-max(t_s, 0.0) / self._tau_s)
-        return self._steady_c[name] - warming + self._wander[name].at(t_s)
+        ordinary_c = self._steady_c[name] - warming + self._wander[name].at(t_s)
+        return ordinary_c if self._programme is None else ordinary_c + self._programme.at(name, t_s)
+
+    def part_series_c(self, name: str, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """True temperature of a part at several times (n,)."""
+        warming = self._gap_k[name] * np.exp(-np.maximum(t_s, 0.0) / self._tau_s)
+        ordinary_c = self._steady_c[name] - warming + self._wander[name].series(t_s)
+        return ordinary_c if self._programme is None else ordinary_c + self._programme.series(name, t_s)
 
     def parts_c(self, t_s: float) -> dict[str, float]:
         """True temperatures of all parts."""
@@ -63,7 +83,13 @@ class Thermal:
 
     def air_c(self, t_s: float) -> float:
         """True temperature of the air."""
-        return self._air_c + self._air_wander.at(t_s)
+        ordinary_c = self._air_c + self._air_wander.at(t_s)
+        return ordinary_c if self._programme is None else ordinary_c + self._programme.at("air", t_s)
+
+    def air_series_c(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """True temperature of the air at several times (n,)."""
+        ordinary_c = self._air_c + self._air_wander.series(t_s)
+        return ordinary_c if self._programme is None else ordinary_c + self._programme.series("air", t_s)
 
     def pressure_hpa(self, t_s: float) -> float:
         """Air pressure."""
@@ -76,4 +102,36 @@ class Thermal:
     def sensor_c(self, name: str, t_s: float) -> float:
         """What a sensor reads: `air` or one of SENSORS, with its noise."""
         true_c = self.air_c(t_s) if name == "air" else self.part_c(name, t_s)
-        return true_c + self._sensor_noise[name].at(t_s)
+        return true_c + self._sensor_noise[name].at(t_s) + self._bias_k[name]
+
+    def sensor_series_c(self, name: str, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What a sensor reads at several times (n,)."""
+        true_c = self.air_series_c(t_s) if name == "air" else self.part_series_c(name, t_s)
+        return true_c + self._sensor_noise[name].series(t_s) + self._bias_k[name]
+
+    def pressure_series_hpa(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Air pressure at several times (n,)."""
+        return self._pressure_hpa + self._pressure_wander.series(t_s)
+
+
+class _Programme:
+    """A swing of the shop's temperature, straight between its corners, that parts follow with their time constants."""
+
+    def __init__(self, corners: tuple[tuple[float, float], ...]) -> None:
+        times, values = (np.array(column, dtype=np.float64) for column in zip(*corners, strict=True))
+        self._times = np.arange(times[0], times[-1] + 8.0 * 3600.0, _GRID_S)
+        shop = np.interp(self._times, times, values)
+        self._parts = {}
+        for name, tau_s in _FOLLOW_S.items():
+            keep = math.exp(-_GRID_S / tau_s)
+            part, value = np.empty_like(shop), shop[0]
+            for i, now in enumerate(shop.tolist()):
+                value = now + (value - now) * keep
+                part[i] = value
+            self._parts[name] = part
+
+    def at(self, name: str, t_s: float) -> float:
+        return float(np.interp(t_s, self._times, self._parts[name]))
+
+    def series(self, name: str, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.interp(t_s, self._times, self._parts[name]))

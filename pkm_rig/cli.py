@@ -107,6 +107,10 @@ def mock(
         list[str] | None, typer.Option(help="NAME@N: a fault at the Nth operation, again for more")
     ] = None,
     list_faults: Annotated[bool, typer.Option(help="print the names of the faults and end")] = False,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=VALUE[,place=...,variant=...]: a flaw (docs/mock-effects.md); may be repeated"),
+    ] = None,
 ) -> None:
     """Serve the three mock devices on real transports until interrupted."""
     if list_faults:
@@ -114,9 +118,12 @@ def mock(
             results.print(line, soft_wrap=True, markup=False)
         return
     file, _ = load_rig(rig)
+    section = file.mock or MockSection()
     if seed is not None:
-        section = file.mock or MockSection()
-        file = file.model_copy(update={"mock": section.model_copy(update={"seed": seed})})
+        section = section.model_copy(update={"seed": seed})
+    if effect:
+        section = section.model_copy(update={"effects": (*section.effects, *effect)})
+    file = file.model_copy(update={"mock": section})
     with mock_rig.served(file, rig, fault or ()) as served:
         for line in mock_rig.how_to_connect(file, served):
             results.print(line, soft_wrap=True)

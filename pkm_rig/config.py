@@ -143,10 +143,20 @@ class Limits(Section):
 
 
 class MockSection(Section):
-    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise; the PLC's certificate."""
+    """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise, and what is wrong with it.
+
+    `effects` are texts as of `pkm-rig mock --effect` (docs/mock-effects.md); `nuisance` is the wander that it really
+    has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise. The
+    certificate and key are the PLC's, where it is reached by TLS.
+    """
 
     seed: int = Field(ge=0, default=1)
     error_scale: float = Field(ge=0.0, default=1.0)
+    effects: tuple[str, ...] = Field(default=(), max_length=20)
+    nuisance: NuisanceEntry = NuisanceEntry()
+    noise_tails: float = Field(ge=0.0, default=0.0)
+    temperature_sensor_bias_k: float = Field(ge=0.0, default=0.0)
+    temperature_programme: tuple[tuple[float, float], ...] = Field(default=(), max_length=100)
     plc_certificate_file: str | None = None
     plc_key_file: str | None = None
 

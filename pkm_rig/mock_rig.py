@@ -14,14 +14,17 @@ from pathlib import Path
 
 import can
 
+from calibration.recording_header import AccuracyEntry
 from calibration.toml_file import InputError
+from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.faulty_bus import FaultyBus
+from mock_devices.machine_file import read_machine_file
 from mock_devices.rig import MockRig
-from mock_devices.settings import InstrumentProfile, MockSettings, Payload
+from mock_devices.settings import InstrumentProfile, MockSettings, Nuisance, Payload
 from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
-from pkm_rig.config import MockSection, RigFile, machine_path
+from pkm_rig.config import MockSection, RigFile, embedded_rig_path, machine_path
 from pkm_rig.embedded_bus import EmbeddedBus
 from pkm_rig.plc_connection import plc_line
 
@@ -38,11 +41,37 @@ class Embedded:
     mock: MockRig
 
 
-def settings_of(file: RigFile) -> MockSettings:
-    """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, the seed."""
+def settings_of(file: RigFile, rig_path: Path | None = None) -> MockSettings:
+    """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, seed and effects.
+
+    InputError in one line if an effect cannot be; a machine file of the rig's own needs `rig_path`.
+    """
     mock = file.mock or MockSection()
     accuracy = file.station.accuracy
+    try:
+        return _settings(file, mock, accuracy, chosen_effects(file, rig_path))
+    except ValueError as error:  # EffectError is one
+        raise InputError(f"mock: {error}") from None
+
+
+def chosen_effects(file: RigFile, rig_path: Path | None) -> tuple[EffectChoice, ...]:
+    """The effects of the rig file as the mock plant takes them; raises ValueError in one line."""
+    texts = (file.mock or MockSection()).effects
+    if not texts:
+        return ()
+    machine = read_machine_file(machine_path(file, rig_path or embedded_rig_path()))
+    return tuple(parse(text, machine) for text in texts)
+
+
+def _settings(
+    file: RigFile, mock: MockSection, accuracy: AccuracyEntry, effects: tuple[EffectChoice, ...]
+) -> MockSettings:
     return MockSettings(
+        effects=effects,
+        nuisance=Nuisance(**mock.nuisance.model_dump()),
+        noise_tails=mock.noise_tails,
+        temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
+        temperature_programme=mock.temperature_programme,
         seed=mock.seed,
         error_scale=mock.error_scale,
         payloads=tuple(
@@ -85,7 +114,7 @@ def embedded(
     try:
         with MockRig(
             machine_path(file, rig_path),
-            settings_of(file),
+            settings_of(file, rig_path),
             clock,
             bus,
             without_blocks=without_blocks,
@@ -127,7 +156,7 @@ def served(file: RigFile, rig_path: Path, faults: Sequence[str] = ()) -> Iterato
         with (
             MockRig(
                 machine_path(file, rig_path),
-                settings_of(file),
+                settings_of(file, rig_path),
                 clock,
                 bus,
                 station="tcp" if over_tcp else "pty",

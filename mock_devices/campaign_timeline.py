@@ -1,0 +1,184 @@
+"""A design in time: which motion when, which reading when. The same for every machine that carries it out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mock_devices.affected_machine import AffectedMachine, moments
+from mock_devices.campaign_design import Design, Visit, nominal_drives
+from mock_devices.effects.base import Array, Effect, Moments, Sight
+from mock_devices.machine_file import MachineFile
+from mock_devices.motion_history import MotionHistory
+from mock_devices.plant import Motion
+from mock_devices.settings import Payload
+from mock_devices.thermal import Thermal
+
+SETTLED_S = 0.1
+RUN_UP_M = 0.005
+INCREMENT_M = 1.0e-8
+
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Readings (r,) of a campaign and the motions between them.
+
+    `visit` and `check` count visits and nest checks begun, -1 before the first. q_m, velocity: (r, d). smr: index in
+    the machine file. dwell_s: since the target was reached. motions: (drive, motion) in order.
+    """
+
+    design: Design
+    machine: MachineFile
+    start_m: tuple[float, ...]
+    motions: tuple[tuple[int, Motion], ...]
+    t_s: Array
+    smr: Ints
+    visit: Ints
+    check: Ints
+    is_nest: NDArray[np.bool_]
+    samples: Array
+    dwell_s: Array
+    payload: Ints
+    exchanges: Array
+    q_m: Array
+    velocity_m_per_s: Array
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def moments(self, effects: Sequence[Effect], thermal: Thermal, payloads: Sequence[Payload]) -> Moments:
+        """The moments of all readings, after `effects` were told of every motion. Effects must be new."""
+        history = MotionHistory(self.start_m, effects, self.design.start_s)
+        for drive, motion in self.motions:
+            history.add(drive, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s)
+        mass = np.array([payload.mass_kg for payload in payloads])[self.payload]
+        return moments(history, self.t_s, self.q_m, self.velocity_m_per_s, mass, self.exchanges, thermal)
+
+    def sight(self, affected: AffectedMachine, thermal: Thermal, payloads: Sequence[Payload]) -> tuple[Sight, Moments]:
+        """What the station sees of all reflectors at every reading, free of noise; the effects must be new."""
+        m = self.moments(affected.effects, thermal, payloads)
+        early_s = affected.early_s(m)
+        seen = replace(m, q_m=m.q_m + m.velocity_m_per_s * early_s[:, None]) if np.any(early_s) else m
+        return affected.sight(seen, self.payload), m
+
+
+class _Planner:
+    """Lays visits and readings out in time."""
+
+    def __init__(self, machine: MachineFile, design: Design) -> None:
+        self.machine, self.design = machine, design
+        self.names = [smr.name for smr in machine.smrs]
+        self.t_s = design.start_s
+        self.at_m = nominal_drives(machine, machine.tool_point)
+        self.start_m = self.at_m
+        self.motions: list[tuple[int, Motion]] = []
+        self.rows: list[tuple[float, int, int, int, bool, float, float, int, int]] = []
+        self.q: list[tuple[float, ...]] = []
+        self.v: list[tuple[float, ...]] = []
+        self.visit = self.check = -1
+        self.payload = design.visits[0].payload
+        self.exchanges = 0
+        self.arrived_s = self.t_s
+
+    def plan(self) -> Timeline:
+        for number, visit in enumerate(self.design.visits):
+            if visit.payload != self.payload:
+                self.nests()
+                self.t_s += self.design.exchange_s
+                self.payload, self.exchanges = visit.payload, self.exchanges + 1
+                self.nests()
+            elif number % self.design.nest_every == 0:
+                self.nests()
+            self.carry_out(visit)
+        self.nests()
+        t, smr, visits, checks, nest, samples, dwell, payload, exchanges = zip(*self.rows, strict=True)
+        return Timeline(
+            self.design, self.machine, self.start_m, tuple(self.motions), np.array(t), np.array(smr), np.array(visits),
+            np.array(checks), np.array(nest), np.array(samples), np.array(dwell), np.array(payload),
+            np.array(exchanges, dtype=np.float64), np.array(self.q), np.array(self.v),
+        )  # fmt: skip
+
+    def nests(self) -> None:
+        if not self.design.nests:
+            return
+        self.check += 1
+        for nest in self.design.nests:
+            duration_s = self.design.nest_samples * self.design.measure_s
+            self.read(nest, self.at_m, nest=True, samples=self.design.nest_samples, duration_s=duration_s)
+
+    def carry_out(self, visit: Visit) -> None:
+        target = tuple(
+            round(q / INCREMENT_M) * INCREMENT_M for q in nominal_drives(self.machine, visit.target_m)
+        )  # drives stand on whole increments
+        self.visit += 1
+        if visit.on_the_fly:
+            for name in self.design.smrs:
+                self.run_through(visit, target, name)
+            return
+        self.move([q - s * self.design.approach_m for q, s in zip(target, visit.direction, strict=True)], visit)
+        self.move(target, visit)
+        self.arrived_s = self.t_s
+        self.t_s += visit.dwell_s
+        for name in self.design.smrs:
+            self.read(name, target)
+
+    def run_through(self, visit: Visit, target: tuple[float, ...], name: str) -> None:
+        """One run through the target at constant speed, all drives at once: a reading in the middle of it."""
+        speed = visit.speed_m_per_s
+        run_m = RUN_UP_M + 0.5 * speed**2 / self.design.acceleration_m_per_s2
+        self.move([q - s * run_m for q, s in zip(target, visit.direction, strict=True)], visit)
+        begun_s = self.t_s
+        self.move([q + s * run_m for q, s in zip(target, visit.direction, strict=True)], visit)
+        middle_s = 0.5 * (begun_s + self.t_s - SETTLED_S)
+        velocity = tuple(s * speed for s in visit.direction)
+        self.rows.append(
+            (middle_s, self.names.index(name), self.visit, self.check, False, 1.0, 0.0, self.payload, self.exchanges)
+        )
+        self.q.append(target)
+        self.v.append(velocity)
+
+    def move(self, to_m: Sequence[float], visit: Visit) -> None:
+        """All drives start at once; the next begins when the last one stands."""
+        longest_s = 0.0
+        for drive, (here, there) in enumerate(zip(self.at_m, to_m, strict=True)):
+            if there == here:
+                continue
+            way, a = abs(there - here), self.design.acceleration_m_per_s2
+            speed = min(visit.speed_m_per_s, math.sqrt(way * a))
+            duration_s = way / speed + speed / a
+            longest_s = max(longest_s, duration_s)
+            self.motions.append((drive, Motion(self.t_s, self.t_s + duration_s, here, there, speed)))
+        self.at_m = tuple(to_m)
+        self.t_s += longest_s + SETTLED_S
+
+    def read(
+        self,
+        name: str,
+        at_m: tuple[float, ...],
+        *,
+        nest: bool = False,
+        samples: int = 1,
+        duration_s: float | None = None,
+    ) -> None:
+        lasts_s = self.design.measure_s if duration_s is None else duration_s
+        self.t_s += self.design.aim_s + lasts_s
+        dwell_s = self.t_s - self.arrived_s
+        self.rows.append(
+            (
+                self.t_s - 0.5 * lasts_s, self.names.index(name), self.visit, self.check, nest, float(samples), dwell_s,
+                self.payload, self.exchanges,
+            )
+        )  # fmt: skip
+        self.q.append(at_m)
+        self.v.append((0.0,) * len(at_m))
+
+
+def plan(machine: MachineFile, design: Design) -> Timeline:
+    """Lay a design out in time on a machine."""
+    return _Planner(machine, design).plan()

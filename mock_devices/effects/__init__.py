@@ -1,0 +1,20 @@
+"""Physics that a calibrated model leaves out, for the mock plant (docs/mock-effects.md).
+
+Written apart from any catalogue that a diagnosis uses: forms differ on purpose.
+"""
+
+from mock_devices.effects.base import EffectChoice, EffectSpec, Parameter
+from mock_devices.effects.catalogue import CATALOGUE, GEOMETRY, OUTSIDE, SPECS, EffectError, draw, parse
+
+__all__ = [
+    "CATALOGUE",
+    "GEOMETRY",
+    "OUTSIDE",
+    "SPECS",
+    "EffectChoice",
+    "EffectError",
+    "EffectSpec",
+    "Parameter",
+    "draw",
+    "parse",
+]

@@ -1,0 +1,192 @@
+"""What every unmodelled effect is made of: named parameters, a place, a variant, and what it acts on.
+
+An effect sees moments (when the drives stood where, how they came there, how warm everything was) and changes a
+departure: what differs from the machine without it. It draws from its own seed only and keeps its own history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mock_devices.effects.state import Array, Complex, Departure, Law, Leg, Moments, Sight
+from mock_devices.machine_file import MachineFile, Vector3
+
+Place = Literal["drive", "strut", "smr", "rig"]
+Kind = Literal["catalogue", "geometry", "outside", "nuisance"]
+
+GRAVITY_M_PER_S2 = 9.80665
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of an effect: its unit is the end of its name; `typical` is what holds if nothing is said."""
+
+    name: str
+    low: float
+    typical: float
+    high: float
+    meaning: str
+
+    @property
+    def middle(self) -> float:
+        """The middle of the range on a logarithmic scale."""
+        return float(np.sqrt(self.low * self.high)) if self.low > 0.0 else 0.5 * (self.low + self.high)
+
+
+@dataclass(frozen=True)
+class EffectSpec:
+    """One entry of the catalogue. The first parameter is the size: zero means no effect.
+
+    `final` names the variant that only a final scoring uses.
+    """
+
+    name: str
+    kind: Kind
+    place: Place
+    size: Parameter
+    variants: tuple[str, ...]
+    final: str
+    reveals: str
+    make: Callable[[Made], Effect]
+    others: tuple[Parameter, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters, the size first."""
+        return (self.size, *self.others)
+
+
+@dataclass(frozen=True)
+class EffectChoice:
+    """An effect as chosen: plain data. What is left out takes its typical value, its first place and variant."""
+
+    name: str
+    size: float
+    place: str = ""
+    variant: str = ""
+    parameters: tuple[tuple[str, float], ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Site:
+    """What an effect may know of the rig: the nominal machine, the station's place, when the campaign begins."""
+
+    machine: MachineFile
+    station_m: Vector3
+    start_s: float = 0.0
+
+    def drive_range_m(self, drive: int) -> tuple[float, float]:
+        """Middle and half width of a drive's travel."""
+        low, high = self.machine.sliders[drive].travel_m
+        return 0.5 * (low + high), 0.5 * (high - low)
+
+
+@dataclass(frozen=True)
+class Made:
+    """What an effect is made from: a choice with all its numbers, its place as an index, its own generator."""
+
+    site: Site
+    place: int
+    variant: str
+    values: dict[str, float]
+    rng: np.random.Generator
+
+
+class Effect:
+    """One effect at one place. The defaults do nothing."""
+
+    def __init__(self, made: Made) -> None:
+        self.site, self.place, self.variant = made.site, made.place, made.variant
+        self.values, self.rng = made.values, made.rng
+        self.size = next(iter(made.values.values()))
+        self.setup()
+
+    def setup(self) -> None:
+        """Draw what is fixed from now on."""
+
+    def follow(self, drive: int, leg: Leg) -> None:
+        """A leg of a drive and the rest after it are over."""
+
+    def early_s(self, m: Moments) -> Array | float:
+        """By how much the drives are seen at a later time than the station's."""
+        return 0.0
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Change the machine."""
+
+    def sight(self, m: Moments, s: Sight) -> None:
+        """Change what the station sees."""
+
+    def elapsed_s(self, m: Moments) -> Array:
+        """Time since the campaign began."""
+        return np.maximum(m.t_s - self.site.start_s, 0.0)
+
+
+class Remembering(Effect):
+    """An effect whose drives remember how they were moved: one number a drive, kept as it was before each leg."""
+
+    def __init__(self, made: Made) -> None:
+        self._before: list[list[float]] = [[0.0] for _ in made.site.machine.sliders]
+        super().__init__(made)
+
+    def after(self, drive: int, before: float, leg: Leg) -> float:
+        """What is remembered when the rest after a leg ends."""
+        raise NotImplementedError
+
+    def follow(self, drive: int, leg: Leg) -> None:
+        """Keep what holds before the next leg."""
+        kept = self._before[drive]
+        kept.append(self.after(drive, kept[-1], leg))
+
+    def before(self, m: Moments, drive: int) -> Array:
+        """What was remembered before the leg of each moment (n,)."""
+        kept = self._before[drive]
+        if len(m) < len(kept):
+            return np.array([kept[k] for k in m.leg[:, drive]])
+        return np.array(kept)[m.leg[:, drive]]
+
+
+def smooth_curve(rng: np.random.Generator, terms: int = 4) -> Callable[[Array], Array]:
+    """A seeded curve on [-1, 1] without mean and slope, RMS 0.7 where drives mostly are: Legendre terms from two on."""
+    weights = rng.standard_normal(terms) / np.arange(1, terms + 1)
+    coefficients = np.concatenate([[0.0, 0.0], weights])
+    x = np.linspace(-0.85, 0.85, 201)
+    coefficients *= 0.7 / float(np.std(np.polynomial.legendre.legval(x, coefficients)))
+    return lambda u: np.asarray(np.polynomial.legendre.legval(np.clip(u, -1.0, 1.0), coefficients))
+
+
+def names_of(machine: MachineFile, place: Place) -> Sequence[str]:
+    """The names of places of a kind, in the order of the file."""
+    if place == "drive":
+        return [slider.name for slider in machine.sliders]
+    if place == "strut":
+        return [strut.name for strut in machine.struts]
+    if place == "smr":
+        return [smr.name for smr in machine.smrs if smr.on == "platform"]
+    return ["rig"]
+
+
+__all__ = [
+    "GRAVITY_M_PER_S2",
+    "Array",
+    "Complex",
+    "Departure",
+    "Effect",
+    "EffectChoice",
+    "EffectSpec",
+    "Kind",
+    "Law",
+    "Leg",
+    "Made",
+    "Moments",
+    "Parameter",
+    "Place",
+    "Remembering",
+    "Sight",
+    "Site",
+]

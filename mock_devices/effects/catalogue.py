@@ -1,0 +1,140 @@
+"""All effects by name, and how a choice of one becomes physics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects import (
+    control,
+    drive_train,
+    guides,
+    instrument,
+    nuisance,
+    outside,
+    reversal,
+    structure,
+    thermal,
+)
+from mock_devices.effects.base import Effect, EffectChoice, EffectSpec, Made, Site, names_of
+from mock_devices.machine_file import MachineFile
+from mock_devices.seeds import generator
+
+SPECS: dict[str, EffectSpec] = {
+    spec.name: spec
+    for module in (thermal, reversal, structure, drive_train, guides, instrument, control, outside, nuisance)
+    for spec in module.EFFECTS
+}
+CATALOGUE = tuple(name for name, spec in SPECS.items() if spec.kind == "catalogue")
+GEOMETRY = tuple(name for name, spec in SPECS.items() if spec.kind == "geometry")
+OUTSIDE = tuple(name for name, spec in SPECS.items() if spec.kind == "outside")
+
+
+class EffectError(ValueError):
+    """An effect that does not exist or a value that cannot be; one line."""
+
+
+def spec_of(name: str) -> EffectSpec:
+    """The entry of a name; raises EffectError."""
+    try:
+        return SPECS[name]
+    except KeyError:
+        raise EffectError(f"unknown effect '{name}'; known: {', '.join((*CATALOGUE, *GEOMETRY, *OUTSIDE))}") from None
+
+
+def check(choice: EffectChoice, machine: MachineFile, *, any_size: bool = False) -> EffectSpec:
+    """The entry of a choice if all it says can be; raises EffectError. Size zero is allowed: no effect."""
+    spec = spec_of(choice.name)
+    places = names_of(machine, spec.place)
+    if choice.place and choice.place not in places:
+        raise EffectError(f"effect {spec.name}: no {spec.place} '{choice.place}'; known: {', '.join(places)}")
+    if choice.variant and choice.variant not in spec.variants:
+        raise EffectError(f"effect {spec.name}: no variant '{choice.variant}'; known: {', '.join(spec.variants)}")
+    known = {parameter.name: parameter for parameter in spec.others}
+    for name, value in ((spec.size.name, choice.size), *choice.parameters):
+        parameter = spec.size if name == spec.size.name else known.get(name)
+        if parameter is None:
+            raise EffectError(f"effect {spec.name}: no parameter '{name}'; known: {', '.join(known) or 'none'}")
+        free = parameter is spec.size and (any_size or value == 0.0)
+        if not math.isfinite(value) or value < 0.0 or not (free or parameter.low <= value <= parameter.high):
+            raise EffectError(
+                f"effect {spec.name}: {name} = {value:g} is out of range {parameter.low:g} to {parameter.high:g}"
+            )
+    return spec
+
+
+def make(choice: EffectChoice, site: Site, seed: int) -> Effect:
+    """The physics of a choice on a rig. Sizes beyond the plausible range are allowed here: scaling may need them."""
+    spec = check(choice, site.machine, any_size=True)
+    places = list(names_of(site.machine, spec.place))
+    values = {parameter.name: parameter.typical for parameter in spec.parameters} | dict(choice.parameters)
+    values[spec.size.name] = choice.size
+    values = {parameter.name: values[parameter.name] for parameter in spec.parameters}  # the size first
+    rng = generator(seed, f"effect {spec.name}", choice.seed)
+    place = places.index(choice.place) if choice.place else 0
+    return spec.make(Made(site, place, choice.variant or spec.variants[0], values, rng))
+
+
+def draw(name: str, machine: MachineFile, rng: np.random.Generator, *, final: bool | None = None) -> EffectChoice:
+    """A choice with place, variant and all parameters but the size drawn within their ranges; the size in its middle.
+
+    `final` wants the final variant, or any but it; None draws from all.
+    """
+    spec = spec_of(name)
+    variants = spec.variants if final is None else (spec.final,) if final else tuple(
+        v for v in spec.variants if v != spec.final
+    )  # fmt: skip
+    others = []
+    for p in spec.others:
+        if p.low > 0.0:
+            others.append((p.name, float(np.exp(rng.uniform(math.log(p.low), math.log(p.high))))))
+        else:
+            others.append((p.name, float(rng.uniform(p.low, p.high))))
+    places = list(names_of(machine, spec.place))
+    return EffectChoice(
+        name,
+        spec.size.middle,
+        places[int(rng.integers(len(places)))],
+        variants[int(rng.integers(len(variants)))],
+        tuple(others),
+        int(rng.integers(2**31)),
+    )
+
+
+def parse(text: str, machine: MachineFile) -> EffectChoice:
+    """A choice from `NAME=VALUE[,place=...][,variant=...][,seed=N][,parameter=value...]`; raises EffectError."""
+    head, *rest = text.split(",")
+    name, separator, value = head.partition("=")
+    spec = spec_of(name.strip())
+    if not separator:
+        raise EffectError(f"effect {spec.name}: give its {spec.size.name}: {spec.name}={spec.size.typical:g}")
+    words = {"place": "", "variant": ""}
+    seed, numbers = 0, []
+    for part in rest:
+        key, separator, word = (x.strip() for x in part.partition("="))
+        if not separator:
+            raise EffectError(f"effect {spec.name}: '{part.strip()}' is not KEY=VALUE")
+        if key in words:
+            words[key] = word
+        elif key == "seed":
+            seed = _whole(spec.name, key, word)
+        else:
+            numbers.append((key, _number(spec.name, key, word)))
+    size = _number(spec.name, spec.size.name, value)
+    choice = EffectChoice(spec.name, size, words["place"], words["variant"], tuple(numbers), seed)
+    check(choice, machine)
+    return choice
+
+
+def _whole(effect: str, key: str, text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) <= 10):
+        raise EffectError(f"effect {effect}: {key} = '{text}' is not a whole number")
+    return int(text)
+
+
+def _number(effect: str, key: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise EffectError(f"effect {effect}: {key} = '{text.strip()}' is not a number") from None

@@ -1,0 +1,100 @@
+"""What lies between an encoder's count and the slider: the screw's cumulative and periodic error, interpolation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter, smooth_curve
+
+FULL_PAYLOAD_KG = 400.0
+
+
+class CumulativeError(Effect):
+    """A smooth error along the travel; a straight part would be the drive's scale."""
+
+    def setup(self) -> None:
+        """Draw the curve of variant `irregular` and the place of the kink."""
+        self.curve = smooth_curve(self.rng)
+        self.kink = float(self.rng.uniform(-0.4, 0.4))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the slider."""
+        middle, half = self.site.drive_range_m(self.place)
+        x = (m.q_m[:, self.place] - middle) / half
+        if self.variant == "cubic":
+            y = 2.6 * (x**3 - x)
+        elif self.variant == "irregular":
+            y = self.curve(x)
+        elif self.variant == "two_pieces":  # two scales butted together
+            y = 2.0 * np.abs(x - self.kink) - 1.0
+        else:
+            y = 2.0 * x**2 - 1.0
+        d.travel_m[:, self.place] += self.size * y
+
+
+class PeriodicError(Effect):
+    """An error that repeats with every turn of the screw."""
+
+    def setup(self) -> None:
+        """Phase of the turn."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the slider."""
+        q = m.q_m[:, self.place]
+        turn = 2.0 * np.pi * q / self.values["period_m"] + self.phase
+        y = np.sin(turn)
+        if self.variant == "two_harmonics":
+            y = 0.85 * y + 0.4 * np.sin(2.0 * turn + 1.0)
+        elif self.variant == "modulated":  # the screw runs out of true towards one end
+            middle, half = self.site.drive_range_m(self.place)
+            y = y * (1.0 + 0.8 * (q - middle) / half)
+        elif self.variant == "with_load":
+            y = y * (0.6 + 0.8 * m.payload_kg / FULL_PAYLOAD_KG)
+        elif self.variant == "triangle":
+            y = 2.0 / np.pi * np.arcsin(y) * 1.2
+        d.travel_m[:, self.place] += self.size * y
+
+
+class Interpolation(Effect):
+    """Errors within one period of the encoder's signals: offset once, unequal amplitude or phase twice a period."""
+
+    def setup(self) -> None:
+        """Phase of the scale."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
+        q = m.q_m[:, self.place]
+        phase = 2.0 * np.pi * q / self.values["pitch_m"] + self.phase
+        y: Array = np.sin(2.0 * phase)
+        if self.variant == "offset":
+            y = np.sin(phase)
+        elif self.variant == "both":
+            y = 0.7 * np.sin(phase) + 0.7 * np.sin(2.0 * phase + 0.8)
+        elif self.variant == "dirty_scale":  # weaker signals over part of the travel
+            middle, half = self.site.drive_range_m(self.place)
+            y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
+        d.travel_m[:, self.place] += self.size * y
+
+
+EFFECTS = (
+    EffectSpec(
+        "screw_cumulative_error", "catalogue", "drive",
+        Parameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
+        ("parabola", "cubic", "irregular", "two_pieces"), "two_pieces",
+        "drive coordinate, SMRs on the sliders", CumulativeError,
+    ),
+    EffectSpec(
+        "screw_periodic_error", "catalogue", "drive", Parameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
+        ("sine", "two_harmonics", "modulated", "with_load", "triangle"), "triangle",
+        "many drive positions off a grid, SMRs on the sliders", PeriodicError,
+        (Parameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
+    ),
+    EffectSpec(
+        "encoder_interpolation", "catalogue", "drive", Parameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
+        ("amplitude", "offset", "both", "dirty_scale"), "dirty_scale",
+        "many drive positions off a grid, SMRs on the sliders", Interpolation,
+        (Parameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
+    ),
+)  # fmt: skip

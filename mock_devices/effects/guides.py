@@ -1,0 +1,109 @@
+"""Guides that are not straight, and a foundation that settles: sliders beside their ideal place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter, smooth_curve
+
+FULL_PAYLOAD_KG = 400.0
+FOOT_M = -1.2
+
+
+class _Guide(Effect):
+    """A curve along the travel."""
+
+    def setup(self) -> None:
+        """Draw phase, curve and the place of a step."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.curve = smooth_curve(self.rng, 6)
+        self.joint = float(self.rng.uniform(-0.4, 0.4))
+
+    def error(self, m: Moments) -> Array:
+        q = m.q_m[:, self.place]
+        middle, half = self.site.drive_range_m(self.place)
+        x = (q - middle) / half
+        if self.variant == "bow":
+            y = 2.0 * x**2 - 1.0
+        elif self.variant == "irregular":
+            y = self.curve(x)
+        elif self.variant == "with_load":
+            y = np.sin(2.0 * np.pi * q / self.values["wavelength_m"] + self.phase)
+            y = y * (0.6 + 0.8 * m.payload_kg / FULL_PAYLOAD_KG)
+        elif self.variant == "rail_joint":  # two rails meet
+            y = np.tanh((x - self.joint) / 0.04)
+        else:
+            y = np.sin(2.0 * np.pi * q / self.values["wavelength_m"] + self.phase)
+        return self.size * np.asarray(y)
+
+
+class Straightness(_Guide):
+    """The guide bends sideways; the slider follows it without turning."""
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the slider across its axis."""
+        d.sideways_m[:, self.place] += self.error(m)
+
+
+class Angular(_Guide):
+    """The slider turns in the plane along its way; its joints and its reflector go by their lever arms."""
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Turn the slider."""
+        d.yaw_rad[:, self.place] += self.error(m)
+
+
+class Settling(Effect):
+    """The foot of a column sinks, and the column leans: `tilt_per_m` of angle for each metre that it sank."""
+
+    def setup(self) -> None:
+        """Moments and shares of the steps of variant `stick_slip`."""
+        self.steps = np.sort(self.rng.uniform(0.0, 4.0, 5))
+        self.shares = self.rng.dirichlet(np.full(5, 2.0))
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Lower and lean the column."""
+        t = m.t_s - self.site.start_s - self.values["onset_s"]
+        tau, after = self.values["tau_s"], np.maximum(t, 0.0)
+        if self.variant == "step":
+            share = (t >= 0.0).astype(float)
+        elif self.variant == "logarithmic":
+            share = np.log1p(after / tau) / np.log1p(4.0)
+        elif self.variant == "creep":
+            share = after / (4.0 * tau)
+        elif self.variant == "stick_slip":
+            share = (t[:, None] >= self.steps * tau) @ self.shares
+        else:
+            share = 1.0 - np.exp(-after / tau)
+        a = self.place
+        strut = next(s for s in self.site.machine.struts if s.drive == a)
+        height = m.q_m[:, a] + strut.base_joint.imag - FOOT_M
+        lean = self.values["tilt_per_m"] * self.size * share
+        d.travel_m[:, a] -= self.size * share
+        d.sideways_m[:, a] += lean * height
+        d.yaw_rad[:, a] += lean
+
+
+_WAVE = (Parameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
+_VARIANTS = ("sine", "bow", "irregular", "with_load", "rail_joint")
+
+EFFECTS = (
+    EffectSpec(
+        "guide_straightness", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
+        _VARIANTS, "rail_joint", "drive coordinate, SMRs on the sliders", Straightness, _WAVE,
+    ),
+    EffectSpec(
+        "guide_angular", "catalogue", "drive", Parameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
+        _VARIANTS, "rail_joint", "drive coordinate, platform rotation; not a slider's SMR", Angular, _WAVE,
+    ),
+    EffectSpec(
+        "foundation_settling", "catalogue", "drive", Parameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
+        ("exponential", "step", "logarithmic", "creep", "stick_slip"), "stick_slip",
+        "time, SMRs on the sliders against the floor nests", Settling,
+        (
+            Parameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),
+            Parameter("tau_s", 300.0, 1200.0, 7200.0, "time constant"),
+            Parameter("tilt_per_m", 0.0, 0.3, 1.0, "lean of the column, radians a metre sunk"),
+        ),
+    ),
+)  # fmt: skip

@@ -1,0 +1,142 @@
+"""What the station sees differently: drift of its frame, bent light, reflectors taken off and put on again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter, Sight, names_of
+
+HOUR_S = 3600.0
+LEVER_M = 3.2
+LIGHT_PER_K = -0.93e-6  # refractive index of air against temperature
+_GRID_S = 60.0
+
+
+class RandomWalk:
+    """A seeded random walk of unit standard deviation after one hour, whenever and in whatever order it is asked."""
+
+    def __init__(self, rng: np.random.Generator, count: int) -> None:
+        self._rng = rng
+        self._nodes = np.zeros((1, count))
+
+    def at(self, elapsed_s: Array) -> Array:
+        """Values (n, count)."""
+        position = elapsed_s / _GRID_S
+        last = int(np.floor(position.max())) + 2
+        while len(self._nodes) <= last:
+            steps = self._rng.standard_normal((256, self._nodes.shape[1])) * np.sqrt(_GRID_S / HOUR_S)
+            self._nodes = np.concatenate([self._nodes, self._nodes[-1] + np.cumsum(steps, axis=0)])
+        low = np.floor(position).astype(int)
+        share = (position - low)[:, None]
+        return np.asarray((1.0 - share) * self._nodes[low] + share * self._nodes[low + 1])
+
+
+def move_station(s: Sight, turn_rad: Array, shift_m: Array) -> None:
+    """Small rotation (n, 3) and shift (n, 3) of all points in the frame of the station; angles and distances follow."""
+    moved = np.cross(turn_rad[:, None, :], s.points_m) + shift_m[:, None, :]
+    e, n, h = np.moveaxis(s.points_m, 2, 0)
+    de, dn, dh = np.moveaxis(moved, 2, 0)
+    level = np.hypot(e, n)
+    distance = np.hypot(level, h)
+    s.hz_rad += (n * de - e * dn) / level**2
+    s.v_rad += ((e * de + n * dn) * h / level - dh * level) / distance**2
+    s.distance_m += (e * de + n * dn + h * dh) / distance
+
+
+class TrackerDrift(Effect):
+    """The station's frame moves: `drift_m` in one hour at its distance of 3 m, by rotation and by shift."""
+
+    def setup(self) -> None:
+        """Draw the direction of the drift and its walk."""
+        weights = self.rng.standard_normal(6)
+        self.weights = weights / np.linalg.norm(weights) * np.sqrt(3.0)
+        self.walk = RandomWalk(self.rng, 6)
+        self.onset_s = float(self.rng.uniform(900.0, 3600.0))
+
+    def sight(self, m: Moments, s: Sight) -> None:
+        """Move the frame."""
+        t = self.elapsed_s(m)
+        if self.variant == "random_walk":
+            y = self.walk.at(t)
+        elif self.variant == "warm_up":
+            y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
+        elif self.variant == "with_air":
+            start = m.thermal.air_series_c(np.array([self.site.start_s]))
+            y = np.outer(3.0 * (m.thermal.air_series_c(m.t_s) - start), self.weights)
+        elif self.variant == "knocked":
+            y = np.outer((t >= self.onset_s).astype(float), self.weights)
+        else:
+            y = np.outer(t / HOUR_S, self.weights)
+        move_station(s, self.size / LEVER_M / np.sqrt(2.0) * y[:, :3], self.size / np.sqrt(2.0) * y[:, 3:])
+
+
+class Refraction(Effect):
+    """Air that is warmer above bends the light towards the floor, so that everything seems higher.
+
+    Curvature = (dn/dT)(dT/dh); the angle at the station is half of it times the distance.
+    """
+
+    def sight(self, m: Moments, s: Sight) -> None:
+        """Bend the line of sight."""
+        bend = 0.5 * LIGHT_PER_K * self.size * s.distance_m
+        height = s.points_m[..., 2]
+        if self.variant == "stratified":  # the gradient grows towards the ceiling
+            s.v_rad += bend * (1.0 + 1.5 * height)
+        elif self.variant == "warming":
+            s.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(m) / 2400.0))[:, None]
+        elif self.variant == "sideways":  # warmer on one side of the room
+            s.hz_rad -= bend
+        elif self.variant == "plume":  # warm air rises in front of the right column
+            across = s.points_m[..., 0]
+            s.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)
+        else:
+            s.v_rad += bend * np.sin(s.v_rad)
+
+
+class Reseat(Effect):
+    """A reflector that was taken off and does not sit where it sat."""
+
+    def setup(self) -> None:
+        """Directions of the shifts, in the plane."""
+        angles = self.rng.uniform(0.0, 2.0 * np.pi, 64)
+        lengths = np.concatenate([[1.0], self.rng.uniform(0.3, 1.2, 63)])
+        self.shifts = np.stack([lengths * np.cos(angles), lengths * np.sin(angles)], axis=1)
+
+    def act(self, m: Moments, d: Departure) -> None:
+        """Move the reflector."""
+        t = m.t_s - self.site.start_s - self.values["onset_s"]
+        after = t >= 0.0
+        if self.variant == "each_exchange":  # taken off whenever the payload is exchanged
+            number = m.exchanges.astype(int) % 64
+            y = np.where((number > 0)[:, None], self.shifts[number], 0.0)
+        elif self.variant == "glue":
+            y = np.outer(1.0 - np.exp(-np.maximum(t, 0.0) / 900.0), self.shifts[0])
+        elif self.variant == "loose":  # a little further every few minutes
+            number = np.floor(np.maximum(t, 0.0) / 600.0).astype(int) % 64
+            y = np.where(after[:, None], self.shifts[number], 0.0)
+        elif self.variant == "put_back":
+            y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
+        else:
+            y = np.where(after[:, None], self.shifts[0], 0.0)
+        names = [smr.name for smr in self.site.machine.smrs]
+        index = names.index(names_of(self.site.machine, "smr")[self.place])
+        d.smr_m[:, index, :2] += self.size * y
+
+
+EFFECTS = (
+    EffectSpec(
+        "tracker_drift", "catalogue", "rig", Parameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
+        ("linear", "random_walk", "warm_up", "with_air", "knocked"), "knocked",
+        "time, floor nests", TrackerDrift,
+    ),
+    EffectSpec(
+        "refraction", "catalogue", "rig", Parameter("gradient_k_per_m", 0.1, 3.0, 60.0, "of the air's temperature"),
+        ("uniform", "stratified", "warming", "sideways", "plume"), "plume",
+        "angles against height and distance, all SMRs and nests alike", Refraction,
+    ),
+    EffectSpec(
+        "smr_reseat", "catalogue", "smr", Parameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
+        ("step", "each_exchange", "glue", "loose", "put_back"), "put_back", "time, one SMR against the others", Reseat,
+        (Parameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
+    ),
+)  # fmt: skip

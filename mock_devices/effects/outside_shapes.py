@@ -1,0 +1,46 @@
+"""Shapes and draws that all effects outside the catalogue share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Effect, Moments
+
+FULL_PAYLOAD_KG = 400.0
+VARIANTS = ("plain", "saturating", "with_payload", "cubic")
+FINAL = "cubic"
+
+
+def shaped(y: Array, variant: str, payload_kg: Array) -> Array:
+    """A unit signal (n,) through one of VARIANTS."""
+    if variant == "saturating":
+        return np.asarray(np.tanh(2.0 * y) / math.tanh(2.0))
+    if variant == "with_payload":
+        return y * (0.5 + payload_kg / FULL_PAYLOAD_KG)
+    if variant == "cubic":
+        return np.asarray(1.3 * y**3)
+    return y
+
+
+class Outside(Effect):
+    """Draws what all of them may want."""
+
+    def setup(self) -> None:
+        """A phase and some moments of the campaign."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.moments_s = np.cumsum(self.rng.uniform(400.0, 1200.0, 40))
+        self.levels = self.rng.uniform(-1.0, 1.0, 41)
+
+    def _unit(self, m: Moments) -> Array:
+        """The signal of unit size (n,)."""
+        raise NotImplementedError
+
+    def signal(self, m: Moments) -> Array:
+        """The signal through the variant's shape (n,), in the size's unit."""
+        return self.size * shaped(self._unit(m), self.variant, m.payload_kg)
+
+    def platform_x(self, m: Moments) -> Array:
+        """Where the platform is across the machine, roughly, from -1 to 1."""
+        return np.clip((m.q_m[:, 0] - m.q_m[:, 1]) / 0.9, -1.5, 1.5)

@@ -1,0 +1,127 @@
+"""What effects see and change: legs of the drives, moments, the machine's departure, the station's sight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mock_devices.machine_file import MachineFile
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Law = Callable[[Array, Array], tuple[Array, Array]]
+
+
+@dataclass
+class Leg:
+    """One motion of one drive and the rest after it, until the next begins. `direction` is kept at rest."""
+
+    start_s: float
+    end_s: float
+    from_m: float
+    to_m: float
+    speed_m_per_s: float
+    direction: float
+    until_s: float = float("inf")
+
+
+class Temperatures(Protocol):
+    """Past temperatures, for parts that lag behind them."""
+
+    def part_series_c(self, name: str, t_s: Array) -> Array:
+        """True temperature of a part at several times."""
+        ...
+
+    def air_series_c(self, t_s: Array) -> Array:
+        """True temperature of the air."""
+        ...
+
+
+@dataclass(frozen=True)
+class Moments:
+    """When something is looked at, n times: everything (n,) or (n, drives); `leg` counts each drive's legs."""
+
+    t_s: Array
+    q_m: Array
+    leg: NDArray[np.intp]
+    from_m: Array
+    leg_start_s: Array
+    leg_end_s: Array
+    speed_m_per_s: Array
+    velocity_m_per_s: Array
+    direction: Array
+    payload_kg: Array
+    exchanges: Array
+    parts_c: dict[str, Array]
+    thermal: Temperatures
+
+    @property
+    def since_s(self) -> Array:
+        """Time since each drive came to rest (n, d), zero while it moves."""
+        return np.maximum(self.t_s[:, None] - self.leg_end_s, 0.0)
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+@dataclass
+class Departure:
+    """What differs from the machine without effects, for n moments.
+
+    travel, sideways: of a slider along its axis and across it (axis turned by +90 degrees); yaw about the middle of its
+    joints. length, ln_stiffness: (n, struts). platform_joint, base_joint: complex (n, struts). frame_shift,
+    frame_turn_rad: of the whole machine against the floor. loads: forces at points of the platform. carriage_*:
+    compliance (n, d, 3: along, across, yaw) and cubic hardening. smr: (n, smrs, 3) in the SMR's own frame. force_n:
+    what the drives' torque shows besides the weight.
+    """
+
+    travel_m: Array
+    sideways_m: Array
+    yaw_rad: Array
+    length_m: Array
+    ln_stiffness: Array
+    platform_joint_m: Complex
+    base_joint_m: Complex
+    smr_m: Array
+    frame_shift_m: Complex
+    frame_turn_rad: Array
+    payload_shift_m: Complex
+    moment_nm: Array
+    force_n: Array
+    carriage_compliance: Array
+    carriage_hardening: Array
+    loads: list[tuple[Complex, Complex]] = field(default_factory=list)
+    laws: dict[int, list[Law]] = field(default_factory=dict)
+
+    @classmethod
+    def none(cls, n: int, machine: MachineFile) -> Departure:
+        """No departure."""
+        d, s, m = len(machine.sliders), len(machine.struts), len(machine.smrs)
+
+        def zero(*shape: int) -> Array:
+            return np.zeros((n, *shape))
+
+        def none(*shape: int) -> Complex:
+            return np.zeros((n, *shape), dtype=np.complex128)
+
+        return cls(
+            zero(d), zero(d), zero(d), zero(s), zero(s), none(s), none(s), zero(m, 3), none(), zero(), none(), zero(),
+            zero(d), zero(d, 3), zero(d, 3),
+        )  # fmt: skip
+
+
+@dataclass
+class Sight:
+    """What the station sees of all SMRs, free of noise: (n, smrs); effects of the instrument change it in place.
+
+    points_m: (n, smrs, 3) in the frame of the station.
+    """
+
+    points_m: Array
+    hz_rad: Array
+    v_rad: Array
+    distance_m: Array

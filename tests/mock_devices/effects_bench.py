@@ -1,0 +1,82 @@
+"""One effect by itself: drives that are moved as a test says, temperatures that a test gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mock_devices.affected_machine import moments
+from mock_devices.campaign_design import DesignOptions, draw_design
+from mock_devices.effects import EffectChoice
+from mock_devices.effects.base import Departure, Site
+from mock_devices.effects.catalogue import make
+from mock_devices.machine_file import read_machine_file
+from mock_devices.motion_history import MotionHistory
+from mock_devices.recording_maker import Bench
+from mock_devices.settings import MockSettings
+
+MACHINE = Path(__file__).parents[2] / "calibration" / "machines" / "planar4.toml"
+FILE = read_machine_file(MACHINE)
+STATION_M = (0.0, 0.3, 3.2)
+HOME_M = 1.1
+
+
+class Temperatures:
+    """Every part and the air at `of(t)` degrees."""
+
+    def __init__(self, of=lambda t: np.full_like(t, 20.0)):
+        self._of = of
+
+    def part_series_c(self, _name, t_s):
+        return self._of(np.asarray(t_s, dtype=float))
+
+    def air_series_c(self, t_s):
+        return self._of(np.asarray(t_s, dtype=float))
+
+
+class Alone:
+    """An effect and the drives' motions. `move` waits until the drive stands; time goes on by itself."""
+
+    def __init__(self, name, size, *, place="", variant="", seed=1, temperatures=None, start_s=0.0, **parameters):
+        choice = EffectChoice(name, size, place, variant, tuple(parameters.items()))
+        self.effect = make(choice, Site(FILE, STATION_M, start_s), seed)
+        self.history = MotionHistory((HOME_M, HOME_M), [self.effect], start_s)
+        self.q = [HOME_M, HOME_M]
+        self.t_s = start_s
+        self.temperatures = temperatures or Temperatures()
+
+    def move(self, drive, to_m, *, speed=0.5, rest_s=1.0):
+        end_s = self.t_s + abs(to_m - self.q[drive]) / speed
+        self.history.add(drive, self.t_s, end_s, to_m, speed)
+        self.q[drive] = to_m
+        self.t_s = end_s + rest_s
+
+    def moments(self, t_s=None, *, q=None, payload_kg=0.0, velocity=(0.0, 0.0), exchanges=0.0):
+        t = np.atleast_1d(self.t_s if t_s is None else t_s).astype(float)
+        n = len(t)
+        at = np.tile(self.q, (n, 1)) if q is None else np.asarray(q, dtype=float)
+        fixed = [np.full(n, value) for value in (payload_kg, exchanges)]
+        return moments(self.history, t, at, np.tile(velocity, (n, 1)), *fixed, self.temperatures)
+
+    def departure(self, *args, **kinds) -> Departure:
+        m = self.moments(*args, **kinds)
+        d = Departure.none(len(m), FILE)
+        self.effect.act(m, d)
+        return d
+
+    def travel_m(self, drive=0, **kinds):
+        return float(self.departure(**kinds).travel_m[0, drive])
+
+
+def along(positions_m, drive=0):
+    """Drive positions (n, 2) with one drive at many places."""
+    q = np.full((len(positions_m), 2), HOME_M)
+    q[:, drive] = positions_m
+    return q
+
+
+def bench(*, seed=4, visits=40, fly_share=0.0, platform_only=False, **settings):
+    options = DesignOptions(visits=visits, poses=30, fly_share=fly_share, platform_only=platform_only)
+    design = draw_design(FILE, np.random.default_rng(seed), options)
+    return Bench(MACHINE, MockSettings(seed=seed, **settings), design)

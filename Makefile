@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check faults clean
+.PHONY: demo test lint demo-check rig-study bench faults clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig calibrate
@@ -25,6 +25,18 @@ faults: $(VENV)/dev.stamp
 demo-check: $(VENV)/run.stamp
 	$(BIN)/python benchmarks/demo_check.py $(if $(SEEDS),--seeds $(SEEDS))
 
+# Random rigs of two machines, every estimator against the noise-free truth (docs/rig-study.md). Stopped, it goes on.
+# RIGS=20 for a first look, PROCESSES=4; the picture of docs/ is drawn from all rigs only.
+rig-study: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.rig_study $(if $(PROCESSES),--processes $(PROCESSES)) \
+		$(if $(RIGS),--rigs $(RIGS),--picture docs/images/estimators.png)
+
+# Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/benchmarks.md). QUICK=1 for a check that it runs.
+# Both are run whatever becomes of the first; the status tells of goals that were missed.
+bench: $(VENV)/bench.stamp
+	$(BIN)/python -m benchmarks.forward $(if $(QUICK),--quick); forward=$$?; \
+		$(BIN)/python -m benchmarks.identification $(if $(QUICK),--quick) && exit $$forward
+
 $(VENV)/run.stamp: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
@@ -32,6 +44,10 @@ $(VENV)/run.stamp: pyproject.toml
 
 $(VENV)/dev.stamp: $(VENV)/run.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+$(VENV)/bench.stamp: $(VENV)/run.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	touch $@
 
 clean:

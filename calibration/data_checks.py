@@ -63,7 +63,7 @@ def _check_spacing(machine: Machine, seen: Observations) -> None:
 
 
 def check_cover(machine: Machine, target_m: Array) -> None:
-    """Refuse too few poses (v, 6) and poses from one corner of the workspace: elsewhere a fit would only extrapolate."""
+    """Refuse too few poses (v, 6), and poses from one corner: elsewhere in the workspace a fit would extrapolate."""
     wanted = 2 * machine.dof.size
     found = len(np.unique(np.round(target_m, 9), axis=0))
     if found < wanted:
@@ -73,6 +73,6 @@ def check_cover(machine: Machine, target_m: Array) -> None:
         covered = float(np.ptp(target_m[:, c])) / width if width > 0.0 else 1.0
         if covered < LEAST_SPREAD:
             raise InputError(
-                f"all poses lie in one corner: {COORDINATES[c]} covers {100.0 * covered:.0f} % of the workspace; measure "
-                "over all of it, or narrow [workspace] in the machine file"
+                f"all poses lie in one corner: {COORDINATES[c]} covers {100.0 * covered:.0f} % of the workspace; "
+                "measure over all of it, or narrow [workspace] in the machine file"
             )

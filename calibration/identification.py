@@ -34,7 +34,8 @@ class Fit:
     """A fitted model. unknowns (u,) and covariance (u, u) in SI, as laid out by `layout`.
 
     The covariance is that of the estimator's error if the truth is drawn from the priors: for the default one the
-    posterior's; for others what regularisation leaves out or lets through is in it. converged: the search ended by itself.
+    posterior's; for others what regularisation leaves out or lets through is in it. converged: the search ended by
+    itself.
     system: the readings linearised at the solution, in unknowns scaled by their priors' standard deviation.
     chi2_per_dof: weighted sum of squares per degree of freedom of the readings. residuals: whitened, one array
     (r, w) an instrument.

@@ -49,8 +49,8 @@ def _far_from_nominal(fit: Fit) -> tuple[str, ...]:
     named = ", ".join(f"{fit.model.parameters.names[i]} ({share[i]:.0f})" for i in worst)
     more = f" and {far.size - worst.size} more" if far.size > worst.size else ""
     return (
-        f"far outside their tolerances (standard deviations): {named}{more}; check units, signs and offsets of the drives "
-        "and the machine file",
+        f"far outside their tolerances (standard deviations): {named}{more}; check units, signs and offsets of the "
+        "drives and the machine file",
     )
 
 

@@ -18,7 +18,6 @@ from calibration.measurements.smr_positions import Observations
 from calibration.rotation import rotation_matrix, rotation_vector, skew
 from calibration.toml_file import InputError
 
-
 FARTHEST = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
 
 
@@ -131,8 +130,8 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
     off = np.linalg.norm(mounting - nominal, axis=1)
     if np.max(off) > FARTHEST * machine.file.tolerances.smr_position_m:
         raise InputError(
-            f"frame: reflector {machine.smrs[smrs[int(np.argmax(off))]].name} seems to sit {np.max(off) * 1e3:.0f} mm from "
-            "its place in the machine file; check which reflector is which and where it is mounted"
+            f"frame: reflector {machine.smrs[smrs[int(np.argmax(off))]].name} seems to sit {np.max(off) * 1e3:.0f} mm "
+            "from its place in the machine file; check which reflector is which and where it is mounted"
         )
     return ReportFrame(machine, frame, smrs, mounting)
 

@@ -18,8 +18,8 @@ class Visits:
     """One row a visit (v) of a pose.
 
     drives (v, d) actual drive coordinates, m (rad for a crank); target_m (v, 6) commanded pose of the platform
-    (coordinates and rotation vector); payload_kg (v,); payload_com_m (v, 3); temperatures_c: sensor to (v,). forces: pairs
-    of a known force (v, 3) in N, machine frame, and its point (v, 3) in m, platform frame.
+    (coordinates and rotation vector); payload_kg (v,); payload_com_m (v, 3); temperatures_c: sensor to (v,).
+    forces: pairs of a known force (v, 3) in N, machine frame, and its point (v, 3) in m, platform frame.
     """
 
     drives: Array
@@ -60,4 +60,16 @@ class Visits:
             np.broadcast_to(np.asarray(payload_kg, dtype=np.float64), (n,)),
             np.broadcast_to(np.asarray(payload_com_m, dtype=np.float64), (n, 3)),
             {sensor: np.full(n, machine.reference_temperature_c) for sensor in machine.sensors.values()},
+        )
+
+    def joined(self, other: Visits) -> Visits:
+        """These visits, then the other ones, which have as many forces."""
+        pairs = zip(self.forces, other.forces, strict=True)
+        return Visits(
+            np.concatenate([self.drives, other.drives]),
+            np.concatenate([self.target_m, other.target_m]),
+            np.concatenate([self.payload_kg, other.payload_kg]),
+            np.concatenate([self.payload_com_m, other.payload_com_m]),
+            {name: np.concatenate([t, other.temperatures_c[name]]) for name, t in self.temperatures_c.items()},
+            tuple((np.concatenate([f, g]), np.concatenate([p, q])) for (f, p), (g, q) in pairs),
         )

@@ -54,7 +54,7 @@ def test_too_few_poses_and_poses_in_one_corner_are_refused(machine):
     target = np.zeros((6, 6))
     target[:, :2] = rng.uniform(low, high, (6, 2))
     check_cover(machine, target)
-    with pytest.raises(InputError, match="5 different poses are too few .* measure 6 or more"):
+    with pytest.raises(InputError, match=r"5 different poses are too few .* measure 6 or more"):
         check_cover(machine, np.vstack([target[:5], target[:5]]))
     target[:, 0] *= 0.1
     with pytest.raises(InputError, match="all poses lie in one corner: x"):

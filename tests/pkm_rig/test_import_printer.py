@@ -196,7 +196,7 @@ def test_import_says_where_and_identify_says_it_in_words(run, tmp_path, monkeypa
         "delta_radius",
         "leave-one-out",
         "degrees of freedom left: 10 after the owner's 9 parameters",
-        "directions decided by the data",
+        "directions of the machine decided by the data",
         "what else would make the owner's residual",
         "not told apart by these readings",
         "the readings leave open",

@@ -17,7 +17,7 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Every fault at every operation of a short campaign, one table; some 45 minutes on two cores, goes on where it was ended.
+# Every fault at every operation of a short campaign, one table; ends after an hour and goes on where it was ended.
 faults: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.faults.sweep $(FAULTS)
 

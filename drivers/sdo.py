@@ -83,9 +83,9 @@ class _Wire:
 class SdoAccess:
     """Reads and writes the objects of one node. `timeout_s` is host time, for each answer.
 
-    After a transfer that failed the next one starts only when a harmless object has been read, so that no late
-    answer is taken for a new one. Reads are made a second time after a lost or garbled answer. A write is
-    read back then: what the drive holds already is not written twice. Long objects go by block transfer where
+    At the start and after a transfer that failed the next one begins only when a harmless object has been read, so
+    that no late answer is taken for a new one. Reads are made a second time after a lost or garbled answer. A write
+    is read back then: what the drive holds already is not written twice. Long objects go by block transfer where
     the drive can. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
     """
 
@@ -102,7 +102,7 @@ class SdoAccess:
         self._wire = _Wire(self._client)
         self._block = BlockTransfer(self._wire)
         self._blocks = True
-        self._out_of_step = False
+        self._out_of_step = True  # whoever talked to the drive before may have left it in the middle of a transfer
         self._probes = 0
         line.subscribe(self._client.tx_cobid, self._client.on_response)
 

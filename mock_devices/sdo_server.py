@@ -1,6 +1,7 @@
 """SDO server of a mock node: canopen's, and the block transfer that it lacks.
 
-Not modelled: protocol switch from block to segmented upload, several clients at a time.
+Not modelled: protocol switch from block to segmented upload, several clients at a time, a time-out of its own: a
+client that left in the middle of a block has to abort before anything else is answered.
 """
 
 from __future__ import annotations

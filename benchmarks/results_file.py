@@ -1,0 +1,62 @@
+"""Results of a long study: a JSON-lines file that survives being stopped and refuses to mix settings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+class MixedSettingsError(RuntimeError):
+    """The file holds results of other settings."""
+
+
+def digest(settings: dict[str, Any]) -> str:
+    """Hash of settings that is the same on every machine."""
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class ResultsFile:
+    """A header line with the settings, then one line a result, each on disk before the next is computed."""
+
+    path: Path
+    settings: dict[str, Any]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Results so far; a new file gets its header. A last line that was cut off is dropped.
+
+        Raises MixedSettingsError if the file is of other settings.
+        """
+        if not self.path.exists() or self.path.stat().st_size == 0:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._append({"settings": self.settings, "hash": digest(self.settings)})
+            return []
+        data = self.path.read_bytes()
+        whole = data[: data.rfind(b"\n") + 1]
+        if len(whole) < len(data):
+            with self.path.open("r+b") as file:
+                file.truncate(len(whole))
+        if not whole:
+            return self.rows()
+        header, *rows = (json.loads(line) for line in whole.splitlines())
+        if header.get("hash") != digest(self.settings):
+            raise MixedSettingsError(
+                f"{self.path} holds results of other settings ({header.get('hash')}, now {digest(self.settings)}); "
+                "move it away or choose another folder"
+            )
+        return rows
+
+    def append(self, row: dict[str, Any]) -> None:
+        """Add a result; ValueError if a number in it is not finite."""
+        self._append(row)
+
+    def _append(self, entry: dict[str, Any]) -> None:
+        line = json.dumps(entry, allow_nan=False) + "\n"
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())

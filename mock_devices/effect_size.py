@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from mock_devices.effects.base import Array, EffectChoice, Site
 from mock_devices.effects.catalogue import EffectError, make
 from mock_devices.recording_maker import Bench
+from mock_devices.structure import NoEquilibrium
 
 _MOST_STEPS = 12
 _CLOSE = 0.005
@@ -42,11 +44,17 @@ class SizeScale:
         change = self.change_m(choice)[self._rows, :2] / self._sigma_m[self._rows, None]
         return float(np.sqrt(np.mean(change**2)))
 
+    def _raw_or_too_much(self, choice: EffectChoice) -> float:
+        try:
+            return self.raw_size(choice)
+        except NoEquilibrium:
+            return math.inf
+
     def scaled(self, choice: EffectChoice, wanted: float) -> EffectChoice:
         """The choice with the size that has the wanted raw size; raises EffectError where none within reach has."""
         size, low, high = choice.size, 0.0, np.inf
         for _ in range(_MOST_STEPS * 3):
-            raw = self.raw_size(replace(choice, size=size))
+            raw = self._raw_or_too_much(replace(choice, size=size))
             if abs(raw - wanted) <= _CLOSE * wanted:
                 return replace(choice, size=size)
             low, high = (size, high) if raw < wanted else (low, size)

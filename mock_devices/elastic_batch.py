@@ -15,7 +15,7 @@ from mock_devices.effects.base import Array, Complex, Law
 from mock_devices.structure import NoEquilibrium
 
 _TOLERANCE = 2e-12
-_MOST_STEPS = 60
+_MOST_STEPS = 150
 _LONGEST_STEP = 0.05
 _RIGID = 1.0e16
 
@@ -78,6 +78,7 @@ def solve(structure: Structure, p: Complex) -> Rest:
     rz, u = np.zeros(n), np.zeros((n, drives, 3))
     stiff = _stiffness(structure.compliance) if structure.compliance is not None else None
     force = np.zeros_like(structure.length_m)
+    damping, last = np.ones(n), np.full(n, np.inf)
     for _ in range(_MOST_STEPS):
         turn = np.exp(1j * rz)[:, None]
         slopes, elongation = _slopes(structure, p, turn, u, size)
@@ -95,7 +96,11 @@ def solve(structure: Structure, p: Complex) -> Rest:
         if not np.all(np.isfinite(step)):
             break
         length = np.abs(step[:, 0]) + np.abs(step[:, 1]) + np.abs(step[:, 2])
-        step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300))[:, None]
+        # Where a law has a kink Newton can jump to and fro across it: shorter steps wherever they do not shrink.
+        shrank = length <= (1.0 - 0.3 * damping) * last
+        damping = np.where(shrank, np.minimum(1.0, 1.5 * damping), 0.5 * damping)
+        last = length
+        step *= (damping * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)))[:, None]
         p = p - (step[:, 0] + 1j * step[:, 1])
         rz = rz - step[:, 2]
         if soft:

@@ -76,10 +76,12 @@ def make(choice: EffectChoice, site: Site, seed: int) -> Effect:
     return spec.make(Made(site, place, choice.variant or spec.variants[0], values, rng))
 
 
-def draw(name: str, machine: MachineFile, rng: np.random.Generator, *, final: bool | None = None) -> EffectChoice:
+def draw(
+    name: str, machine: MachineFile, rng: np.random.Generator, *, final: bool | None = None, duration_s: float = 3600.0
+) -> EffectChoice:
     """A choice with place, variant and all parameters but the size drawn within their ranges; the size in its middle.
 
-    `final` wants the final variant, or any but it; None draws from all.
+    `final` wants the final variant, or any but it; None draws from all. What sets in does so well within `duration_s`.
     """
     spec = spec_of(name)
     variants = spec.variants if final is None else (spec.final,) if final else tuple(
@@ -87,7 +89,9 @@ def draw(name: str, machine: MachineFile, rng: np.random.Generator, *, final: bo
     )  # fmt: skip
     others = []
     for p in spec.others:
-        if p.low > 0.0:
+        if p.name == "onset_s":
+            others.append((p.name, float(min(p.high, duration_s * rng.uniform(0.15, 0.7)))))
+        elif p.low > 0.0:
             others.append((p.name, float(np.exp(rng.uniform(math.log(p.low), math.log(p.high))))))
         else:
             others.append((p.name, float(rng.uniform(p.low, p.high))))

@@ -192,7 +192,7 @@ EFFECTS = (
         "payload, SMRs on the sliders, height", ColumnCompliance,
     ),
     EffectSpec(
-        "link_stiffness", "catalogue", "strut", Parameter("ln_ratio", 0.05, 0.7, 3.0, "logarithm of nominal over true"),
+        "link_stiffness", "catalogue", "strut", Parameter("ln_ratio", 0.05, 0.7, 6.0, "logarithm of nominal over true"),
         ("softer", "soft_in_compression", "yielding", "joint_angle", "softens_with_load"), "softens_with_load",
         "payload", LinkStiffness,
     ),

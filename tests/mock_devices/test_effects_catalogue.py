@@ -127,6 +127,8 @@ def test_seeds_decide_what_is_drawn():
     assert {c.variant for c in drawn} == {"soft"}
     assert {c.place for c in drawn} == {"left", "right"}
     assert "soft" not in {draw("backlash", FILE, rng, final=False).variant for _ in range(40)}
+    onsets = [dict(draw("smr_reseat", FILE, rng, duration_s=2000.0).parameters)["onset_s"] for _ in range(20)]
+    assert 300.0 <= min(onsets) < max(onsets) <= 1400.0
     for c in drawn:
         assert 1.0 <= dict(c.parameters)["tau_s"] <= 20.0
 

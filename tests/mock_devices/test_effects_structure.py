@@ -159,3 +159,15 @@ def test_a_yielding_strut_is_softer_when_stretched():
     none, _ = at_rest(payload=2)
     soft, _ = at_rest(EffectChoice("link_stiffness", 1.0, "left_upper", "yielding"), payload=2)
     assert np.all(np.abs(soft.force_n[:, 0]) < np.abs(none.force_n[:, 0]))
+
+
+@pytest.mark.parametrize("variant", ["dead_zone", "soft_contact", "one_sided", "load_dependent"])
+@pytest.mark.parametrize("clearance_m", [1e-6, 3e-5, 6e-5, 2e-4])
+def test_kinks_in_a_strut_s_law_do_not_keep_the_structure_from_its_rest(variant, clearance_m):
+    for place in ("left_upper", "right_lower"):
+        rest, structure = at_rest(EffectChoice("joint_clearance", clearance_m, place, variant), payload=2)
+        joint = rest.p[:, None] + np.exp(1j * rest.rz_rad)[:, None] * structure.platform_joint
+        way = joint - structure.base_joint
+        pull = -(rest.force_n * way / np.abs(way)).sum(axis=1)
+        weight = sum(load for _, load in structure.loads)
+        assert np.abs(pull + weight).max() < 1e-2

@@ -11,18 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.closure import MeasuredPoses, close_loops, equal_weights
-from calibration.equilibrium import conditions, solve, workspace_middle
+from calibration.equilibrium import conditions, solve, state_at, workspace_middle
 from calibration.identification import Fit
 from calibration.inverse import rigid_drives
 from calibration.machine import Array, Machine
 from calibration.model import Model
 from calibration.parameters import KINDS, ParameterSet
+from calibration.rotation import rotation_matrix
 from calibration.visits import Visits
 
 RIGID_KINDS = tuple(kind for kind in KINDS if kind != "ln_stiffness")
@@ -78,7 +79,7 @@ def without_struts(machine: Machine, drop: Sequence[int]) -> Machine:
 def minimal_subsets(machine: Machine) -> list[tuple[int, ...]]:
     """Struts to leave out so that as many constraints stay as free coordinates, the last ones first.
 
-    Only choices that still hold the platform; at most MOST_SUBSETS.
+    Only choices that hold the platform everywhere in the workspace; at most MOST_SUBSETS.
     """
     found = []
     for drop in combinations(reversed(range(len(machine.strut_names))), machine.redundancy):
@@ -87,10 +88,26 @@ def minimal_subsets(machine: Machine) -> list[tuple[int, ...]]:
         fewer = without_struts(machine, drop)
         pose = workspace_middle(machine)[None]
         drives = rigid_drives(machine, machine.nominal, pose)
-        if solve(fewer, fewer.nominal, drives, conditions(fewer, 1).unloaded(), pose).converged.all():
+        rest = solve(fewer, fewer.nominal, drives, conditions(fewer, 1).unloaded(), pose)
+        if rest.converged.all() and _regular(machine, fewer):
             found.append(tuple(sorted(drop)))
     step = max(1, -(-len(found) // MOST_SUBSETS))
     return found[::step]
+
+
+def _regular(machine: Machine, fewer: Machine) -> bool:
+    """Whether as many constraints as free coordinates hold the nominal platform without a singularity in between.
+
+    The determinant of their wrenches must have one sign in the middle and at all corners of the workspace.
+    """
+    corners = np.array(list(product(*machine.workspace)))
+    corners[:, :3] -= rotation_matrix(corners[:, 3:]) @ machine.tool_point_m
+    poses = np.vstack([workspace_middle(machine), corners])
+    drives = rigid_drives(machine, machine.nominal, poses)
+    at = conditions(fewer, len(poses)).unloaded()
+    state = state_at(fewer, fewer.nominal, drives, at, poses[:, :3], rotation_matrix(poses[:, 3:]))
+    sign = np.sign(np.linalg.det(state.wrench.transpose(2, 0, 1)))
+    return bool(np.all(sign == sign[0]))
 
 
 def fit_baselines(

@@ -3,11 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.baselines import fit_baselines, without_struts
+from calibration.baselines import fit_baselines, minimal_subsets, without_struts
 from calibration.closure import MeasuredPoses
 from calibration.compensation import predict_poses
+from calibration.equilibrium import conditions, solve
 from calibration.identification import identify
+from calibration.machine import load_machine, shipped_machine
 from calibration.measurements.smr_positions import SmrPositions, Station
+from calibration.pose_selection import Load, visits_at, workspace_poses
 from calibration.report_frame import fit_report_frame
 from tests.calibration.conftest import SMRS
 
@@ -69,3 +72,15 @@ def test_leaving_out_a_strut_keeps_the_others(machine):
     assert fewer.strut_names == machine.strut_names[:3]
     assert fewer.nominal.length_m.shape == (3,)
     assert fewer.strut_drive.tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize("name", ["rrr4", "delta8", "gough8"])
+def test_what_may_be_left_out_holds_the_platform_everywhere(name):
+    machine = load_machine(shipped_machine(name))
+    pose = visits_at(machine, workspace_poses(machine, 60, 2), [Load()])
+    subsets = minimal_subsets(machine)
+    assert 1 <= len(subsets) <= 8
+    for drop in subsets:
+        fewer = without_struts(machine, drop)
+        at = conditions(fewer, len(pose)).unloaded()
+        assert solve(fewer, fewer.nominal, pose.drives, at, pose.target_m).converged.all(), drop

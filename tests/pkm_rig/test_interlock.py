@@ -59,15 +59,17 @@ def test_a_payload_is_changed_without_power_and_the_guard_may_be_open_meanwhile(
     rig.move(CENTRE, 0.1)
 
 
-def test_heartbeats_of_drives_are_watched(short_rig):
-    mock, rig = short_rig
-    rig.enable()
-    mock.drives[1].close()
-    rig.clock.sleep_s(10.0)
-    assert isinstance(rig.supervisor.trip, StaleData)
-    assert "right" in str(rig.supervisor.trip)
-    mock.drives[0].axis.refresh()
-    assert not mock.drives[0].is_moving(rig.clock.now_s())
+def test_heartbeats_of_drives_are_watched(monkeypatch):
+    monkeypatch.setattr("pkm_rig.connection.EMBEDDED_GUARD_S", 1.0)  # the closed drive is asked on leaving
+    file, machine = short_rig_file()
+    with mock_and_rig(file, machine) as (mock, rig):
+        rig.enable()
+        mock.drives[1].close()
+        rig.clock.sleep_s(10.0)
+        assert isinstance(rig.supervisor.trip, StaleData)
+        assert "right" in str(rig.supervisor.trip)
+        mock.drives[0].axis.refresh()
+        assert not mock.drives[0].is_moving(rig.clock.now_s())
 
 
 def test_compensation_goes_off_on_the_drive_that_can_still_be_reached(monkeypatch):

@@ -103,7 +103,8 @@ def _connect_with_fault(file, machine):
             pass
 
 
-def test_a_wrong_node_id_names_the_node():
+def test_a_wrong_node_id_names_the_node(monkeypatch):
+    monkeypatch.setattr("pkm_rig.connection.EMBEDDED_GUARD_S", 1.0)
     file, machine = short_rig_file()
     drives = (file.drives[0], file.drives[1].model_copy(update={"node_id": 9}))
     with pytest.raises(ConnectionFailed, match="9"), mock_and_rig(file.model_copy(update={"drives": drives}), machine):

@@ -62,12 +62,17 @@ def _check_spacing(machine: Machine, seen: Observations) -> None:
                 )
 
 
-def check_cover(machine: Machine, target_m: Array) -> None:
-    """Refuse too few poses (v, 6), and poses from one corner: elsewhere in the workspace a fit would extrapolate."""
+def check_number(machine: Machine, target_m: Array) -> None:
+    """Refuse too few different poses (v, 6)."""
     wanted = 2 * machine.dof.size
     found = len(np.unique(np.round(target_m, 9), axis=0))
     if found < wanted:
         raise InputError(f"{found} different poses are too few for machine {machine.name}; measure {wanted} or more")
+
+
+def check_cover(machine: Machine, target_m: Array) -> None:
+    """Refuse too few poses (v, 6), and poses from one corner: elsewhere in the workspace a fit would extrapolate."""
+    check_number(machine, target_m)
     for c in machine.commanded:
         width = float(np.ptp(machine.workspace[c]))
         covered = float(np.ptp(target_m[:, c])) / width if width > 0.0 else 1.0

@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from calibration.data_checks import check_number
 from calibration.delta_printer import measured_printer
 from calibration.explanations import Explanation, alike, explanations
 from calibration.identification import Estimator, Fit, identify
@@ -81,6 +82,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
             "measure more poses"
         )
     check_step_size(measured)
+    check_number(measured.machine, measured.visits.target_m)
     model = Model(measured.parameters())
     fit = identify(model, measured.visits, readings, chosen)
     observed = observability_of(fit)

@@ -93,7 +93,7 @@ def score(outcome: Outcome, mock: MockRig) -> dict[int, dict[str, Any]]:
         }
         visits = reduction.observations.visits.take(before)
         models = {"deformation_aware": predict_poses(outcome.calibration.fit, reduction.report, visits)}
-        models |= {b.name: b.predict(reduction.report, visits) for b in outcome.calibration.baselines}
+        models |= {b.name: b.predict(visits) for b in outcome.calibration.baselines}
         found["models"] = {
             name: _rms(report, reduction, before, mock, corrected=False, against=predicted)
             for name, predicted in models.items()

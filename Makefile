@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study bench faults clean
+.PHONY: demo test lint demo-check rig-study bench faults peers latency overhead clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig calibrate
@@ -20,6 +20,17 @@ lint: $(VENV)/dev.stamp
 # Every fault at every operation of a short campaign, one table; ends after an hour and goes on where it was ended.
 faults: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.faults.sweep $(FAULTS)
+
+# Mocks and drivers against other people's programs; says which could not be had.
+peers: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.peers.run
+
+# From a bit in the PLC to the last drive's stop frame; what the software itself costs. In real time, for minutes.
+latency: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.stop_latency
+
+overhead: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.overhead --real-time
 
 # Twenty mock machines, each scored against the plant's own noise-free positions. SEEDS=1,2 for some of them.
 demo-check: $(VENV)/run.stamp

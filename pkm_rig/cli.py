@@ -6,20 +6,10 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from calibration.machine import load_machine, shipped_machine
 from calibration.recording_folder import read_folder, write_folder
@@ -31,7 +21,7 @@ from pkm_rig.calibrate import Outcome
 from pkm_rig.config import MockSection, embedded_rig_path, load_rig
 from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
 from pkm_rig.measured_print import print_measured
-from pkm_rig.output import messages, outcome_json, print_json, print_outcome, results
+from pkm_rig.output import messages, outcome_json, print_json, print_outcome, progress_bar, results
 from pkm_rig.plans import CampaignRefused
 from pkm_rig.report import write_report
 from pkm_rig.session import find_recording, open_rig, open_store
@@ -51,7 +41,6 @@ RigNeeded = Annotated[Path, typer.Option("--rig", help="rig file")]
 OutOption = Annotated[Path, typer.Option("--out", help="folder of the store and of reports")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 CampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store, or a recording folder")]
-Tell = Callable[[int, int, str], None]
 
 
 @app.command()
@@ -63,7 +52,7 @@ def calibrate(
     seed: Annotated[int | None, typer.Option(help="which embedded mock machine")] = None,
 ) -> None:
     """The main job: check, measure, identify, build tables, write, verify, report."""
-    with open_store(out) as store, open_rig(rig, real_time=real_time, seed=seed) as connected, _bar() as tell:
+    with open_store(out) as store, open_rig(rig, real_time=real_time, seed=seed) as connected, progress_bar() as tell:
         outcome = job.calibrate(connected, store, _say, tell)
     _finish(outcome, out, json)
 
@@ -78,7 +67,7 @@ def verify(
     """Write the tables of a measured campaign, verify them by measuring, keep them or put the former back."""
     with open_store(out) as store:
         store.recording(campaign)  # an unknown campaign is said before any device is touched
-    with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
+    with open_store(out) as store, open_rig(rig) as connected, progress_bar() as tell:
         outcome = job.verify(connected, store, campaign, _say, tell)
     _finish(outcome, out, json)
 
@@ -91,7 +80,7 @@ def measure(
     resume: Annotated[str | None, typer.Option(help="go on with this campaign, which broke off")] = None,
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
-    with open_store(out) as store, open_rig(rig) as connected, _bar() as tell:
+    with open_store(out) as store, open_rig(rig) as connected, progress_bar() as tell:
         campaign = job.measure(connected, store, _say, tell, resume)
     if json:
         print_json({"campaign": campaign})
@@ -295,6 +284,8 @@ def import_folder(
     json: JsonOption = False,
 ) -> None:
     """Read a recording folder into the store, or a printer.cfg into a measurement folder (docs/measurements.md)."""
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder; check the path")
     if source.is_file():
         _import_printer(source, folder, out, json)
         return
@@ -359,25 +350,6 @@ def _end(status: int, line: str) -> None:
 
 def _say(line: str) -> None:
     messages.print(line, markup=False, soft_wrap=True)
-
-
-@contextmanager
-def _bar() -> Iterator[Tell]:
-    columns = (
-        TextColumn("{task.description:20.20}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=messages, transient=True) as progress:
-        task = progress.add_task("connecting", total=None)
-
-        def tell(advance: int, total: int, what: str) -> None:
-            progress.update(task, advance=advance, total=total, description=what.replace("_", " "))
-
-        yield tell
 
 
 def _report(outcome: Outcome, out: Path) -> Path:

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from pkm_rig.calibrate import Outcome
 from pkm_rig.figures import Figures
 from pkm_rig.report import remark, short_table
+
+Tell = Callable[[int, int, str], None]  # advance, total, what
 
 messages = Console(stderr=True, highlight=False)
 results = Console(highlight=False)
@@ -89,3 +101,23 @@ def print_outcome(outcome: Outcome, report: Path | None) -> None:
     results.print("accepted" if outcome.accepted else f"refused; {outcome.restored}")
     if report is not None:
         results.print(f"report: {report}", soft_wrap=True)
+
+
+@contextmanager
+def progress_bar() -> Iterator[Tell]:
+    """A bar on stderr; it is told how far a job advanced, of how much, and with what."""
+    columns = (
+        TextColumn("{task.description:20.20}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=messages, transient=True) as progress:
+        task = progress.add_task("connecting", total=None)
+
+        def tell(advance: int, total: int, what: str) -> None:
+            progress.update(task, advance=advance, total=total, description=what.replace("_", " "))
+
+        yield tell

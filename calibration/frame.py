@@ -20,11 +20,6 @@ class Frame:
         turn = rotation_matrix(increment[:3])
         return Frame(turn @ self.rotation, self.translation_m + increment[3:])
 
-    def to_machine(self, points_m: Array) -> Array:
-        """Points (n, 3) of the station's frame in the machine's."""
-        inside: Array = (points_m - self.translation_m) @ self.rotation
-        return inside
-
     def to_station(self, points_m: Array) -> Array:
         """Points (n, 3) of the machine's frame in the station's."""
         outside: Array = points_m @ self.rotation.T + self.translation_m

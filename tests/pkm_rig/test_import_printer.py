@@ -210,7 +210,7 @@ def test_import_says_where_and_identify_says_it_in_words(run, tmp_path, monkeypa
     [
         (None, ("import", "{cfg}", "{tmp}"), "exists already"),
         (None, ("import", "{tmp}", "{tmp}/new"), "only for what a printer.cfg holds"),
-        (None, ("import", "{tmp}/none.cfg", "{tmp}/new"), "not a file"),
+        (None, ("import", "{tmp}/none.cfg", "{tmp}/new"), "no such file or folder; check the path"),
         ("[printer]\nkinematics: corexy\n", ("import", "{tmp}/p.cfg", "{tmp}/new"), "only a linear delta"),
         ("no settings at all", ("import", "{tmp}/p.cfg", "{tmp}/new"), "[printer] delta_radius is missing"),
         ("good", ("identify", "{tmp}/p", "--estimator", "magic"), "estimator 'magic'"),

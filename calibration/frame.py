@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from calibration.machine import Array
 from calibration.rotation import rotation_matrix
 
@@ -24,3 +26,10 @@ class Frame:
         """Points (n, 3) of the machine's frame in the station's."""
         outside: Array = points_m @ self.rotation.T + self.translation_m
         return outside
+
+
+def station_frame(position_m: tuple[float, float, float], heading_rad: float) -> Frame:
+    """Machine to station frame for a levelled station; heading zero looks along -z of the machine."""
+    forward = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    turn = rotation_matrix(np.array([0.0, 0.0, heading_rad])) @ forward
+    return Frame(turn, -turn @ np.asarray(position_m))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from calibration import station as station_geometry
+from calibration.frame import station_frame
 from calibration.machine import Machine
 from calibration.report_frame import ReportFrame
 from pkm_rig.config import RigFile
-from pkm_rig.reduction import station_frame
 from pkm_rig.rig import Rig
 
 

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from calibration import station
 from calibration.data_checks import check_units
-from calibration.frame import Frame
+from calibration.frame import Frame, station_frame
 from calibration.machine import Array
 from calibration.measurements.smr_positions import Observations
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame, fit_report_frame
-from calibration.rotation import rotation_matrix
 from calibration.toml_file import InputError
 from calibration.visits import Visits
 from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
@@ -76,13 +75,6 @@ def nominal_frame(recording: Recording) -> Frame:
     """The station's frame from its rough place and heading in the rig file (docs/machine.md)."""
     entry = recording.file.station
     return station_frame(entry.position_m, entry.heading_rad)
-
-
-def station_frame(position_m: tuple[float, float, float], heading_rad: float) -> Frame:
-    """Machine to station frame for a levelled station; heading zero looks along -z of the machine."""
-    forward = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-    turn = rotation_matrix(np.array([0.0, 0.0, heading_rad])) @ forward
-    return Frame(turn, -turn @ np.asarray(position_m))
 
 
 def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.compensation import CompensationTable
-from calibration.frame import Frame
+from calibration.frame import Frame, station_frame
 from calibration.machine import Array, Machine
 from drivers.drive_group import DriveGroup
 from drivers.errors import DeviceError, PlcError, TableError
@@ -20,7 +20,6 @@ from drivers.table_image import TableImage, machine_id_of
 from pkm_rig.clock import RigClock
 from pkm_rig.config import RigFile
 from pkm_rig.interlock import Supervisor
-from pkm_rig.reduction import station_frame
 
 PLC_POLL_S = 1.0
 PART_SENSORS = ("struts", "columns", "base", "platform")

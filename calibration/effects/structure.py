@@ -1,0 +1,102 @@
+"""What gives way under force: columns and carriages, single struts, joints with play.
+
+Forces are those of the fitted model. The preload in them follows from misfits that readings hardly show, so that forms
+are tried with several shares of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.effects.base import Effect, Forms, Parameter, Setting
+from calibration.gap.shapes import smooth
+
+LEVER_M = 0.25
+SOFT_N = (300.0, 1500.0)  # over which play is taken up
+LEAST_KG = 20.0
+
+
+def compliance(s: Setting, drive: int) -> Forms:
+    """The column or the carriage on it gives way: across the guide, in rotation, along the screw."""
+    f, u = Forms(), s.along(drive)
+    higher = np.stack([u, u**2], axis=1)
+    axis = s.machine.nominal.axis[drive]
+    pull = s.pull_n[:, drive]
+    directions = [(c, pull @ np.eye(3)["xyz".index(c[-1])]) for c in s.of_drive("sideways", drive)]
+    directions += [(c, s.moment_nm[:, drive] / LEVER_M**2) for c in s.of_drive("turn", drive)]
+    directions += [(f"travel.{s.drive(drive)}", pull @ axis)]
+    for channel, force in directions:
+        size = max(float(np.std(force)), 1.0)
+        mean = force.mean()
+        main = f.add((channel, force))
+        loaded = f.add((channel, mean * (s.load - 0.5)))
+        placed = f.add((channel, force[:, None] * higher))
+        hard = f.add((channel, np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)))
+        f.form(main, share=0.4)
+        f.form(main, placed, share=0.6)
+        f.form(main, (*placed, *hard, *loaded), share=0.2)
+    return f
+
+
+def link_stiffness(s: Setting, strut: int) -> Forms:
+    """One strut is softer than the model has it, in some poses or under load more than in others."""
+    f, name = Forms(), f"length.{s.machine.strut_names[strut]}"
+    drive = int(s.machine.strut_drive[strut])
+    t = s.tension_n[:, strut] / s.machine.nominal.stiffness_n_per_m[strut]
+    size = max(float(np.std(t)), 1e-9)
+    u = s.along(drive) if drive >= 0 else np.zeros(len(t))
+    main = f.add((name, t))
+    loaded = f.add((name, np.stack([t * s.load, s.load * size], axis=1)))
+    swung = f.add((name, np.stack([t * u, t * u**2, size * u, size * u**2], axis=1)))
+    pressed = f.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
+    bent = f.add((name, np.stack([t**2 / size, t**3 / size**2], axis=1)))
+    f.form(main, share=0.4)
+    f.form(loaded[:1], (*main, *loaded[1:]), share=0.6)
+    f.form(swung[:2], (*main, *swung[2:]), share=0.6)
+    f.form(pressed, share=0.4)
+    f.form(bent[:1], (*main, *bent), share=0.5)
+    f.form(main, (*loaded, *swung, *bent), share=0.5)
+    return f
+
+
+def clearance(s: Setting, strut: int) -> Forms:
+    """A joint of a strut has play: taken up to one side or the other by the strut's force, or by the pin's weight."""
+    f, name = Forms(), f"length.{s.machine.strut_names[strut]}"
+    drive = int(s.machine.strut_drive[strut])
+    t = s.tension_n[:, strut]
+    size = max(float(np.std(t)), 1.0)
+    for shift in (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0):
+        for soft in SOFT_N:
+            side = np.tanh((t - t.mean() + shift * size) / soft)
+            main = f.add((name, side))
+            loaded = f.add((name, np.stack([side * s.load, s.load], axis=1)))
+            f.form(main, loaded, share=0.7)
+    if drive >= 0:
+        # A pin that lies in its hole follows the strut's angle, which goes with the drive and the pose.
+        seated = f.add((name, smooth(s.moments.drives[:, drive], 4, roughness=1.0)))
+        f.form(seated, weight=4.0)
+    f.form(f.add((name, s.load)), weight=2.0)
+    return f
+
+
+def _one_load(s: Setting) -> str | None:
+    if float(np.ptp(s.moments.payload_kg)) >= LEAST_KG:
+        return None
+    return "every pose was measured with the same payload; measure two"
+
+
+EFFECTS = (
+    Effect(
+        "column_compliance", "drive",
+        Parameter("compliance_m_per_n", 5e-10, 2e-6, "m/N", "of the carriage, at 0.25 m lever if in rotation"),
+        "payload, reflectors on the sliders, height", ("friction_windup", "link_stiffness"), compliance, (), _one_load,
+    ),
+    Effect(
+        "link_stiffness", "strut", Parameter("compliance_ratio", 0.05, 20.0, "1", "additional over nominal compliance"),
+        "payload", ("joint_clearance", "column_compliance"), link_stiffness, (), _one_load,
+    ),
+    Effect(
+        "joint_clearance", "strut", Parameter("clearance_m", 1e-6, 4e-4, "m", "play each way"),
+        "poses where the strut's force changes its sign, payload", ("link_stiffness", "link_thermal_growth"), clearance,
+    ),
+)  # fmt: skip

@@ -1,0 +1,104 @@
+"""Parts that are warmer than their sensor says: struts, columns, screws."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder
+from calibration.gap.shapes import smooth
+from calibration.machine import Array
+
+TAUS_S = ladder(250.0, 7000.0, 6)
+LAGS_S = ladder(400.0, 5000.0, 4)
+COLUMN_WIDTH_M = 0.4
+DUTY_M_PER_S = 0.01
+LEAST_S = 900.0  # a shorter campaign shows no warming
+
+_RISE = Parameter("rise_k", 0.1, 40.0, "K", "how much warmer than its sensor the part becomes")
+_TAU = Parameter("tau_s", 200.0, 8000.0, "s", "time constant of the part")
+
+
+def _warming(s: Setting, sensor: str) -> list[tuple[Array, float]]:
+    """Temperature above the sensor (n,), for a rise of one kelvin, with its time constant."""
+    t, known = s.moments.elapsed_s, s.moments.temperatures_c
+    out = [(1.0 - np.exp(-t / tau), tau) for tau in TAUS_S]
+    if sensor in known:
+        out += [(s.moments.lag_k(sensor, tau), tau) for tau in LAGS_S]
+    return out
+
+
+def _too_short(s: Setting) -> str | None:
+    return None if np.ptp(s.moments.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
+
+
+def _thermal(f: Forms, acts: tuple[tuple[str, Array], ...], s: Setting, sensor: str) -> None:
+    """Forms of one geometry: single time constants, and any mixture of them (several stages, a pulse)."""
+    warming = _warming(s, sensor)
+    columns = [f.add(*((channel, shape * rise) for channel, shape in acts)) for rise, _ in warming]
+    rest = smooth(s.moments.t_s, 5)
+    flexible = f.add(*((channel, shape[:, None] * rest) for channel, shape in acts))
+    for column, (_, tau) in zip(columns, warming, strict=True):
+        f.form(column, flexible, share=0.15, tau_s=tau)
+    everything = [c for column in columns for c in column]
+    middle = float(np.sqrt(TAUS_S[0] * TAUS_S[-1]))
+    f.form(everything, weight=2.0, tau_s=middle)
+
+
+def link_growth(s: Setting, strut: int) -> Forms:
+    """A strut grows by alpha l dT."""
+    f, machine = Forms(), s.machine
+    grown = np.full(len(s.moments), machine.expansion_per_k["struts"] * machine.nominal.length_m[strut])
+    _thermal(f, ((f"length.{machine.strut_names[strut]}", grown),), s, machine.sensors["struts"])
+    return f
+
+
+def column_growth(s: Setting, drive: int) -> Forms:
+    """A column grows from its foot and takes the guide with it, or bends where one side is warmer."""
+    f, alpha = Forms(), s.machine.expansion_per_k["base"]
+    h, sensor = s.height_m(drive), s.machine.sensors["base"]
+    travel = f"travel.{s.drive(drive)}"
+    _thermal(f, ((travel, alpha * h),), s, sensor)
+    _thermal(f, ((travel, 0.5 * alpha * h**2),), s, sensor)
+    for side, turn in zip(s.of_drive("sideways", drive), s.of_drive("turn", drive), strict=False):
+        bent = alpha / COLUMN_WIDTH_M
+        _thermal(f, ((side, -0.5 * bent * h**2), (turn, bent * h)), s, sensor)
+        _thermal(f, ((side, 0.5 * bent * h**2), (turn, bent * h)), s, sensor)
+    return f
+
+
+def screw_growth(s: Setting, drive: int) -> Forms:
+    """A screw is heated by its own motion; what it does to the slider depends on which end is held."""
+    f, alpha = Forms(), s.machine.expansion_per_k["drives"]
+    travel, x = f"travel.{s.drive(drive)}", s.moments.drives[:, drive] - s.machine.travel[drive, 0]
+    span = float(s.machine.travel[drive, 1] - s.machine.travel[drive, 0])
+    u = s.along(drive)
+    for tau in TAUS_S:
+        heat = s.moments.warmth(drive, tau) / DUTY_M_PER_S
+        warm = alpha * heat
+        low = f.add((travel, warm * x))
+        high = f.add((travel, warm * (x - span)))
+        bend = f.add(
+            (travel, span * alpha * heat[:, None] * np.stack([0.5 * u**2, 0.5 * u**3, 0.3 * np.ones_like(u)], axis=1))
+        )
+        limited = f.add((travel, alpha * np.maximum(heat - 0.3 * heat.max(), 0.0) * x))
+        f.form(low, (*bend, *limited), share=0.5, tau_s=tau)
+        f.form(high, tau_s=tau)
+        f.form(limited, tau_s=tau)
+        f.form(bend, share=0.5, tau_s=tau)
+    return f
+
+
+EFFECTS = (
+    Effect(
+        "link_thermal_growth", "strut", _RISE, "time, a temperature swing",
+        ("joint_clearance", "column_thermal_growth"), link_growth, (_TAU,), _too_short,
+    ),
+    Effect(
+        "column_thermal_growth", "drive", _RISE, "time, a temperature swing, reflectors on the sliders",
+        ("foundation_settling", "screw_thermal_growth"), column_growth, (_TAU,), _too_short,
+    ),
+    Effect(
+        "screw_thermal_growth", "drive", _RISE, "time and the way moved, drive coordinate, reflectors on the sliders",
+        ("column_thermal_growth",), screw_growth, (_TAU,), _too_short,
+    ),
+)  # fmt: skip

@@ -1,0 +1,235 @@
+"""What is there to explain: readings against the machine's own model, linear in everything that calibration may move.
+
+Geometry, stiffness, mounting and frame are unknowns with their priors all along, together with the declared nuisance, so
+that an effect is only judged by what they cannot take up. Rows are readings (n), each with three whitened numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from calibration.data_checks import check_number
+from calibration.frame import Frame, station_frame
+from calibration.gap.moments import Moments, moments_of
+from calibration.gap.nuisance import nuisance_columns
+from calibration.machine import Array, Machine
+from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.model import Model, Poses, Systematic
+from calibration.parameters import ParameterSet
+from calibration.recording import Recording
+from calibration.report_frame import fit_report_frame
+from calibration.toml_file import InputError
+from calibration.visits import Visits
+
+NEST_PRIOR_M = 5.0e-3
+FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded poses
+REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
+OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
+FIRST_STEPS = 2
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The linearised model of a recording's readings.
+
+    rows (n,): rows of the recording that are used. smr (n,). poses: of the visits at the fitted unknowns; visit (n,):
+    their rows, -1 for floor nests. position_m, covariance: as measured. whiten (n, 3, 3). residual (n, 3): whitened,
+    measured minus modelled with all unknowns at nominal, by the linear model. columns (n, 3, b): by every unknown, each
+    times its prior standard deviation. q (n, 3, b): orthonormal; 1 - q q^T is the inverse of the readings' covariance.
+    """
+
+    recording: Recording
+    rows: NDArray[np.intp]
+    moments: Moments
+    smr: NDArray[np.intp]
+    visit: NDArray[np.intp]
+    poses: Poses
+    frame: Frame
+    mounted_m: Array
+    position_m: Array
+    whiten: Array
+    residual: Array
+    columns: Array
+    names: tuple[str, ...]
+    sigma: Array
+    q: Array
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        return self.recording.machine
+
+    @property
+    def on_platform(self) -> NDArray[np.bool_]:
+        """Readings (n,) of the platform's reflectors."""
+        return np.array([s.on == "platform" for s in self.machine.smrs])[self.smr]
+
+    def apply(self, whitened: Array) -> Array:
+        """Inverse covariance times columns (n, 3, k) or (n, 3)."""
+        flat = whitened.reshape(self.q.shape[0] * 3, -1)
+        q = self.q.reshape(len(flat), -1)
+        return np.asarray((flat - q @ (q.T @ flat)).reshape(whitened.shape))
+
+    def whitened(self, shift_m: Array, *, station: bool = False) -> Array:
+        """Shifts (n, 3) in the machine's frame (or the station's), whitened."""
+        turned = shift_m if station else shift_m @ self.frame.rotation.T
+        return np.einsum("nij,nj->ni", self.whiten, turned)
+
+
+def baseline_of(recording: Recording) -> Baseline:
+    """Fit the model to a recording and linearise it there; InputError where the readings do not allow it."""
+    rows = usable_rows(recording)
+    used = replace(recording, columns={name: column[rows] for name, column in recording.columns.items()})
+    machine = recording.machine
+    moments = moments_of(used)
+    smr = np.array([[s.name for s in machine.smrs].index(str(name)) for name in used["smr"]], dtype=np.intp)
+    on_floor = np.array([s.on == "floor" for s in machine.smrs])[smr]
+    whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2))
+    seen, visit = _observations(used, smr, on_floor)
+    check_number(machine, seen.visits.target_m)
+    frame = _start(used, seen)
+    model = Model(ParameterSet.of(machine), _systematic(used))
+    accuracy = used.file.station.accuracy
+    smrs = tuple(sorted(set(seen.smr.tolist())))
+    station = Station(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
+    readings = SmrPositions(seen, station)
+    own = station.unknowns(machine)
+    sigma = np.array([u.sigma for u in (*model.unknowns, *own)])
+    sigma[len(model) + station.frame_column : len(model) + station.frame_column + 6] = FRAME_PRIOR
+    values, start = np.zeros(sigma.size), seen.visits.target_m
+    on_pose = np.flatnonzero(~on_floor)
+    for step in range(FIRST_STEPS + 1):
+        poses = model.predict(values[: len(model)], seen.visits, start)
+        if not np.all(poses.rest.converged):
+            raise InputError(
+                f"recording {recording.file.campaign}: the model finds no equilibrium for a visit; check units, drive "
+                "coordinates and that the machine file fits the machine"
+            )
+        compared = readings.compare(poses, seen.visit[:, None], values[len(model) :])
+        columns = np.concatenate([compared.by_model, compared.by_own], axis=2) * sigma
+        right = np.einsum("nwu,u->nw", columns, values / sigma) - compared.residual
+        if step == FIRST_STEPS:
+            break
+        flat = columns.reshape(-1, sigma.size)
+        found = np.linalg.solve(flat.T @ flat + np.eye(sigma.size), flat.T @ right.ravel())
+        values, start = found * sigma, poses.rest.coordinates()
+    frame = station.frame(values[len(model) :])
+    residual = np.zeros((len(smr), 3))
+    residual[on_pose] = right
+    everything = [_all_rows(columns, on_pose, len(smr))]
+    names = [u.name for u in (*model.unknowns, *own)]
+    bare = Baseline(
+        recording, rows, moments, smr, visit, poses, frame,
+        np.array([_mounted(machine, station, values[len(model) :], i) for i in range(len(machine.smrs))]),
+        used.positions_m, whiten, residual, everything[0], tuple(names), sigma, np.empty((0, 3, 0)),
+    )  # fmt: skip
+    nests, nest_names, predicted = _nest_columns(bare, on_floor)
+    residual[on_floor] = np.einsum("nij,nj->ni", whiten[on_floor], used.positions_m[on_floor] - predicted)
+    # Nests move with the frame too: its unknowns turn and shift whatever the station sees.
+    first = len(model) + station.frame_column
+    increments = values[first : first + 6]
+    everything[0][on_floor, :, first : first + 6] = _frame_columns(bare, on_floor) * FRAME_PRIOR
+    residual[on_floor] += np.einsum(
+        "nwu,u->nw", everything[0][on_floor, :, first : first + 6], increments / FRAME_PRIOR
+    )
+    more, more_names = nuisance_columns(bare)
+    everything += [nests, more]
+    columns = np.concatenate(everything, axis=2)
+    return replace(
+        bare, columns=columns, names=(*names, *nest_names, *more_names), residual=residual, q=_orthonormal(columns)
+    )
+
+
+def usable_rows(recording: Recording) -> NDArray[np.intp]:
+    """Rows that a diagnosis uses: calibration, repeatability and nests, without the station's warnings or tables."""
+    phase = np.asarray(recording["phase"])
+    keep = np.isin(phase, ("calibration", "repeatability", "nests", "verification_before"))
+    keep &= (recording["flags"] == 0.0) & ((recording["compensation"] == 0.0) | (phase == "nests"))
+    if not np.any(keep & (phase != "nests")):
+        raise InputError(
+            f"recording {recording.file.campaign}: no unflagged readings without compensation; measure a calibration"
+        )
+    return np.flatnonzero(keep)
+
+
+def _observations(
+    used: Recording, smr: NDArray[np.intp], on_floor: NDArray[np.bool_]
+) -> tuple[Observations, NDArray[np.intp]]:
+    rows = np.flatnonzero(~on_floor)
+    _, first, visit = np.unique(used["visit"][rows], return_index=True, return_inverse=True)
+    heads, count = rows[first], np.bincount(visit)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(visit, values[rows]) / count)
+
+    visits = Visits(
+        drives=used.drives("actual_m")[heads],
+        target_m=used.targets_m()[heads],
+        payload_kg=used["payload_mass_kg"][heads],
+        payload_com_m=used.payload_com_m()[heads],
+        temperatures_c={name: mean(t) for name, t in used.temperatures_c().items()},
+    )
+    all_visits = np.full(len(smr), -1, dtype=np.intp)
+    all_visits[rows] = visit
+    seen = Observations(visits, visit.astype(np.intp), smr[rows], used.positions_m[rows], used.covariances_m2[rows])
+    return seen, all_visits
+
+
+def _start(used: Recording, seen: Observations) -> Frame:
+    entry = used.file.station
+    return fit_report_frame(used.machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
+
+
+def _systematic(used: Recording) -> Systematic:
+    """What is known of payloads (the largest uncertainty of the list) and of thermal expansion."""
+    shares = [p.u_mass_kg / p.mass_kg for p in used.file.payloads if p.mass_kg > 0.0]
+    return Systematic(
+        payload_mass=max(shares, default=0.0),
+        payload_com_m=max(p.u_com_m for p in used.file.payloads),
+        expansion_per_k=used.machine.u_expansion_per_k,
+        temperature_k=dict.fromkeys(used.machine.sensors, used.file.nuisance.temperature_k),
+    )
+
+
+def _mounted(machine: Machine, station: Station, own: Array, smr: int) -> Array:
+    return station.mounting_m(machine, own, smr) if smr in station.smrs else machine.smrs[smr].position_m
+
+
+def _all_rows(columns: Array, rows: NDArray[np.intp], count: int) -> Array:
+    out = np.zeros((count, 3, columns.shape[2]))
+    out[rows] = columns
+    return out
+
+
+def _nest_columns(bare: Baseline, on_floor: NDArray[np.bool_]) -> tuple[Array, tuple[str, ...], Array]:
+    """Columns (n, 3, k) of where the nests stand, their names, and nominal places (f, 3) in the station's frame."""
+    smrs = sorted(set(bare.smr[on_floor].tolist()))
+    out = np.zeros((len(bare.smr), 3, 3 * len(smrs)))
+    for column, smr in enumerate(smrs):
+        rows = np.flatnonzero(bare.smr == smr)
+        out[rows, :, 3 * column : 3 * column + 3] = bare.whiten[rows] @ bare.frame.rotation * NEST_PRIOR_M
+    nominal = np.array([s.position_m for s in bare.machine.smrs])[bare.smr[on_floor]]
+    names = tuple(f"nest.{bare.machine.smrs[i].name}.{c}" for i in smrs for c in "xyz")
+    return out, names, bare.frame.to_station(nominal)
+
+
+def _frame_columns(bare: Baseline, rows: NDArray[np.bool_]) -> Array:
+    """Whitened shifts (f, 3, 6) of some readings with the frame's rotation vector and translation."""
+    turned = bare.position_m[rows] - bare.frame.translation_m
+    out = np.zeros((len(turned), 3, 6))
+    for k in range(3):
+        out[:, :, k] = np.cross(np.eye(3)[k], turned)
+        out[:, :, 3 + k] = np.eye(3)[k]
+    return np.asarray(bare.whiten[rows] @ out)
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Upper part (n, 3, b) of an orthonormal basis of the columns stacked on unit priors."""
+    n, three, b = columns.shape
+    stacked = np.vstack([columns.reshape(n * three, b), np.eye(b)])
+    q = qr(stacked, mode="economic", overwrite_a=True, check_finite=False)[0]
+    return np.ascontiguousarray(q[: n * three]).reshape(n, three, b)

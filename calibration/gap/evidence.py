@@ -1,0 +1,149 @@
+"""How much the readings speak for a form: evidence marginalised over its size, its coefficients and all of calibration.
+
+With C the readings' covariance under the model with its priors and the declared nuisance, columns H with coefficients
+of standard deviations a d change the logarithm of the evidence by
+1/2 g' D (1/a^2 + D F D)^-1 D g - 1/2 log|1 + a^2 D F D|,  F = H' C^-1 H,  g = H' C^-1 y,  D = diag(d):
+Gaussian marginal likelihood (MacKay 2003, ch. 28). The size a has a prior that is uniform in its logarithm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from calibration.effects.base import Acts, Form
+from calibration.gap.baseline import Baseline
+from calibration.gap.channels import Channels
+from calibration.machine import Array
+
+SIZES = 9
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Columns (k) as the readings see them: information F (k, k) and scores g (k,), calibration taken out."""
+
+    information: Array
+    score: Array
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A form with its evidence over `none` (natural logarithm), best size, coefficients (k,) and their covariance."""
+
+    form: Form
+    log_evidence: float
+    size: float
+    coefficients: Array
+    covariance: Array
+
+
+class Readout:
+    """Judges columns on one baseline; `taken`: whitened columns (n, 3, j) that are explained already, with their sizes."""
+
+    def __init__(self, baseline: Baseline) -> None:
+        self.baseline = baseline
+        self.channels = Channels(baseline)
+        self.left = baseline.apply(baseline.residual)
+        self._q = baseline.q
+        self._projected: dict[str, Array] = {}
+
+    def given(self, columns: Array) -> Readout:
+        """The readout once columns (n, 3, j), each times its prior standard deviation, belong to the model."""
+        other = Readout.__new__(Readout)
+        other.baseline, other.channels = self.baseline, self.channels
+        rest = columns - self._spread(self._along(columns))
+        flat, n = rest.reshape(-1, columns.shape[2]), len(rest)
+        gram = np.eye(columns.shape[2]) + columns.reshape(-1, columns.shape[2]).T @ flat
+        upper = np.linalg.cholesky(gram).T
+        more = np.linalg.solve(upper.T, flat.T).T
+        other._q = np.concatenate([self._q, more.reshape(n, 3, -1)], axis=2)
+        other.left = self.left - (more @ (more.T @ self.baseline.residual.ravel())).reshape(n, 3)
+        other._projected = {}
+        return other
+
+    @property
+    def q(self) -> Array:
+        """(n, 3, b): one minus q q' is the inverse covariance of the readings."""
+        return self._q
+
+    def apply(self, columns: Array) -> Array:
+        """Inverse covariance times columns (n, 3, k)."""
+        return np.asarray(columns - self._spread(self._along(columns)))
+
+    def columns(self, acts: Sequence[Acts]) -> Array:
+        """Whitened columns (n, 3, k)."""
+        out = np.zeros((*self.left.shape, len(acts)))
+        for k, act in enumerate(acts):
+            for channel, shape in act:
+                out[:, :, k] += self.channels[channel] * shape[:, None]
+        return out
+
+    def judge(self, acts: Sequence[Acts]) -> Judged:
+        """Information and scores of columns, without ever building them."""
+        count = len(acts)
+        by_channel: dict[str, tuple[list[int], list[Array]]] = {}
+        for k, act in enumerate(acts):
+            for channel, shape in act:
+                numbers, shapes = by_channel.setdefault(channel, ([], []))
+                numbers.append(k)
+                shapes.append(shape)
+        along = np.zeros((self._q.shape[2], count))
+        score = np.zeros(count)
+        information = np.zeros((count, count))
+        stacked = {channel: (np.array(k), np.stack(shapes, axis=1)) for channel, (k, shapes) in by_channel.items()}
+        for channel, (numbers, shapes) in stacked.items():
+            response = self.channels[channel]
+            np.add.at(along.T, numbers, shapes.T @ self._projection(channel))
+            np.add.at(score, numbers, shapes.T @ np.sum(response * self.left, axis=1))
+            for other, (theirs, second) in stacked.items():
+                product = np.sum(response * self.channels[other], axis=1)
+                if np.any(product):
+                    np.add.at(information, np.ix_(numbers, theirs), shapes.T @ (product[:, None] * second))
+        return Judged(information - along.T @ along, score)
+
+    def _projection(self, channel: str) -> Array:
+        """Rows (n, b): the channel's response along q."""
+        if channel not in self._projected:
+            response = self.channels[channel]
+            self._projected[channel] = np.einsum("nj,njb->nb", response, self._q)
+        return self._projected[channel]
+
+    def _along(self, columns: Array) -> Array:
+        return np.asarray(self._q.reshape(-1, self._q.shape[2]).T @ columns.reshape(-1, columns.shape[2]))
+
+    def _spread(self, along: Array) -> Array:
+        return np.asarray((self._q.reshape(-1, self._q.shape[2]) @ along).reshape(*self.left.shape, along.shape[1]))
+
+
+def weigh(judged: Judged, forms: Sequence[Form], low: float, high: float) -> list[Weighed]:
+    """Evidence of forms for sizes within limits."""
+    sizes = np.geomspace(low, high, SIZES)
+    out: list[Weighed | None] = [None] * len(forms)
+    by_length: dict[int, list[int]] = {}
+    for number, form in enumerate(forms):
+        by_length.setdefault(len(form.columns), []).append(number)
+    for members in by_length.values():
+        pick = np.array([forms[i].columns for i in members])
+        relative = np.array([forms[i].relative for i in members])
+        f = judged.information[pick[:, :, None], pick[:, None, :]] * relative[:, :, None] * relative[:, None, :]
+        g = judged.score[pick] * relative
+        values, vectors = np.linalg.eigh(0.5 * (f + f.transpose(0, 2, 1)))
+        values = np.maximum(values, 0.0)
+        along = np.einsum("mkj,mk->mj", vectors, g)
+        square = sizes[None, :, None] ** 2
+        grown = 1.0 + square * values[:, None, :]
+        logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
+        evidence = logsumexp(logs, axis=1) - np.log(len(sizes))
+        best = np.argmax(logs, axis=1)
+        for row, number in enumerate(members):
+            a = float(sizes[best[row]])
+            shrunk = a * a / (1.0 + a * a * values[row])
+            coefficients = relative[row] * (vectors[row] @ (shrunk * along[row]))
+            scaled = vectors[row] * relative[row][:, None]
+            covariance = (scaled * shrunk) @ scaled.T
+            out[number] = Weighed(forms[number], float(evidence[row]), a, coefficients, covariance)
+    return [w for w in out if w is not None]

@@ -1,0 +1,62 @@
+"""The ordinary wander that a recording declares for its rig: columns with the declared standard deviations.
+
+Levels are those of docs/definitions.md; what is not declared has no column.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.gap.channels import Channels
+from calibration.gap.shapes import brownian, waves
+from calibration.machine import Array
+
+if TYPE_CHECKING:
+    from calibration.gap.baseline import Baseline
+
+HOUR_S = 3600.0
+LEVER_M = 3.0  # where the drift of a rig is declared
+WALK_TERMS = 14
+WAVE_TERMS = 5
+
+
+def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
+    """Columns (n, 3, k), each times its standard deviation, and their names."""
+    channels, m = Channels(bare), bare.moments
+    declared, stated = bare.recording.file.nuisance, bare.recording.file.station.accuracy
+    found: list[tuple[str, Array]] = []
+
+    def add(channel: str, shapes: Array, label: str) -> None:
+        response = channels[channel]
+        for k in range(shapes.shape[1]):
+            found.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
+
+    walk = brownian(m.elapsed_s / HOUR_S, WALK_TERMS)
+    per_axis = declared.drift_m / np.sqrt(2.0)
+    for name in channels.stations():
+        kind = name.rsplit(".", 1)[1]
+        own = stated.drift_m_per_sqrt_h
+        if kind.startswith("r"):
+            own = stated.drift_rad_per_sqrt_h if kind == "rz" else stated.drift_of_level_rad_per_sqrt_h
+        sd = np.hypot(own, per_axis / (LEVER_M if kind.startswith("r") else 1.0))
+        add(name, walk * sd, "drift")
+    if declared.reseat_m > 0.0:
+        numbers = np.unique(m.exchanges)[1:]
+        sits = (m.exchanges[:, None] == numbers).astype(np.float64) * declared.reseat_m
+        for i in sorted(set(bare.smr[bare.on_platform].tolist())):
+            for name in channels.smrs(i):
+                add(name, sits, "reseat")
+    for a, drive in enumerate(bare.machine.drive_names):
+        if declared.reversal_m > 0.0:
+            add(f"travel.{drive}", m.direction[:, a : a + 1] * declared.reversal_m, "reversal")
+    if declared.temperature_k > 0.0:
+        slow = waves(m.elapsed_s, 1500.0, WAVE_TERMS) * declared.temperature_k
+        expansion = bare.machine.expansion_per_k
+        for i, strut in enumerate(bare.machine.strut_names):
+            grown = expansion["struts"] * bare.machine.nominal.length_m[i]
+            add(f"length.{strut}", slow * grown, "temperature")
+        for a, drive in enumerate(bare.machine.drive_names):
+            add(f"travel.{drive}", slow * expansion["drives"] * m.drives[:, a : a + 1], "temperature")
+    return np.stack([column for _, column in found], axis=2), tuple(name for name, _ in found)

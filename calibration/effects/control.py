@@ -65,9 +65,10 @@ def servo_settling(s: Setting, drive: int) -> Forms:
 
 
 def _speeds(s: Setting) -> Array:
-    """The approach's speed (n, 2) over the reference, and a constant: a short last leg does not reach the speed."""
+    """The approach's speed (n, 4) over the reference, and what a last leg too short to reach it makes of it."""
     v = s.moments.speed_m_per_s / REFERENCE_SPEED_M_PER_S
-    return np.stack([v, np.full(len(v), 0.3)], axis=1)
+    moving = s.moments.moving.astype(np.float64)
+    return np.stack([v, np.full(len(v), 0.3), moving * v, 0.3 * moving], axis=1)
 
 
 def _same_dwell(s: Setting) -> str | None:

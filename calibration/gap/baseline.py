@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
 
 from calibration.data_checks import check_number
 from calibration.frame import Frame, station_frame
@@ -30,20 +29,19 @@ FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded p
 REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
 FIRST_STEPS = 2
+UNSEEN = 2.0e-3  # information of a direction, over its prior's, below which readings say nothing of it
 
 
 @dataclass(frozen=True)
-class Baseline:
-    """The linearised model of a recording's readings.
+class Seen:
+    """Readings of reflectors (n) on a modelled machine, measured or only thought of.
 
-    rows (n,): rows of the recording that are used. smr (n,). poses: of the visits at the fitted unknowns; visit (n,):
-    their rows, -1 for floor nests. position_m, covariance: as measured. whiten (n, 3, 3). residual (n, 3): whitened,
-    measured minus modelled with all unknowns at nominal, by the linear model. columns (n, 3, b): by every unknown, each
-    times its prior standard deviation. q (n, 3, b): orthonormal; 1 - q q^T is the inverse of the readings' covariance.
+    smr (n,): index in the machine file. poses: of the visits; visit (n,): their rows, -1 for floor nests. frame: from the
+    machine's to the station's; mounted_m (smrs, 3): fitted places of the reflectors on their parts; position_m (n, 3):
+    station's frame.
     """
 
-    recording: Recording
-    rows: NDArray[np.intp]
+    machine: Machine
     moments: Moments
     smr: NDArray[np.intp]
     visit: NDArray[np.intp]
@@ -51,6 +49,24 @@ class Baseline:
     frame: Frame
     mounted_m: Array
     position_m: Array
+
+    @property
+    def on_platform(self) -> NDArray[np.bool_]:
+        """Readings (n,) of the platform's reflectors."""
+        return np.array([s.on == "platform" for s in self.machine.smrs])[self.smr]
+
+
+@dataclass(frozen=True)
+class Baseline(Seen):
+    """The linearised model of a recording's readings.
+
+    rows (n,): rows of the recording that are used. whiten (n, 3, 3). residual (n, 3): whitened, measured minus modelled
+    with all unknowns at nominal, by the linear model. columns (n, 3, b): by every unknown, each times its prior standard
+    deviation; names and sigma (b,) are the unknowns'. q (n, 3, r): 1 - q q' is the inverse of the readings' covariance.
+    """
+
+    recording: Recording
+    rows: NDArray[np.intp]
     whiten: Array
     residual: Array
     columns: Array
@@ -58,26 +74,15 @@ class Baseline:
     sigma: Array
     q: Array
 
-    @property
-    def machine(self) -> Machine:
-        """The machine."""
-        return self.recording.machine
-
-    @property
-    def on_platform(self) -> NDArray[np.bool_]:
-        """Readings (n,) of the platform's reflectors."""
-        return np.array([s.on == "platform" for s in self.machine.smrs])[self.smr]
-
     def apply(self, whitened: Array) -> Array:
         """Inverse covariance times columns (n, 3, k) or (n, 3)."""
         flat = whitened.reshape(self.q.shape[0] * 3, -1)
         q = self.q.reshape(len(flat), -1)
         return np.asarray((flat - q @ (q.T @ flat)).reshape(whitened.shape))
 
-    def whitened(self, shift_m: Array, *, station: bool = False) -> Array:
-        """Shifts (n, 3) in the machine's frame (or the station's), whitened."""
-        turned = shift_m if station else shift_m @ self.frame.rotation.T
-        return np.einsum("nij,nj->ni", self.whiten, turned)
+    def whitened(self, shift_m: Array) -> Array:
+        """Shifts (n, 3) in the machine's frame, whitened."""
+        return np.einsum("nij,nj->ni", self.whiten, shift_m @ self.frame.rotation.T)
 
 
 def baseline_of(recording: Recording) -> Baseline:
@@ -122,10 +127,11 @@ def baseline_of(recording: Recording) -> Baseline:
     residual[on_pose] = right
     everything = [_all_rows(columns, on_pose, len(smr))]
     names = [u.name for u in (*model.unknowns, *own)]
+    mounted = [_mounted(machine, station, values[len(model) :], i) for i in range(len(machine.smrs))]
     bare = Baseline(
-        recording, rows, moments, smr, visit, poses, frame,
-        np.array([_mounted(machine, station, values[len(model) :], i) for i in range(len(machine.smrs))]),
-        used.positions_m, whiten, residual, everything[0], tuple(names), sigma, np.empty((0, 3, 0)),
+        machine=machine, moments=moments, smr=smr, visit=visit, poses=poses, frame=frame, mounted_m=np.array(mounted),
+        position_m=used.positions_m, recording=recording, rows=rows, whiten=whiten, residual=residual,
+        columns=everything[0], names=tuple(names), sigma=sigma, q=np.empty((0, 3, 0)),
     )  # fmt: skip
     nests, nest_names, predicted = _nest_columns(bare, on_floor)
     residual[on_floor] = np.einsum("nij,nj->ni", whiten[on_floor], used.positions_m[on_floor] - predicted)
@@ -140,7 +146,7 @@ def baseline_of(recording: Recording) -> Baseline:
     everything += [nests, more]
     columns = np.concatenate(everything, axis=2)
     return replace(
-        bare, columns=columns, names=(*names, *nest_names, *more_names), residual=residual, q=_orthonormal(columns)
+        bare, columns=columns, names=(*names, *nest_names, *more_names), residual=residual, q=_whole(columns)
     )
 
 
@@ -227,9 +233,10 @@ def _frame_columns(bare: Baseline, rows: NDArray[np.bool_]) -> Array:
     return np.asarray(bare.whiten[rows] @ out)
 
 
-def _orthonormal(columns: Array) -> Array:
-    """Upper part (n, 3, b) of an orthonormal basis of the columns stacked on unit priors."""
-    n, three, b = columns.shape
-    stacked = np.vstack([columns.reshape(n * three, b), np.eye(b)])
-    q = qr(stacked, mode="economic", overwrite_a=True, check_finite=False)[0]
-    return np.ascontiguousarray(q[: n * three]).reshape(n, three, b)
+def _whole(columns: Array) -> Array:
+    """q (n, 3, b) such that 1 - q q' is the inverse of 1 + A A' for columns A; directions that priors hold are left out."""
+    flat = columns.reshape(-1, columns.shape[2])
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    seen = values > UNSEEN
+    q = flat @ (vectors[:, seen] / np.sqrt(1.0 + values[seen]))
+    return np.ascontiguousarray(q).reshape(*columns.shape[:2], -1)

@@ -16,17 +16,17 @@ from calibration.machine import COORDINATES, Array, across
 from calibration.rotation import skew
 
 if TYPE_CHECKING:
-    from calibration.gap.baseline import Baseline
+    from calibration.gap.baseline import Seen
 
 AXES = "xyz"
 
 
 class Channels:
-    """Whitened responses (n, 3) of the readings of a baseline, by name, computed when asked for."""
+    """What one unit of each channel does to the readings of `seen`, by name, computed when asked for."""
 
-    def __init__(self, baseline: Baseline) -> None:
-        self.baseline = baseline
-        self.machine = baseline.machine
+    def __init__(self, seen: Seen) -> None:
+        self.seen = seen
+        self.machine = seen.machine
         self._known: dict[str, Array] = {}
         self._flat = (0, 1) if self.machine.planar else (0, 1, 2)
 
@@ -35,17 +35,15 @@ class Channels:
         """All channels of the machine, such as 'travel.left', 'sideways.left.x', 'length.left_upper', 'pose.rz'."""
         return tuple(self._names())
 
-    def __getitem__(self, name: str) -> Array:
-        """Whitened response (n, 3)."""
+    def shift_m(self, name: str) -> Array:
+        """Shift (n, 3) of each reading's reflector for one unit of a channel, machine's frame."""
         if name not in self._known:
             kind, _, rest = name.partition(".")
-            known = self.baseline
-            if kind == "light":
-                self._known[name] = known.whitened(self._light(rest), station=True)
-            elif kind == "station":
-                self._known[name] = known.whitened(self._station(rest), station=True)
+            if kind in ("light", "station"):
+                moved = self._light(rest) if kind == "light" else self._station(rest)
+                self._known[name] = moved @ self.seen.frame.rotation
             else:
-                self._known[name] = known.whitened(self.shift_m(name))
+                self._known[name] = self._of_machine(name)
         return self._known[name]
 
     def sideways(self, drive: int) -> tuple[str, ...]:
@@ -97,10 +95,9 @@ class Channels:
         yield from self.floors()
         yield from ("light.v", "light.hz")
 
-    def shift_m(self, name: str) -> Array:
-        """Shift (n, 3) of each reading's reflector in the machine's frame for one unit of a channel of the machine."""
+    def _of_machine(self, name: str) -> Array:
         kind, place, direction = (*name.split("."), "")[:3]
-        machine, known = self.machine, self.baseline
+        machine, known = self.machine, self.seen
         out = np.zeros((len(known.smr), 3))
         if kind == "smr":
             smr = [s.name for s in machine.smrs].index(place)
@@ -119,7 +116,7 @@ class Channels:
         return self._of_drive(kind, drive, direction, out)
 
     def _of_drive(self, kind: str, drive: int, direction: str, out: Array) -> Array:
-        known, at = self.baseline, self.baseline.poses.sensitivity
+        known, at = self.seen, self.seen.poses.sensitivity
         if kind == "travel":
             out = self._of_pose(self._pose_of(at.travel(drive)), out)
             for i, rows, visit in self._carried(drive):
@@ -144,7 +141,7 @@ class Channels:
         return out
 
     def _carried(self, drive: int) -> Iterator[tuple[int, Array, Array]]:
-        known = self.baseline
+        known = self.seen
         for i, smr in enumerate(self.machine.smrs):
             if smr.on == "slider" and smr.drive == drive:
                 rows = np.flatnonzero(known.smr == i)
@@ -152,14 +149,14 @@ class Channels:
 
     def _pose_of(self, column: Array) -> Array:
         """Change of the pose (v, 6) from a column dG (f, v)."""
-        at = self.baseline.poses.sensitivity
+        at = self.seen.poses.sensitivity
         out = np.zeros((column.shape[1], 6))
         out[:, self.machine.dof] = at.respond([column])[:, :, 0]
         return out
 
     def _of_pose(self, change: Array, out: Array) -> Array:
         """Shifts (n, 3) of the platform's reflectors for a change of the pose (v, 6)."""
-        known = self.baseline
+        known = self.seen
         rows = np.flatnonzero(known.on_platform)
         visit = known.visit[rows]
         lever = np.einsum("nij,nj->ni", known.poses.rest.rotation[visit], known.mounted_m[known.smr[rows]])
@@ -169,7 +166,7 @@ class Channels:
 
     def _floor(self, direction: str) -> Array:
         """The machine and all it carries moves as one; the nests do not."""
-        known = self.baseline
+        known = self.seen
         places = (known.position_m - known.frame.translation_m) @ known.frame.rotation
         column = COORDINATES.index(direction)
         out = (
@@ -181,7 +178,7 @@ class Channels:
         return np.asarray(out)
 
     def _station(self, direction: str) -> Array:
-        known = self.baseline
+        known = self.seen
         axis = np.eye(3)["xyz".index(direction[-1])]
         if direction.startswith("r"):
             return np.cross(axis, known.position_m)
@@ -189,7 +186,7 @@ class Channels:
 
     def _light(self, angle: str) -> Array:
         """An angle that is wrong by one radian a metre of distance."""
-        p = self.baseline.position_m
+        p = self.seen.position_m
         distance = np.linalg.norm(p, axis=1)[:, None]
         level = np.hypot(p[:, 0], p[:, 1])[:, None]
         if angle == "hz":

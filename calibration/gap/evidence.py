@@ -42,7 +42,7 @@ class Weighed:
 
 
 class Readout:
-    """Judges columns on one baseline; `taken`: whitened columns (n, 3, j) that are explained already, with their sizes."""
+    """Judges columns on one baseline, and on what is left of it once some columns belong to the model."""
 
     def __init__(self, baseline: Baseline) -> None:
         self.baseline = baseline
@@ -50,6 +50,13 @@ class Readout:
         self.left = baseline.apply(baseline.residual)
         self._q = baseline.q
         self._projected: dict[str, Array] = {}
+        self._responses: dict[str, Array] = {}
+
+    def response(self, channel: str) -> Array:
+        """Whitened response (n, 3) to one unit of a channel."""
+        if channel not in self._responses:
+            self._responses[channel] = self.baseline.whitened(self.channels.shift_m(channel))
+        return self._responses[channel]
 
     def given(self, columns: Array) -> Readout:
         """The readout once columns (n, 3, j), each times its prior standard deviation, belong to the model."""
@@ -62,7 +69,7 @@ class Readout:
         more = np.linalg.solve(upper.T, flat.T).T
         other._q = np.concatenate([self._q, more.reshape(n, 3, -1)], axis=2)
         other.left = self.left - (more @ (more.T @ self.baseline.residual.ravel())).reshape(n, 3)
-        other._projected = {}
+        other._projected, other._responses = {}, self._responses
         return other
 
     @property
@@ -79,36 +86,37 @@ class Readout:
         out = np.zeros((*self.left.shape, len(acts)))
         for k, act in enumerate(acts):
             for channel, shape in act:
-                out[:, :, k] += self.channels[channel] * shape[:, None]
+                out[:, :, k] += self.response(channel) * shape[:, None]
         return out
 
     def judge(self, acts: Sequence[Acts]) -> Judged:
         """Information and scores of columns, without ever building them."""
         count = len(acts)
-        by_channel: dict[str, tuple[list[int], list[Array]]] = {}
+        by_channel: dict[str, dict[int, Array]] = {}
         for k, act in enumerate(acts):
             for channel, shape in act:
-                numbers, shapes = by_channel.setdefault(channel, ([], []))
-                numbers.append(k)
-                shapes.append(shape)
+                shapes = by_channel.setdefault(channel, {})
+                shapes[k] = shapes[k] + shape if k in shapes else shape
         along = np.zeros((self._q.shape[2], count))
         score = np.zeros(count)
         information = np.zeros((count, count))
-        stacked = {channel: (np.array(k), np.stack(shapes, axis=1)) for channel, (k, shapes) in by_channel.items()}
+        stacked = {
+            channel: (list(found), np.stack(list(found.values()), axis=1)) for channel, found in by_channel.items()
+        }
         for channel, (numbers, shapes) in stacked.items():
-            response = self.channels[channel]
-            np.add.at(along.T, numbers, shapes.T @ self._projection(channel))
-            np.add.at(score, numbers, shapes.T @ np.sum(response * self.left, axis=1))
+            response = self.response(channel)
+            along[:, numbers] += self._projection(channel).T @ shapes
+            score[numbers] += np.sum(response * self.left, axis=1) @ shapes
             for other, (theirs, second) in stacked.items():
-                product = np.sum(response * self.channels[other], axis=1)
+                product = np.sum(response * self.response(other), axis=1)
                 if np.any(product):
-                    np.add.at(information, np.ix_(numbers, theirs), shapes.T @ (product[:, None] * second))
+                    information[np.ix_(numbers, theirs)] += shapes.T @ (product[:, None] * second)
         return Judged(information - along.T @ along, score)
 
     def _projection(self, channel: str) -> Array:
         """Rows (n, b): the channel's response along q."""
         if channel not in self._projected:
-            response = self.channels[channel]
+            response = self.response(channel)
             self._projected[channel] = np.einsum("nj,njb->nb", response, self._q)
         return self._projected[channel]
 
@@ -147,3 +155,11 @@ def weigh(judged: Judged, forms: Sequence[Form], low: float, high: float) -> lis
             covariance = (scaled * shrunk) @ scaled.T
             out[number] = Weighed(forms[number], float(evidence[row]), a, coefficients, covariance)
     return [w for w in out if w is not None]
+
+
+def log_evidence_of_sizes(judged: Judged, sizes: Array) -> Array:
+    """Logarithm (a,) of the evidence of all columns alike, with coefficients of each standard deviation (a,)."""
+    values, vectors = np.linalg.eigh(0.5 * (judged.information + judged.information.T))
+    along, square = vectors.T @ judged.score, sizes[:, None] ** 2
+    grown = 1.0 + square * np.maximum(values, 0.0)
+    return np.asarray(np.sum(0.5 * square * along**2 / grown - 0.5 * np.log(grown), axis=1))

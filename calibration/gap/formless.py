@@ -5,16 +5,18 @@ Where they explain more than the catalogue, the effect is unknown, and they say 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.effects.base import Forms, Setting
 from calibration.gap.channels import Channels
+from calibration.gap.evidence import Readout
 from calibration.gap.shapes import brownian, products, smooth
 from calibration.machine import Array
 
+WITHOUT_VISITS = ("light.", "station.", "floor.", "smr.")
 REST_S = 6.0
 SMALLEST_SIGMA, LARGEST_SIGMA = 0.5, 60.0
 
@@ -30,10 +32,12 @@ class Alternative:
     high: float
 
 
-def alternatives(setting: Setting, channels: Channels) -> Iterator[Alternative]:
-    """All of them but those of single visits."""
+def alternatives(setting: Setting, readout: Readout, tried: Collection[str]) -> Iterator[Alternative]:
+    """All of them but those of single visits; of the machine's channels only those that are to be tried."""
     shared = _shared(setting)
-    for group in _groups(setting, channels):
+    for group in _groups(setting, readout.channels):
+        if not group[0].startswith(WITHOUT_VISITS) and group[0] not in tried:
+            continue
         own = dict(shared)
         drive = _drive_of(setting, group[0])
         if drive is not None:
@@ -41,24 +45,24 @@ def alternatives(setting: Setting, channels: Channels) -> Iterator[Alternative]:
         elif group[0].startswith("length."):
             strut = setting.machine.strut_names.index(group[0].split(".")[1])
             own |= _of_drive(setting, max(int(setting.machine.strut_drive[strut]), 0))
-        elif group[0].startswith(("light.", "station.", "floor.")):
+        elif group[0].startswith(WITHOUT_VISITS):
             own = {"time": shared["time"]} | ({"place": _sight(setting)} if group[0].startswith("light") else {})
         for coordinate, shapes in own.items():
-            yield _alternative(channels, group, coordinate, shapes)
+            yield _alternative(readout, group, coordinate, shapes)
 
 
-def of_visits(setting: Setting, channels: Channels) -> Iterator[Alternative]:
+def of_visits(setting: Setting, readout: Readout) -> Iterator[Alternative]:
     """Every visit on its own: whatever a reading's visit has in common and no coordinate explains."""
     arrival = setting.moments.arrival
     each = (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
-    for group in _groups(setting, channels):
-        if not group[0].startswith(("light.", "station.", "floor.", "smr.")):
-            yield _alternative(channels, group, "visit", each)
+    for group in _groups(setting, readout.channels):
+        if not group[0].startswith(WITHOUT_VISITS):
+            yield _alternative(readout, group, "visit", each)
 
 
-def _alternative(channels: Channels, group: tuple[str, ...], coordinate: str, shapes: Array) -> Alternative:
+def _alternative(readout: Readout, group: tuple[str, ...], coordinate: str, shapes: Array) -> Alternative:
     f = Forms()
-    rms = [max(float(np.sqrt(np.mean(channels[c] ** 2))), 1e-300) for c in group]
+    rms = [max(float(np.sqrt(np.mean(readout.response(c) ** 2))), 1e-300) for c in group]
     # Each channel of a group in its own unit: relative to what one sigma of it is.
     columns = [k for c, r in zip(group, rms, strict=True) for k in f.add((c, shapes * (rms[0] / r)))]
     f.form(columns)

@@ -29,7 +29,7 @@ def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
     found: list[tuple[str, Array]] = []
 
     def add(channel: str, shapes: Array, label: str) -> None:
-        response = channels[channel]
+        response = bare.whitened(channels.shift_m(channel))
         for k in range(shapes.shape[1]):
             found.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
 

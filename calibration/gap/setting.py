@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from calibration.effects.base import Setting
+from calibration.gap.baseline import Seen
+from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
 
 
 def setting_of(readout: Readout) -> Setting:
     """The setting of a readout's readings; periods are searched in what it has left unexplained."""
-    known, machine = readout.baseline, readout.baseline.machine
-    visit = np.maximum(known.visit, 0)
-    force = known.poses.rest.force_n[:, : len(machine.strut_names)]
-    direction = known.poses.sensitivity.state.direction[:, : len(machine.strut_names)]
+    periodograms: dict[int, Periodogram] = {}
+
+    def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
+        if drive not in periodograms:
+            periodograms[drive] = periodogram(readout, drive)
+        return periodograms[drive].strongest(shortest_m, longest_m)
+
+    return setting_from(readout.baseline, readout.channels, periods)
+
+
+Periods = Callable[[int, float, float], list[tuple[float, float]]]
+
+
+def setting_from(seen: Seen, channels: Channels, periods: Periods) -> Setting:
+    """The setting of readings, with the forces of the modelled machine."""
+    machine, visit = seen.machine, np.maximum(seen.visit, 0)
+    force = seen.poses.rest.force_n[:, : len(machine.strut_names)]
+    direction = seen.poses.sensitivity.state.direction[:, : len(machine.strut_names)]
     if direction.shape[0] == 2:
         direction = np.concatenate([direction, np.zeros((1, *direction.shape[1:]))])
     drives = len(machine.drive_names)
     pull, moment = np.zeros((len(visit), drives, 3)), np.zeros((len(visit), drives))
-    joints = known.poses.geometry.base_joint_m
+    joints = seen.poses.geometry.base_joint_m
     for a in range(drives):
         struts = np.flatnonzero(machine.strut_drive == a)
         middle = joints[struts].mean(axis=0) if struts.size else np.zeros(3)
@@ -28,28 +46,21 @@ def setting_of(readout: Readout) -> Setting:
             on_slider = (force[:, i] * direction[:, i])[:, visit].T
             pull[:, a] += on_slider
             moment[:, a] += np.cross(np.broadcast_to(joints[i] - middle, on_slider.shape), on_slider)[:, 2]
-    periodograms: dict[int, Periodogram] = {}
-
-    def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        if drive not in periodograms:
-            periodograms[drive] = periodogram(readout, drive)
-        return periodograms[drive].strongest(shortest_m, longest_m)
-
     return Setting(
         machine=machine,
-        moments=known.moments,
+        moments=seen.moments,
         tension_n=force[visit],
         pull_n=pull,
         moment_nm=moment,
-        sight_m=known.position_m,
-        channels=readout.channels.names,
+        sight_m=seen.position_m,
+        channels=channels.names,
         periods=periods,
     )
 
 
 def periodogram(readout: Readout, drive: int) -> Periodogram:
     """Periodogram of what is left over a drive's coordinate."""
-    response = readout.channels[f"travel.{readout.baseline.machine.drive_names[drive]}"]
+    response = readout.response(f"travel.{readout.baseline.machine.drive_names[drive]}")
     rows = np.flatnonzero(readout.baseline.visit >= 0)
     score = np.sum(response * readout.left, axis=1)[rows]
     information = float(np.sum(response[rows] ** 2))

@@ -1,0 +1,249 @@
+"""The diagnosis of a recording: a pure function of its readings and its nominal machine (docs/diagnosis.md)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.gap import location, shrink
+from calibration.gap.baseline import Baseline, baseline_of
+from calibration.gap.evidence import Readout, log_evidence_of_sizes
+from calibration.gap.formless import SMALLEST_SIGMA, Alternative, of_visits
+from calibration.gap.next_measurement import candidates
+from calibration.gap.result import (
+    NONE,
+    UNKNOWN,
+    Clue,
+    Diagnosis,
+    FoundEffect,
+    GapFigures,
+    Quantity,
+    VisitGaps,
+    Withheld,
+)
+from calibration.gap.search import Cause, Explanation, Formless, explain, taken, tested
+from calibration.gap.setting import setting_of
+from calibration.gap.twin import Twin
+from calibration.gap.verdict import probabilities
+from calibration.machine import Array
+from calibration.recording import Recording
+
+EQUIVALENT_SIGMA = 0.3
+COMPARED = 6  # effects that come next in the ranking are held against the first
+NO_MORE_THAN = 3.0  # of log evidence below the most likely size: 95 % for a flat prior of the logarithm
+CLUES = 4
+SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated
+INSIDE = {"smr_offset": "mounting.", "joint_spacing": ("platform_joint.", "base_joint."), "link_self_weight": "weight."}
+
+
+def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagnosis:
+    """Where the gap of a recording lies, which effect causes it, how far it shrinks. InputError where it is not fit."""
+    return diagnose_and_add(recording, catalogue)[0]
+
+
+def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
+    """The diagnosis, and the machine's twin: the fitted model with the effects that were found."""
+    catalogue = catalogue or load_catalogue()
+    baseline = baseline_of(recording)
+    readout = Readout(baseline)
+    setting = setting_of(readout)
+    effects, not_tested = tested(setting, catalogue)
+    found = explain(readout, setting, effects)
+    ranking = probabilities(found)
+    verdict = max(ranking, key=lambda name: ranking[name])
+    named = verdict not in (NONE, UNKNOWN)
+    causes = _main_first(found.causes, verdict) if named else ()
+    after = found.readouts[-1] if named else readout
+    region = shrink.regions(baseline)
+    before_left = shrink.withheld(readout, region)
+    after_left = shrink.withheld(after, region) if causes else before_left
+    truth = _with_safeguards(found, after)
+    field = shrink.field(truth, before_left, after_left)
+    gap = shrink.figures(field) if causes else _unchanged(shrink.figures(field))
+    equivalent, matters = _equivalents(found, readout, verdict) if named else ((), 0.0)
+    diagnosis = Diagnosis(
+        campaign=recording.file.campaign,
+        verdict=verdict,
+        equivalent=equivalent,
+        matters_m=matters * field.noise_m,
+        effects=tuple(_found(cause, ranking, readout, after) for cause in causes),
+        ranking=ranking,
+        where=location.shares(readout, field),
+        gap=gap,
+        not_tested=not_tested,
+        hidden_m=_hidden_m(after, setting_of(after), field.noise_m),
+        inside_geometry=_inside_geometry(baseline),
+        clues=_clues(found) if verdict == UNKNOWN else (),
+        next_measurement=candidates(found, ranking, equivalent, not_tested),
+        withheld=_withheld(baseline, readout, before_left, after, after_left, field),
+        visits=_visits(baseline, field),
+        spectra=location.spectra(readout),
+        remarks=_remarks(found, verdict),
+    )
+    return diagnosis, Twin.of(baseline, causes, setting)
+
+
+def _main_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
+    return tuple(sorted(causes, key=lambda cause: cause.effect.name != verdict))
+
+
+def _unchanged(figures: GapFigures) -> GapFigures:
+    """Nothing is added, nothing shrinks."""
+    return GapFigures(figures.before_m, figures.before_m, figures.noise_floor_m, 0.0, (0.0, 0.0), figures.withheld)
+
+
+def _with_safeguards(found: Explanation, after: Readout) -> Readout:
+    """The readout by which the truth is estimated: with what form-free alternatives may add, as far as they say."""
+    pool = found.formless if after is found.readouts[-1] and found.causes else found.alone or found.formless
+    for formless in pool[:SAFEGUARDS]:
+        after = taken(after, formless)
+    return after
+
+
+def _equivalents(found: Explanation, readout: Readout, verdict: str) -> tuple[tuple[str, ...], float]:
+    """Effects whose prediction, calibration fitted again, is that of the first to 0.3 sigma; the largest difference."""
+    first = next((c for c in found.causes if c.effect.name == verdict), None)
+    if first is None:
+        return (), 0.0
+    signal = np.einsum("nwk,k->nw", readout.columns(first.acts), first.best.coefficients)
+    names, most = [], 0.0
+    for other in [c for c in found.ranking if c.effect.name != verdict][:COMPARED]:
+        left = taken(readout, other).apply(signal[:, :, None])[:, :, 0]
+        apart = _platform_rms(readout.baseline, left)
+        if apart < EQUIVALENT_SIGMA:
+            names.append(other.effect.name)
+            most = max(most, apart)
+    return tuple(names), most
+
+
+def _platform_rms(baseline: Baseline, whitened: Array) -> float:
+    """RMS in sigma over the moving coordinates of the platform's readings."""
+    moves = int(np.sum(baseline.machine.dof < 3))
+    rows = baseline.on_platform
+    return float(np.sqrt(np.sum(whitened[rows] ** 2) / (moves * max(int(rows.sum()), 1))))
+
+
+def _found(cause: Cause, ranking: dict[str, float], readout: Readout, after: Readout) -> FoundEffect:
+    best, effect = cause.best, cause.effect
+    main = [i for i, relative in enumerate(best.form.relative) if relative >= 1.0]
+    value = float(best.coefficients[main[0]])
+    u = float(np.sqrt(best.covariance[main[0], main[0]]))
+    if len(main) > 1:  # several columns share the size: its amplitude
+        some = best.coefficients[main]
+        value = float(np.linalg.norm(some))
+        direction = some / max(value, 1e-300)
+        u = float(np.sqrt(direction @ best.covariance[np.ix_(main, main)] @ direction))
+    signal = np.einsum("nwk,k->nw", readout.columns(cause.acts), best.coefficients)
+    known = {p.name: p for p in effect.others}
+    others = tuple(
+        Quantity(name, at, _u_of_parameter(name, at), known[name].unit)
+        for name, at in best.form.parameters.items()
+        if name in known
+    )
+    return FoundEffect(
+        effect=effect.name,
+        place=cause.place,
+        size=Quantity(effect.size.name, value, u, effect.size.unit),
+        probability=ranking.get(effect.name, 0.0) if cause is not None else 0.0,
+        place_probability=cause.places[cause.place],
+        raw_sigma=_platform_rms(readout.baseline, signal),
+        visible_sigma=_platform_rms(readout.baseline, readout.apply(signal[:, :, None])[:, :, 0]),
+        others=others,
+    )
+
+
+def _u_of_parameter(name: str, at: float) -> float:
+    """Forms are tried at steps: half a step is what is not told apart."""
+    return 0.002 * at if name == "period_m" else 0.3 * at if name == "tau_s" else 120.0
+
+
+def _hidden_m(after: Readout, setting: object, noise_m: float) -> float:
+    """Largest RMS, per coordinate, of something at the platform in single visits that the readings still allow."""
+    most = 0.0
+    for alternative in of_visits(setting, after):  # type: ignore[arg-type]
+        if alternative.channel.startswith("pose."):
+            most = max(most, _largest(after, alternative))
+    return most * noise_m
+
+
+def _largest(after: Readout, alternative: Alternative) -> float:
+    """Size in sigma below which 95 % of the evidence lies."""
+    judged = after.judge(alternative.forms.acts)
+    sizes = np.geomspace(0.02, 20.0, 40) * alternative.low / SMALLEST_SIGMA
+    logs = log_evidence_of_sizes(judged, sizes)
+    weights = np.exp(logs - logs.max())
+    below = np.cumsum(weights) / np.sum(weights)
+    return float(sizes[int(np.searchsorted(below, 0.95))] * SMALLEST_SIGMA / alternative.low)
+
+
+def _inside_geometry(baseline: Baseline) -> dict[str, float]:
+    """RMS of the fitted deviations, by what they stand for, in m."""
+    flat = baseline.columns.reshape(-1, baseline.columns.shape[2])
+    coefficients = flat.T @ baseline.apply(baseline.residual).ravel()
+    values = coefficients[: len(baseline.sigma)] * baseline.sigma
+    out = {}
+    for name, prefixes in INSIDE.items():
+        rows = [i for i, unknown in enumerate(baseline.names[: len(values)]) if unknown.startswith(prefixes)]
+        out[name] = float(np.sqrt(np.mean(values[rows] ** 2))) if rows else 0.0
+    return out
+
+
+def _clues(found: Explanation) -> tuple[Clue, ...]:
+    """Where an unknown effect lives: channels and coordinates by what they explain, over the best."""
+    pool: list[Formless] = [f for f in (*found.alone, *found.formless) if f.log_evidence > 0.0]
+    pool.sort(key=lambda f: -f.log_evidence)
+    seen: dict[tuple[str, str], Clue] = {}
+    for f in pool:
+        key = (f.alternative.channel, f.alternative.coordinate)
+        seen.setdefault(key, Clue(*key, f.log_evidence / pool[0].log_evidence))
+    return tuple(seen.values())[:CLUES]
+
+
+def _withheld(
+    baseline: Baseline, readout: Readout, before: Array, after_readout: Readout, after: Array, field: shrink.Field
+) -> Withheld:
+    return Withheld(
+        baseline.rows[field.rows],
+        shrink.predicted_m(readout, before)[field.rows],
+        shrink.predicted_m(after_readout, after)[field.rows],
+    )
+
+
+def _visits(baseline: Baseline, field: shrink.Field) -> VisitGaps:
+    """Mean gap of the platform's reflectors at each visit."""
+    visit = baseline.visit[field.rows]
+    numbers, first, of = np.unique(visit, return_index=True, return_inverse=True)
+    count = np.bincount(of)[:, None]
+    moves = baseline.machine.dof[baseline.machine.dof < 3]
+
+    def mean(values: Array) -> Array:
+        out = np.zeros((len(numbers), 3))
+        for k, c in enumerate(moves):
+            out[:, c] = np.bincount(of, values[:, k])
+        return out / count
+
+    head = field.rows[first]
+    m = baseline.moments
+    return VisitGaps(
+        tool_m=baseline.poses.tool_m()[numbers],
+        before_m=mean(field.before),
+        after_m=mean(field.after),
+        t_rig_s=m.t_s[head],
+        drives=m.drives[head],
+        direction=m.direction[head],
+        payload_kg=m.payload_kg[head],
+        dwell_s=m.dwell_s[head],
+    )
+
+
+def _remarks(found: Explanation, verdict: str) -> tuple[str, ...]:
+    out = []
+    if verdict not in (NONE, UNKNOWN) and found.excess > 10.0:
+        f = found.formless[0].alternative
+        out.append(
+            f"the effect's form is not exact: something at {f.channel} that depends on {f.coordinate} remains "
+            f"({found.excess:.0f} of log evidence, {found.log_evidence:.0f} explained)"
+        )
+    if verdict not in (NONE, UNKNOWN) and not any(c.effect.name == verdict for c in found.causes):
+        out.append("the most probable single effect is not among those that together explain most")
+    return tuple(out)

@@ -1,0 +1,205 @@
+"""Which causes the readings speak for: every effect of the catalogue at every place, and form-free alternatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from scipy.special import logsumexp
+
+from calibration.effects.base import Acts, Effect, Setting
+from calibration.effects.catalogue import Catalogue
+from calibration.gap.evidence import Readout, Weighed, weigh
+from calibration.gap.formless import Alternative, alternatives, of_visits
+from calibration.machine import Array
+
+MOST_CAUSES = 3
+SEEN = 8.0  # of log evidence: below it nothing is taken into the model
+LEAST_SHARE = 0.012  # of what is explained already, that a further cause must add
+LEAST_SHARE_NEARBY = 0.06  # the same where it could be what the former one's form leaves
+FURTHER, FURTHER_SHARE = 10.0, 0.02  # what every further cause costs: several together mimic much that is one
+WORTH_A_LOOK = 4.0  # of log evidence that is left: below it nothing more is searched for
+CHANNELS_TRIED = 4  # form-free alternatives are tried where single visits stand out most
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect as far as the readings speak for it: over all its places and forms, and at its best.
+
+    log_evidence: over `none`, natural logarithm. places: probability of each, given the effect. acts: columns of the best
+    form, in the order of its coefficients.
+    """
+
+    effect: Effect
+    log_evidence: float
+    places: dict[str, float]
+    place: str
+    best: Weighed
+    acts: tuple[Acts, ...]
+
+    @property
+    def deviations(self) -> Array:
+        """Prior standard deviations (k,) of the best form's coefficients."""
+        return self.best.size * np.array(self.best.form.relative)
+
+
+@dataclass(frozen=True)
+class Formless:
+    """A form-free alternative that was weighed."""
+
+    alternative: Alternative
+    log_evidence: float
+    best: Weighed
+    acts: tuple[Acts, ...]
+
+    @property
+    def deviations(self) -> Array:
+        """Prior standard deviations (k,) of its coefficients."""
+        return self.best.size * np.array(self.best.form.relative)
+
+
+def weigh_effects(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> list[Cause]:
+    """All effects, the likeliest first; those without any form at any place are left out."""
+    found = [cause for effect in effects if (cause := _weighed(readout, setting, effect)) is not None]
+    return sorted(found, key=lambda cause: -cause.log_evidence)
+
+
+def _weighed(readout: Readout, setting: Setting, effect: Effect) -> Cause | None:
+    names = effect.places(setting.machine)
+    found: list[tuple[float, str, Weighed, tuple[Acts, ...]]] = []
+    for index, name in enumerate(names):
+        forms = effect.forms(setting, index)
+        if not forms.forms:
+            continue
+        weighed = weigh(readout.judge(forms.acts), forms.forms, effect.size.low, effect.size.high)
+        weights = np.array([w.form.weight for w in weighed])
+        # Weights that add up to less than one leave the rest to forms that were not worth listing.
+        weights /= max(1.0, float(weights.sum()))
+        logs = np.array([w.log_evidence for w in weighed])
+        best = weighed[int(np.argmax(logs + np.log(weights)))]
+        acts = tuple(forms.acts[c] for c in best.form.columns)
+        found.append((float(logsumexp(logs, b=weights)) - float(np.log(len(names))), name, best, acts))
+    if not found:
+        return None
+    total = float(logsumexp([log for log, *_ in found]))
+    places = {name: float(np.exp(log - total)) for log, name, *_ in found}
+    _, name, best, acts = max(found, key=lambda entry: entry[0])
+    return Cause(effect, total, places, name, best, acts)
+
+
+def weigh_formless(readout: Readout, setting: Setting) -> list[Formless]:
+    """Form-free alternatives, the likeliest first: every visit on its own, then coordinates where that says most."""
+    visits = [_formless(readout, a) for a in of_visits(setting, readout)]
+    visits.sort(key=lambda f: -f.log_evidence)
+    tried = {f.alternative.channel for f in visits[:CHANNELS_TRIED]}
+    rest = [_formless(readout, a) for a in alternatives(setting, readout, tried)]
+    return sorted(chain(visits, rest), key=lambda f: -f.log_evidence)
+
+
+def _formless(readout: Readout, a: Alternative) -> Formless:
+    weighed = weigh(readout.judge(a.forms.acts), a.forms.forms, a.low, a.high)[0]
+    return Formless(a, weighed.log_evidence, weighed, tuple(a.forms.acts))
+
+
+def taken(readout: Readout, cause: Cause | Formless) -> Readout:
+    """The readout once a cause, in its best form, belongs to the model."""
+    return readout.given(readout.columns(cause.acts) * cause.deviations)
+
+
+def tested(setting: Setting, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
+    """The effects that the campaign can show, and why not by name of the others."""
+    reasons = {effect.name: effect.untested(setting) for effect in catalogue.effects}
+    can = [effect for effect in catalogue.effects if reasons[effect.name] is None]
+    return can, {name: reason for name, reason in reasons.items() if reason is not None}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What the readings are explained by.
+
+    ranking: all effects alone, the likeliest first. causes: effects of the catalogue that together explain most; readouts:
+    before any of them and after each. log_evidence: of the causes together over `none`, less what
+    more than one of them costs; excess: by how much the best
+    form-free alternative, alone or on top of them, says more. formless: what is left to form-free alternatives on top of
+    the causes; alone: form-free alternatives without any cause (empty where not needed).
+    """
+
+    ranking: tuple[Cause, ...]
+    causes: tuple[Cause, ...]
+    readouts: tuple[Readout, ...]
+    setting: Setting
+    log_evidence: float
+    excess: float
+    formless: tuple[Formless, ...]
+    alone: tuple[Formless, ...]
+
+
+def explain(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> Explanation:
+    """Take effects of the catalogue into the model as long as they tell more than a size alone may; then look what is left."""
+    ranking = weigh_effects(readout, setting, effects)
+    readouts, causes, total, best = [readout], [], 0.0, 0.0
+    left: list[Formless] = []
+    candidates = ranking
+    while candidates and len(causes) < MOST_CAUSES:
+        gain = candidates[0].log_evidence
+        nearby = any(_near(setting, candidates[0], cause) for cause in causes)
+        if gain < max(SEEN, (LEAST_SHARE_NEARBY if nearby else LEAST_SHARE) * total):
+            break
+        causes.append(candidates[0])
+        total += gain
+        readouts.append(taken(readouts[-1], candidates[0]))
+        left = weigh_formless(readouts[-1], setting)
+        best = max(best, total + left[0].log_evidence)
+        if left[0].log_evidence < WORTH_A_LOOK:
+            break
+        candidates = weigh_effects(readouts[-1], setting, effects)
+    alone: list[Formless] = []
+    if best - total > WORTH_A_LOOK or not causes:
+        alone = weigh_formless(readout, setting)
+        best = max(best, alone[0].log_evidence)
+        left = left or alone
+    if len(causes) > 1:
+        causes, readouts = _in_order(readout, setting, causes)
+        total -= (len(causes) - 1) * (FURTHER + FURTHER_SHARE * total)
+    return Explanation(
+        tuple(ranking),
+        tuple(causes),
+        tuple(readouts),
+        setting,
+        total,
+        max(best - total, 0.0),
+        tuple(left),
+        tuple(alone),
+    )
+
+
+def _near(setting: Setting, one: Cause, other: Cause) -> bool:
+    """Whether two causes live at the same part of the machine, or are the same effect."""
+    machine = setting.machine
+
+    def drives(cause: Cause) -> set[int]:
+        if cause.effect.place == "drive":
+            return {machine.drive_names.index(cause.place)}
+        if cause.effect.place == "strut":
+            return {int(machine.strut_drive[machine.strut_names.index(cause.place)])}
+        return set()
+
+    return one.effect.name == other.effect.name or bool(drives(one) & drives(other))
+
+
+def _in_order(readout: Readout, setting: Setting, causes: list[Cause]) -> tuple[list[Cause], list[Readout]]:
+    """Each cause in the form that is best once the others belong to the model, the strongest first."""
+    again = []
+    for number, cause in enumerate(causes):
+        without = readout
+        for other, there in enumerate(causes):
+            if other != number:
+                without = taken(without, again[other] if other < number else there)
+        again.append(weigh_effects(without, setting, [cause.effect])[0])
+    again.sort(key=lambda cause: -cause.log_evidence)
+    readouts = [readout]
+    for cause in again:
+        readouts.append(taken(readouts[-1], cause))
+    return again, readouts

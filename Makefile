@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study bench faults peers latency overhead clean
+.PHONY: demo test lint demo-check rig-study withheld bench faults peers latency overhead clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig calibrate
@@ -41,6 +41,11 @@ demo-check: $(VENV)/run.stamp
 rig-study: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.rig_study $(if $(PROCESSES),--processes $(PROCESSES)) \
 		$(if $(RIGS),--rigs $(RIGS),--picture docs/images/estimators.png)
+
+# The diagnosis on withheld cases, sealed (docs/withheld.md): seed of the operating system, final variants, one line in
+# the committed log. N=60 for a first look; SEED=1 is for development: no final variants, no log. Stopped, it goes on.
+withheld: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.withheld.run $(if $(SEED),--seed $(SEED),--final) $(if $(N),--n $(N))
 
 # Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/benchmarks.md). QUICK=1 for a check that it runs.
 # Both are run whatever becomes of the first; the status tells of goals that were missed.

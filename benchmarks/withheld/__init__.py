@@ -1,0 +1,1 @@
+"""Checks a diagnosis on data whose truth is withheld (docs/withheld.md)."""

@@ -1,0 +1,180 @@
+"""What simple methods say of a recording: they must lose. Nothing of the diagnosis is used.
+
+Each effect has signatures: what a quantity that follows it looks like over the visits (side of approach, time,
+drive coordinate, load ...). `nearest_residual` takes the effect whose signature correlates best with the residuals of
+the ordinary identification; `greedy_bic` adds signatures to the nominal machine in a fitted frame as long as BIC
+falls. `form_free` only says whether residuals are structured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.frame import station_frame
+from calibration.identification import identify
+from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.model import Model
+from calibration.parameters import ParameterSet
+from calibration.recording import Recording
+from calibration.report_frame import fit_report_frame
+from calibration.visits import Visits
+
+Array = NDArray[np.float64]
+
+NONE, UNKNOWN = "none", "unknown"
+CORRELATED = 0.22  # about four standard deviations of chance over 240 visits
+STRUCTURED = 1.35  # residual over stated noise: what drift and other nuisance leave stays below, mostly
+PERIODS_M = (0.005, 0.01, 0.02, 0.04)
+FINE_PERIODS_M = (1e-4, 2e-4, 4e-4, 1e-3)
+
+
+def simple_answers(recording: Recording, without: tuple[str, ...] = ()) -> dict[str, str]:
+    """A verdict by method."""
+    seen, station = _seen(recording)
+    signs = {name: columns for name, columns in signatures(recording, seen).items() if name not in without}
+    fitted = _per_reflector(seen, _after_identification(recording, seen, station))
+    plain = _per_reflector(seen, _after_frame(recording, seen, station))
+    structured = float(np.sqrt(np.mean(fitted**2))) > STRUCTURED
+    return {
+        "nearest_residual": nearest(fitted, signs) if structured else NONE,
+        "greedy_bic": greedy_bic(plain, signs),
+        "form_free": UNKNOWN if structured else NONE,
+    }
+
+
+def residuals_after_identification(recording: Recording) -> Array:
+    """Whitened residuals (r, 3), model minus measured, of all readings but the nests'."""
+    seen, station = _seen(recording)
+    return _after_identification(recording, seen, station)
+
+
+def nearest(residual: Array, signs: dict[str, list[Array]]) -> str:
+    """Effect of the signature that correlates best with any residual (v, k), or none."""
+    size = np.linalg.norm(residual - residual.mean(axis=0), axis=0)
+    best, found = CORRELATED, NONE
+    for name, columns in signs.items():
+        for column in columns:
+            s = column - column.mean()
+            norm = np.linalg.norm(s)
+            if norm > 0.0:
+                score = float(np.max(np.abs(s @ (residual - residual.mean(axis=0))) / (norm * size)))
+                if score > best:
+                    best, found = score, name
+    return found
+
+
+def greedy_bic(residual: Array, signs: dict[str, list[Array]]) -> str:
+    """First effect that is taken up, or none if BIC does not fall."""
+    n = residual.size
+    centred = residual - residual.mean(axis=0)
+    base = float(n * np.log(np.sum(centred**2) / n))
+    best, found = base, NONE
+    for name, columns in signs.items():
+        for column in columns:
+            s = column - column.mean()
+            power = float(s @ s)
+            if power > 0.0:
+                left = np.sum(centred**2) - np.sum((s @ centred) ** 2) / power
+                bic = float(n * np.log(left / n) + residual.shape[1] * np.log(n))
+                if bic < best:
+                    best, found = bic, name
+    return found
+
+
+def signatures(recording: Recording, seen: Observations) -> dict[str, list[Array]]:
+    """Columns (v,) over the visits by effect."""
+    _, head = np.unique(seen.visit, return_index=True)
+    rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")[head]
+    t = recording["t_rig_s"][rows]
+    x = (t - t[0]) / max(float(np.ptp(t)), 1.0)
+    load, dwell = recording["payload_mass_kg"][rows], recording["dwell_s"][rows]
+    speed, q = recording["speed_m_per_s"][rows], recording.drives("actual_m")[rows]
+    side, velocity = recording.drives("direction")[rows], recording.drives("velocity_m_per_s")[rows]
+    u = (q - q.mean(axis=0)) / np.maximum(np.ptp(q, axis=0), 1e-9)
+    parts = recording.temperatures_c()
+    drives = range(q.shape[1])
+    exchanges = np.cumsum(np.abs(np.diff(load, prepend=load[0])) > 0.0).astype(float)
+
+    def waves(a: int, periods_m: tuple[float, ...]) -> list[Array]:
+        return [f(2.0 * np.pi * q[:, a] / p) for p in periods_m for f in (np.sin, np.cos)]
+
+    return {
+        "backlash": [side[:, a] for a in drives],
+        "friction_windup": [side[:, a] * (1.0 + load / 400.0) for a in drives],
+        "servo_settling": [side[:, a] * speed * np.exp(-dwell / tau) for a in drives for tau in (1.0, 3.0, 9.0)],
+        "latency": [velocity[:, a] for a in drives],
+        "axis_coupling": [u[:, a] * u[:, 1 - a] for a in drives] if len(drives) == 2 else [],
+        "screw_cumulative_error": [f for a in drives for f in (u[:, a] ** 2, u[:, a] ** 3)],
+        "screw_periodic_error": [w for a in drives for w in waves(a, PERIODS_M)],
+        "encoder_interpolation": [w for a in drives for w in waves(a, FINE_PERIODS_M)],
+        "guide_straightness": [w for a in drives for w in waves(a, (0.3, 0.6, 1.2))],
+        "guide_angular": [u[:, a] ** 4 for a in drives],
+        "column_compliance": [load * u[:, a] for a in drives],
+        "link_stiffness": [load],
+        "joint_clearance": [np.sign(u[:, a]) * (load > 0.0) for a in drives],
+        "link_thermal_growth": [1.0 - np.exp(-3.0 * x), parts.get("struts", t)[rows] if "struts" in parts else x],
+        "column_thermal_growth": [(1.0 - np.exp(-3.0 * x)) * u[:, a] for a in drives],
+        "screw_thermal_growth": [x * u[:, a] for a in drives],
+        "foundation_settling": [1.0 * (x > onset) for onset in (0.3, 0.5, 0.7)],
+        "tracker_drift": [x],
+        "refraction": [u[:, 0] * np.abs(u[:, 0])],
+        "smr_reseat": [exchanges % 2.0, *(1.0 * (x > onset) for onset in (0.25, 0.4, 0.6))],
+    }
+
+
+def _seen(recording: Recording) -> tuple[Observations, Station]:
+    machine = recording.machine
+    rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")
+    names = [s.name for s in machine.smrs]
+    smr = np.array([names.index(str(name)) for name in recording["smr"][rows]], dtype=np.intp)
+    _, head, visit = np.unique(recording["visit"][rows], return_index=True, return_inverse=True)
+    first = rows[head]
+    visits = Visits(
+        drives=recording.drives("actual_m")[first],
+        target_m=recording.targets_m()[first],
+        payload_kg=recording["payload_mass_kg"][first],
+        payload_com_m=recording.payload_com_m()[first],
+        temperatures_c={name: values[first] for name, values in recording.temperatures_c().items()},
+    )
+    seen = Observations(visits, visit.astype(np.intp), smr, recording.positions_m[rows], recording.covariances_m2[rows])
+    entry = recording.file.station
+    frame = fit_report_frame(machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
+    accuracy = entry.accuracy
+    smrs = tuple(sorted(set(smr.tolist())))
+    return seen, Station(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u)
+
+
+def _after_identification(recording: Recording, seen: Observations, station: Station) -> Array:
+    """Whitened residuals (r, 3) of the ordinary identification."""
+    model = Model(ParameterSet.of(recording.machine))
+    readings = SmrPositions(seen, station)
+    fit = identify(model, seen.visits, [readings])
+    own = fit.unknowns[len(model) :]
+    return readings.compare(fit.predict(seen.visits), seen.visit[:, None], own, derivatives=False).residual
+
+
+def _after_frame(recording: Recording, seen: Observations, station: Station) -> Array:
+    """Whitened residuals (r, 3) of the nominal machine, frame and reflectors fitted, geometry not."""
+    model = Model(ParameterSet.of(recording.machine))
+    readings = SmrPositions(seen, station)
+    poses = model.predict(np.zeros(len(model)), seen.visits, seen.visits.target_m)
+    unknowns = station.unknowns(recording.machine)
+    own = np.zeros(len(unknowns))
+    prior = np.array([1.0 / u.sigma for u in unknowns])
+    for _ in range(2):
+        compared = readings.compare(poses, seen.visit[:, None], own)
+        jacobian = np.concatenate([compared.by_own.reshape(-1, len(own)), np.diag(prior)])
+        rest = np.concatenate([compared.residual.ravel(), prior * own])
+        own = own - np.linalg.lstsq(jacobian, rest, rcond=None)[0]
+    return readings.compare(poses, seen.visit[:, None], own, derivatives=False).residual
+
+
+def _per_reflector(seen: Observations, residual: Array) -> Array:
+    """One row a visit: residuals (v, k) of every reflector's coordinates; a reading that is missing is zero."""
+    smrs = sorted(set(seen.smr.tolist()))
+    out = np.zeros((len(seen.visits), 3 * len(smrs)))
+    for column, smr in enumerate(smrs):
+        rows = np.flatnonzero(seen.smr == smr)
+        out[seen.visit[rows], 3 * column : 3 * column + 3] = residual[rows]
+    return out

@@ -1,0 +1,100 @@
+"""Which cases a run consists of: slots by kind, effect and size, the same list for every run of one length."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from mock_devices.effects import CATALOGUE, OUTSIDE
+from mock_devices.settings import Nuisance
+
+FULL = {
+    "effect": 740,
+    "null": 1000,
+    "pair": 150,
+    "outside": 150,
+    "removed": 150,
+    "platform_only": 300,
+    "next": 200,
+}
+DECOYS = 150  # cases of other kinds whose catalogue lacks a name that is not the true one
+BATCH = 40
+
+RAW_OF_EFFECT = (3.0, 5.0, 3.0, 5.0, 3.0, 1.0, 5.0, 3.0)
+RAW_OF_OUTSIDE = (3.0, 3.0, 5.0, 3.0, 1.0)
+RAW_TO_FIND = (3.0, 5.0)
+
+# What each rig declares and really has, one standard deviation each (docs/recording.md).
+PROFILES: dict[str, Nuisance] = {
+    "small": Nuisance(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01),
+    "drifting": Nuisance(drift_m=1.5e-5, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.02),
+    "reseating": Nuisance(drift_m=3e-6, reseat_m=6e-6, reversal_m=5e-7, temperature_k=0.02),
+    "reversing": Nuisance(drift_m=3e-6, reseat_m=1e-6, reversal_m=4e-6, temperature_k=0.02),
+    "warm": Nuisance(drift_m=5e-6, reseat_m=2e-6, reversal_m=1e-6, temperature_k=0.15),
+}
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A case to be made. effects: names, empty for null; raw: their sizes in sigma; profile: '' draws one."""
+
+    key: str
+    kind: str
+    effects: tuple[str, ...] = ()
+    raw: tuple[float, ...] = ()
+    profile: str = ""
+    decoy: bool = False
+
+
+def counts(n: int) -> dict[str, int]:
+    """Cases by kind of a run of about n cases; n = 0 is the full run."""
+    full = sum(FULL.values())
+    share = n / full if n else 1.0
+    return {kind: max(1, round(count * share)) for kind, count in FULL.items()}
+
+
+def plan(n: int = 0, kinds: Collection[str] = ()) -> list[Slot]:
+    """All slots of a run; `kinds` keeps some kinds only."""
+    slots: list[Slot] = []
+    for kind, count in counts(n).items():
+        if not kinds or kind in kinds:
+            slots += [_slot(kind, i) for i in range(count)]
+    share = len(slots) / sum(FULL.values())
+    return _with_decoys(slots, round(DECOYS * share))
+
+
+def drawn_order(slots: list[Slot], rng: np.random.Generator) -> list[Slot]:
+    """The slots in a random order: a batch's place tells nothing of its cases."""
+    return [slots[int(k)] for k in rng.permutation(len(slots))]
+
+
+def _slot(kind: str, i: int) -> Slot:
+    key = f"{kind}-{i}"
+    names, turn = CATALOGUE, i // len(CATALOGUE)
+    name = names[i % len(names)]
+    if kind == "null":
+        return Slot(key, kind, profile=list(PROFILES)[i % len(PROFILES)])
+    if kind == "pair":
+        step = 1 + turn % (len(names) - 1)  # every effect with another partner each time round
+        other = names[(i + step * 7) % len(names)]
+        if other == name:
+            other = names[(i + 1) % len(names)]
+        sizes = (RAW_TO_FIND[i % 2], RAW_TO_FIND[turn % 2])
+        return Slot(key, kind, (name, other), sizes)
+    if kind == "outside":
+        turn = i // len(OUTSIDE)
+        return Slot(key, kind, (OUTSIDE[i % len(OUTSIDE)],), (RAW_OF_OUTSIDE[turn % len(RAW_OF_OUTSIDE)],))
+    if kind == "effect":
+        return Slot(key, kind, (name,), (RAW_OF_EFFECT[turn % len(RAW_OF_EFFECT)],))
+    return Slot(key, kind, (name,), (RAW_TO_FIND[(turn + i) % 2],))
+
+
+def _with_decoys(slots: list[Slot], count: int) -> list[Slot]:
+    """Spread decoys evenly over effect and null cases."""
+    able = [k for k, slot in enumerate(slots) if slot.kind in ("effect", "null")]
+    if not able or not count:
+        return slots
+    chosen = {able[int(k)] for k in np.linspace(0, len(able) - 1, min(count, len(able)))}
+    return [Slot(s.key, s.kind, s.effects, s.raw, s.profile, True) if k in chosen else s for k, s in enumerate(slots)]

@@ -1,0 +1,54 @@
+"""On which coordinate each effect of the plant truly depends (docs/mock-effects.md), as kinds of shares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+KINDS = ("direction", "load", "speed", "dwell", "time", "temperature", "period", "drive", "region")
+
+# By effect, or by effect and variant where a variant has another one. More than one: the effect is their product.
+_TRUE: dict[str, tuple[str, ...]] = {
+    "link_thermal_growth": ("time",),
+    "link_thermal_growth/lagging": ("time", "temperature"),
+    "column_thermal_growth": ("time",),
+    "column_thermal_growth/lagging": ("time", "temperature"),
+    "screw_thermal_growth": ("time", "drive"),
+    "backlash": ("direction",),
+    "friction_windup": ("direction", "load"),
+    "column_compliance": ("load", "drive"),
+    "link_stiffness": ("load", "drive"),
+    "joint_clearance": ("load", "drive", "region"),
+    "joint_clearance/gravity_seated": ("drive",),
+    "screw_cumulative_error": ("drive",),
+    "screw_periodic_error": ("period",),
+    "encoder_interpolation": ("period",),
+    "guide_straightness": ("drive",),
+    "guide_straightness/sine": ("drive", "period"),
+    "guide_straightness/with_load": ("drive", "period"),
+    "guide_angular": ("drive",),
+    "guide_angular/sine": ("drive", "period"),
+    "guide_angular/with_load": ("drive", "period"),
+    "foundation_settling": ("time",),
+    "tracker_drift": ("time",),
+    "tracker_drift/with_air": ("time", "temperature"),
+    "refraction": ("region",),
+    "refraction/warming": ("region", "time"),
+    "smr_reseat": ("time",),
+    "axis_coupling": ("drive",),
+    "axis_coupling/by_approach": ("direction", "speed"),
+    "latency": ("speed",),
+    "latency/filtering": ("speed", "dwell"),
+    "servo_settling": ("dwell", "speed"),
+}
+
+
+def true_kinds(effect: str, variant: str) -> tuple[str, ...]:
+    """Kinds that are right for an effect; empty for one that is in no catalogue."""
+    return _TRUE.get(f"{effect}/{variant}", _TRUE.get(effect, ()))
+
+
+def first_kind(where: Sequence[dict[str, Any]]) -> str:
+    """Kind of the largest share among KINDS; empty without any."""
+    known = [share for share in where if share["kind"] in KINDS]
+    return str(max(known, key=lambda share: share["share"])["kind"]) if known else ""

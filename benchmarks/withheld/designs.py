@@ -1,0 +1,106 @@
+"""The few designs that a run's cases share, with what is costly to know of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from mock_devices.campaign_design import Design, DesignOptions, Visit, draw_design, draw_programme
+from mock_devices.campaign_timeline import Timeline, plan
+from mock_devices.machine_file import MachineFile, read_machine_file
+from mock_devices.recording_maker import Bench
+from mock_devices.settings import MockSettings, Nuisance
+from mock_devices.visible_size import VisibleScale
+
+MACHINE = Path(__file__).parents[2] / "calibration" / "machines" / "planar4.toml"
+RICH = DesignOptions(fly_share=0.15)
+PLATFORM = DesignOptions(fly_share=0.15, platform_only=True)
+POOR = DesignOptions(
+    randomised=False,
+    both_directions=False,
+    payload_blocks=(0,),
+    speeds_m_per_s=(0.25,),
+    dwells_s=(2.0,),
+)
+OPTIONS = {"rich": RICH, "platform": PLATFORM, "poor": POOR}
+COUNTS = {"rich": 6, "platform": 4, "poor": 1}
+FEW = {"rich": 2, "platform": 1, "poor": 1}  # of short runs: what a design costs is paid once
+SWING_K = {"rich": (1.0, 2.5), "platform": (1.0, 2.5), "poor": (0.4, 0.6)}
+REFERENCE_SEED = 7
+
+Programme = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A design with its name, its times and the swing of the shop's temperature during it."""
+
+    name: str
+    timeline: Timeline
+    programme: Programme
+    seed: int = REFERENCE_SEED
+
+    @property
+    def duration_s(self) -> float:
+        """From the begin to the last reading."""
+        return float(self.timeline.t_s[-1] - self.timeline.design.start_s)
+
+    def settings(self, seed: int, nuisance: Nuisance) -> MockSettings:
+        """A rig that carries it out: heavy-tailed noise, biased sensors, a clock that jitters."""
+        return MockSettings(
+            seed=seed,
+            nuisance=nuisance,
+            noise_tails=5.0,
+            temperature_sensor_bias_k=0.1,
+            clock_jitter_s=0.05,
+            temperature_programme=self.programme,
+        )
+
+    def bench(self, seed: int, nuisance: Nuisance) -> Bench:
+        """A fresh machine to carry it out on."""
+        return Bench(MACHINE, self.settings(seed, nuisance), self.timeline)
+
+    @cached_property
+    def visible(self) -> VisibleScale:
+        """What a refit absorbs: sensitivities of one reference machine, the same for all to a ten-thousandth."""
+        return VisibleScale(self.bench(self.seed, Nuisance()))
+
+    def extended(self, visits: tuple[Visit, ...]) -> Timeline:
+        """The same campaign with further visits after its own."""
+        design = self.timeline.design
+        return plan(self.timeline.machine, with_visits(design, (*design.visits, *visits)))
+
+
+def with_visits(design: Design, visits: tuple[Visit, ...]) -> Design:
+    """A design with other visits."""
+    return Design(visits, design.smrs, design.nests, design.nest_every, design.nest_samples, design.start_s)
+
+
+@dataclass
+class Designs:
+    """All designs of a run, drawn from one seed; each is made when it is first asked for."""
+
+    seed: int
+    counts: dict[str, int] = field(default_factory=lambda: COUNTS)
+    machine: MachineFile = field(default_factory=lambda: read_machine_file(MACHINE))
+    _made: dict[str, Drawn] = field(default_factory=dict)
+
+    def one(self, style: str, rng: np.random.Generator) -> Drawn:
+        """One of the designs of a style: rich, platform or poor."""
+        return self.by_name(f"{style}{int(rng.integers(self.counts[style]))}")
+
+    def by_name(self, name: str) -> Drawn:
+        """The design of a name."""
+        if name not in self._made:
+            style, number = name.rstrip("0123456789"), int(name[-1])
+            words = [self.seed, list(OPTIONS).index(style), number]
+            rng = np.random.default_rng(np.random.SeedSequence(words))
+            timeline = plan(self.machine, draw_design(self.machine, rng, OPTIONS[style]))
+            start_s = timeline.design.start_s
+            duration_s = float(timeline.t_s[-1]) - start_s
+            swing_k = float(rng.uniform(*SWING_K[style]))
+            self._made[name] = Drawn(name, timeline, draw_programme(rng, swing_k, start_s, duration_s))
+        return self._made[name]

@@ -1,0 +1,171 @@
+"""Makes withheld cases in a process of its own; the truth leaves it only for the hash of the answers.
+
+    python -m benchmarks.withheld.maker
+
+One JSON object a line on standard input, one answer a line on standard output:
+`start` (seed or null, final, n, kinds, lane, lanes, done), `make` (folder), `more` (folder, proposals), `seal` (file,
+answers_sha256), `stop`. Without a seed every process draws its own from the operating system; it is never written:
+of each batch only its own seed, which does not lead to any other's, is told with the truth.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import secrets
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.withheld.cases import BATCH, Slot, drawn_order, plan
+from benchmarks.withheld.designs import COUNTS, FEW, Designs
+from benchmarks.withheld.making import Case, make_case, platform_rows
+from benchmarks.withheld.mimics import Libraries
+from benchmarks.withheld.second_round import longer_recordings
+from mock_devices.recording_files import write_recording
+
+SHORT = 300  # cases
+
+
+@dataclass
+class Maker:
+    """What one process knows. `run_seed` None: from the operating system."""
+
+    run_seed: int | None
+    final: bool
+    slots: list[Slot]
+    lane: int = 0
+    finished: int = 0
+    batch_size: int = BATCH
+    few_designs: bool = False
+    _secret: int = field(init=False)
+    _designs: Designs = field(init=False)
+    _libraries: Libraries = field(default_factory=Libraries)
+    _cases: dict[str, Case] = field(default_factory=dict)
+    _longer: dict[str, dict[str, Any]] = field(default_factory=dict)
+    _batch_seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Draw what this process keeps to itself."""
+        self._secret = secrets.randbits(128) if self.run_seed is None else self.run_seed
+        self._designs = Designs(derived(self._secret, "designs"), FEW if self.few_designs else COUNTS)
+
+    @property
+    def commitment(self) -> str:
+        """Hash of the secret: it was drawn before anything was made."""
+        return hashlib.sha256(f"run {self._secret}".encode()).hexdigest()
+
+    def make(self, folder: Path) -> int:
+        """Write the next batch of recordings under random names; 0 if none is left."""
+        self._batch_seed = derived(self._secret, f"batch {self.lane} {self.finished}")
+        self._cases, self._longer = {}, {}
+        rng = np.random.default_rng(self._batch_seed)
+        batch = drawn_order(self.slots, rng)[: self.batch_size]
+        if not batch:
+            return 0
+        final = None if self.final else False
+        cases = [make_case(slot, rng, self._designs, final=final) for slot in batch]
+        self._write(folder, {secrets.token_hex(8): case for case in cases})
+        return len(cases)
+
+    def more(self, folder: Path, proposals: dict[str, Any]) -> int:
+        """Measure further on the rigs of the `next` cases: what was proposed, and at random. Two recordings each."""
+        rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 1])
+        made: dict[str, Any] = {}
+        for name, case in self._cases.items():
+            if case.slot.kind != "next":
+                continue
+            for arm, recording in longer_recordings(case, proposals.get(name, []), rng).items():
+                again = secrets.token_hex(8)
+                made[again] = recording
+                self._longer[again] = {"of": name, "arm": arm}
+        for name in shuffled(list(made)):
+            write_recording(made[name], folder / name)
+        write_options(folder, dict.fromkeys(made, ()))
+        return len(made)
+
+    def seal(self, file: Path, answers_sha256: str) -> str:
+        """Write the truth of the batch, now that the answers are fixed; its own hash."""
+        if len(answers_sha256) != 64 or set(answers_sha256) - set("0123456789abcdef"):
+            raise ValueError("the truth is given for the SHA-256 of the answers only")
+        truth = {name: self._libraries.told(case) for name, case in self._cases.items()}
+        text = json.dumps(
+            {
+                "answers_sha256": answers_sha256, "commitment": self.commitment, "batch_seed": str(self._batch_seed),
+                "cases": truth, "longer": self._longer,
+            },
+            indent=1,
+        )  # fmt: skip
+        arrays: dict[str, NDArray[Any]] = {name: case.noise_free_m for name, case in self._cases.items()}
+        arrays |= {f"{name}_rows": platform_rows(case.bench) for name, case in self._cases.items()}
+        file.write_text(text + "\n", encoding="utf-8")
+        with io.BytesIO() as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            file.with_suffix(".npz").write_bytes(stream.getvalue())
+        made = {case.slot.key for case in self._cases.values()}
+        self.slots = [slot for slot in self.slots if slot.key not in made]
+        self._cases = {}
+        self.finished += 1
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+
+    def _write(self, folder: Path, cases: dict[str, Case]) -> None:
+        self._cases = cases
+        for name in shuffled(list(cases)):
+            write_recording(cases[name].recording, folder / name)
+        write_options(folder, {name: case.without for name, case in cases.items()})
+
+
+def derived(seed: int, purpose: str) -> int:
+    """A seed for one purpose that tells nothing of the seed it comes from."""
+    return int.from_bytes(hashlib.sha256(f"{purpose} of {seed}".encode()).digest()[:16], "big")
+
+
+def shuffled(names: list[str]) -> list[str]:
+    """Names in an order that says nothing."""
+    secrets.SystemRandom().shuffle(names)
+    return names
+
+
+def write_options(folder: Path, without: dict[str, tuple[str, ...]]) -> None:
+    """What each diagnosis is told besides its recording: names that its catalogue shall not have."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table = {name: {"without": list(without[name])} for name in sorted(without)}
+    (folder / "options.json").write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+def of_lane(slots: list[Slot], lane: int, lanes: int, done: set[str]) -> list[Slot]:
+    """What one of several processes makes, without what is done."""
+    return [slot for k, slot in enumerate(slots) if k % lanes == lane and slot.key not in done]
+
+
+def main() -> int:
+    """Serve until told to stop."""
+    maker: Maker | None = None
+    for line in sys.stdin:
+        order = json.loads(line)
+        what = order["do"]
+        answer: dict[str, Any]
+        if what == "start":
+            slots = of_lane(plan(order["n"], order["kinds"]), order["lane"], order["lanes"], set(order["done"]))
+            few = 0 < order["n"] <= SHORT
+            maker = Maker(order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few)
+            answer = {"commitment": maker.commitment, "left": len(slots)}
+        elif what == "stop" or maker is None:
+            break
+        elif what == "make":
+            answer = {"made": maker.make(Path(order["folder"]))}
+        elif what == "more":
+            answer = {"made": maker.more(Path(order["folder"]), order["proposals"])}
+        else:
+            answer = {"truth_sha256": maker.seal(Path(order["file"]), order["answers_sha256"])}
+        print(json.dumps(answer), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

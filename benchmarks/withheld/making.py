@@ -1,0 +1,205 @@
+"""Makes one case: draws what is wrong with a fresh machine, carries the campaign out, keeps the truth beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.withheld.cases import PROFILES, Slot
+from benchmarks.withheld.designs import MACHINE, Designs, Drawn
+from mock_devices.effect_size import SizeScale
+from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, draw
+from mock_devices.recording_columns import points
+from mock_devices.recording_maker import Bench, MockRecording
+from mock_devices.structure import NoEquilibrium
+
+Array = NDArray[np.float64]
+
+SMALL = "small"
+SMALL_SHARE = 0.6
+EXCEEDS = 3.0  # a case that is to be found exceeds the nuisance by so much (docs/definitions.md)
+ELIGIBLE_RAW, ELIGIBLE_VISIBLE = 2.98, 0.5
+MOST_DRAWS = 16
+STYLES = {"platform_only": "platform", "next": "poor"}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case with its truth: plain data, and the readings of the plant without noise (r, 3), station's frame.
+
+    plain_m: the same of a machine without effects, nuisance included; change_m: what the effects do, machine's axes.
+    """
+
+    slot: Slot
+    drawn: Drawn
+    bench: Bench
+    recording: MockRecording
+    truth: dict[str, Any]
+    noise_free_m: Array
+    change_m: Array
+    without: tuple[str, ...]
+
+
+def make_case(slot: Slot, rng: np.random.Generator, designs: Designs, *, final: bool | None) -> Case:
+    """Draw and carry out one case. `final` as in `mock_devices.effects.draw`."""
+    drawn = designs.one(STYLES.get(slot.kind, "rich"), rng)
+    # What a poor design cannot show is sized on a rich one.
+    sized = designs.one("rich", rng) if slot.kind == "next" else drawn
+    for _ in range(MOST_DRAWS):
+        seed = int(rng.integers(2**31))
+        profile, scale, nuisance_raw = _rig(slot, rng, sized, seed)
+        found = _effects(slot, rng, sized, scale, final=final)
+        if found is None:
+            continue
+        choices, facts = found
+        try:
+            return _carried_out(slot, rng, drawn, sized, choices, facts, (seed, profile, nuisance_raw))
+        except NoEquilibrium:  # two effects together can be too much
+            continue
+    raise EffectError(f"case {slot.key}: {MOST_DRAWS} draws gave nothing that the machine can stand")
+
+
+def _rig(slot: Slot, rng: np.random.Generator, drawn: Drawn, seed: int) -> tuple[str, SizeScale, float]:
+    """Profile, sizes and the nuisance's own raw size of a fresh rig; a loud nuisance is not given to a small effect."""
+    profile = slot.profile
+    if not profile:
+        profile = SMALL if rng.random() < SMALL_SHARE else str(rng.choice(list(PROFILES)))
+    for name in (profile, SMALL):
+        bench = drawn.bench(seed, PROFILES[name])
+        loud = raw_of(bench, bench.points_m() - bench.points_m([]))
+        if not slot.raw or loud * EXCEEDS <= min(slot.raw):
+            break
+    return name, SizeScale(bench), loud
+
+
+def _effects(
+    slot: Slot, rng: np.random.Generator, drawn: Drawn, scale: SizeScale, *, final: bool | None
+) -> tuple[tuple[EffectChoice, ...], list[dict[str, Any]]] | None:
+    """Choices of the wanted raw sizes, redrawn until they can be seen where the slot is to be found."""
+    wanted_visible = 1.0 if slot.kind in ("removed", "next") else ELIGIBLE_VISIBLE
+    choices: list[EffectChoice] = []
+    facts: list[dict[str, Any]] = []
+    for name, raw in zip(slot.effects, slot.raw, strict=True):
+        best: tuple[float, EffectChoice, dict[str, Any]] | None = None
+        for _ in range(MOST_DRAWS):
+            choice = draw(name, drawn.timeline.machine, rng, final=final, duration_s=drawn.duration_s)
+            if any(_same_strut(choice, other) for other in choices):
+                continue
+            try:
+                choice = scale.scaled(choice, raw)
+                change = scale.change_m(choice)
+            except (EffectError, NoEquilibrium):
+                continue
+            visible = drawn.visible.visible_of(change)
+            plausible = SPECS[name].size.low <= choice.size <= SPECS[name].size.high
+            rank = visible if plausible else -1.0 / (1.0 + visible)
+            if best is None or rank > best[0]:
+                best = rank, choice, fact(choice, drawn, raw=scale.raw_size(choice), visible=visible)
+            if plausible and (raw < ELIGIBLE_RAW or visible >= wanted_visible):
+                break
+        if best is None:
+            return None
+        choices.append(best[1])
+        facts.append({**best[2], "plausible": best[0] >= 0.0})
+    return tuple(choices), facts
+
+
+def _same_strut(a: EffectChoice, b: EffectChoice) -> bool:
+    """Two force laws on one strut are more than the plant can do."""
+    return SPECS[a.name].place == SPECS[b.name].place == "strut" and a.place == b.place
+
+
+def fact(choice: EffectChoice, drawn: Drawn, *, raw: float, visible: float) -> dict[str, Any]:
+    """A true effect as plain data; onset_s since the first reading, period_m of the error itself."""
+    spec = SPECS[choice.name]
+    values = {p.name: p.typical for p in spec.others} | dict(choice.parameters)
+    out: dict[str, Any] = {
+        "effect": choice.name,
+        "place": "" if spec.place == "rig" else choice.place,
+        "variant": choice.variant,
+        "final": choice.variant == spec.final,
+        "size_name": spec.size.name,
+        "size": choice.size,
+        "parameters": values,
+        "seed": choice.seed,
+        "raw": raw,
+        "visible": visible,
+    }
+    timeline = drawn.timeline
+    if "onset_s" in values:
+        out["onset_s"] = timeline.design.start_s + values["onset_s"] - float(timeline.t_s[0])
+    if choice.name == "screw_periodic_error":
+        out["period_m"] = values["period_m"]
+    if choice.name == "encoder_interpolation":  # unequal amplitudes err twice a period
+        out["period_m"] = values["pitch_m"] * (0.5 if choice.variant == "amplitude" else 1.0)
+    return out
+
+
+def _carried_out(
+    slot: Slot, rng: np.random.Generator, drawn: Drawn, sized: Drawn, choices: tuple[EffectChoice, ...],
+    facts: list[dict[str, Any]], rig: tuple[int, str, float],
+) -> Case:  # fmt: skip
+    seed, profile, nuisance_raw = rig
+    settings = replace(drawn.settings(seed, PROFILES[profile]), effects=choices)
+    bench = Bench(MACHINE, settings, drawn.timeline)
+    recording = bench.record()
+    bare = drawn.bench(seed, PROFILES[profile])
+    change = (bench.points_m() - bare.points_m()) @ bench.view.rotation
+    truth = {
+        "key": slot.key,
+        "kind": slot.kind,
+        "design": drawn.name,
+        "sized_on": sized.name,
+        "seed": seed,
+        "profile": profile,
+        "nuisance": vars(PROFILES[profile]),
+        "nuisance_raw": nuisance_raw,
+        "wanted_raw": list(slot.raw),
+        "effects": facts,
+        "raw": raw_of(bench, change, turned=True),
+        "visible": drawn.visible.visible_of(change),
+        "eligible": bool(facts) and all(
+            f["raw"] >= ELIGIBLE_RAW and f["visible"] >= ELIGIBLE_VISIBLE and f["plausible"] for f in facts
+        ),
+        "turn": bench.view.rotation.tolist(),
+    }  # fmt: skip
+    without = _without(slot, rng)
+    truth["without"] = list(without)
+    return Case(slot, drawn, bench, recording, truth, noise_free(bench), change, without)
+
+
+def _without(slot: Slot, rng: np.random.Generator) -> tuple[str, ...]:
+    if slot.kind == "removed":
+        return slot.effects
+    if slot.decoy:
+        others = [name for name in CATALOGUE if name not in slot.effects]
+        return (str(rng.choice(others)),)
+    return ()
+
+
+def raw_of(bench: Bench, change_m: Array, *, turned: bool = False) -> float:
+    """Raw size of a change (r, 3) of the readings, given in the machine's axes if `turned`."""
+    moved = change_m if turned else change_m @ bench.view.rotation
+    rows = platform_rows(bench)
+    place = bench.points_m([])[rows]
+    sigma_m = bench.settings.instrument.angle_sd_rad * np.linalg.norm(place, axis=1)
+    return float(np.sqrt(np.mean((moved[rows, :2] / sigma_m[:, None]) ** 2)))
+
+
+def platform_rows(bench: Bench) -> NDArray[np.intp]:
+    """Rows of the platform's reflectors."""
+    on_platform = np.array([smr.on == "platform" for smr in bench.nominal.smrs])
+    return np.flatnonzero(on_platform[bench.timeline.smr])
+
+
+def noise_free(bench: Bench) -> Array:
+    """What the station would read without noise (r, 3), its frame: its range's constant, scale and ppm included."""
+    seen, _, _ = bench.sight()
+    rows, k = np.arange(len(bench.timeline)), bench.timeline.smr
+    air = bench._air()
+    raw = seen.distance_m[rows, k] * bench.view.range_scale + bench.view.range_constant_m
+    distance = raw * (1.0 + (air["ppm"] - air["ppm_true"]) * 1.0e-6)
+    return points(seen.hz_rad[rows, k], seen.v_rad[rows, k], distance)

@@ -1,0 +1,93 @@
+"""A run's figures as plain data, as a printed table and as an entry of the log."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from benchmarks.withheld.judged import right
+from benchmarks.withheld.methods import baseline_table, shrink_baseline
+from benchmarks.withheld.table import measures
+
+Row = dict[str, Any]
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """All figures of the rows."""
+    return {
+        "measures": [measure.data() for measure in measures(rows)],
+        "effects": by_effect(rows),
+        "baselines": baseline_table(rows),
+        "shrink_baseline": shrink_baseline(rows),
+    }
+
+
+def by_effect(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Hits of each effect that can be seen, and what it is mostly taken for."""
+    found = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
+    out = []
+    for name in sorted({r["true"][0] for r in found}):
+        mine = [r for r in found if r["true"][0] == name]
+        wrong = [r["verdict"] for r in mine if not right(r)]
+        out.append(
+            {
+                "effect": name,
+                "cases": len(mine),
+                "right": len(mine) - len(wrong),
+                "taken_for": max(set(wrong), key=wrong.count) if wrong else "",
+                "variants_missed": sorted({r["variant"][0] for r in mine if not right(r)}),
+            }
+        )
+    return out
+
+
+def printed(found: dict[str, Any]) -> str:
+    """The table for people."""
+    lines = [f"{'measure':58} {'goal':>18} {'reached':>8} {'95 % interval':>18} {'cases':>6}"]
+    for m in found["measures"]:
+        seconds = " in s " in m["name"]
+        plain = seconds or "class size" in m["name"] or "error" in m["name"]
+        value = "-" if m["value"] is None else _number(m["value"], plain)
+        interval = "-" if m["value"] is None else f"{_number(m['low'], plain)} to {_number(m['high'], plain)}"
+        verdict = {None: "", True: "ok", False: "short"}[m["ok"]]
+        lines.append(f"{m['name']:58} {m['goal']:>18} {value:>8} {interval:>18} {m['n']:>6}  {verdict}")
+    lines += ["", f"{'effect':26} {'right':>9}   taken for"]
+    lines += [
+        f"{e['effect']:26} {e['right']:>3} of {e['cases']:<3}   {e['taken_for']} {', '.join(e['variants_missed'])}"
+        for e in found["effects"]
+    ]
+    lines += ["", f"{'right answers of':26} {'effects':>9} {'null':>9} {'outside':>9} {'mean':>9}"]
+    for b in found["baselines"]:
+        values = [b["effect"]["value"], b["null"]["value"], b["outside"]["value"], b["mean_of_kinds"]]
+        cells = " ".join(f"{'-' if v is None else _number(v, False):>9}" for v in values)
+        lines.append(f"{b['method']:26} {cells}")
+    s = found["shrink_baseline"]
+    parts = [s[key]["value"] for key in ("within_0.05", "within_0.10")]
+    cells = " and ".join("-" if v is None else _number(v, False) for v in parts)
+    lines.append(f"{s['method']:26} {cells} within 0.05 and 0.10 of what was achieved")
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def log_entry(
+    run: str, settings: dict[str, Any], batches: Sequence[dict[str, Any]], found: dict[str, Any]
+) -> dict[str, Any]:
+    """One finished final run, good or bad."""
+    return {
+        "run": run,
+        "ended": datetime.now(UTC).isoformat(timespec="seconds"),
+        "n": sum(len(batch["rows"]) for batch in batches),
+        "code": settings["code"],
+        "answers": [batch["answers_sha256"] for batch in batches],
+        "truths": [batch["truth_sha256"] for batch in batches],
+        "rows": hashlib.sha256(repr([batch["rows"] for batch in batches]).encode()).hexdigest(),
+        "figures": {
+            m["name"]: [None if m[k] is None else round(m[k], 4) for k in ("value", "low", "high")] + [m["n"], m["ok"]]
+            for m in found["measures"]
+        },
+    }
+
+
+def _number(value: float, plain: bool) -> str:
+    return f"{value:.3g}" if plain else f"{100.0 * value:.1f} %"

@@ -1,0 +1,189 @@
+"""Checks the diagnosis on withheld cases: one table, three pictures (docs/withheld.md).
+
+    python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2]
+
+--final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
+comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any time,
+the same command goes on. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
+missed, 2 if a process fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from benchmarks.results_file import MixedSettingsError, ResultsFile
+from benchmarks.withheld.cases import BATCH, FULL, plan
+from benchmarks.withheld.lane import LaneOptions, RunFailed, run_lane
+from benchmarks.withheld.over_the_wire import LARGEST_M, largest_difference_m
+from benchmarks.withheld.pictures import draw_all
+from benchmarks.withheld.report import log_entry, printed, summary
+from benchmarks.withheld.scorer import Tampered
+
+ROOT = Path(__file__).parents[2]
+LOG = Path(__file__).parent / "log.jsonl"
+CODE = ("calibration", "mock_devices", "benchmarks/withheld")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run what is missing, then score all of it."""
+    options = _options(arguments)
+    settings = {
+        "seed": "operating system" if options.final else options.seed,
+        "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
+        "diagnose": options.diagnose, "noise": options.noise, **({"code": code_digest()} if options.final else {}),
+    }  # fmt: skip
+    out = (options.out or default_folder(options, settings)).resolve()
+    results = ResultsFile(out / "results.jsonl", settings)
+    try:
+        stored = results.rows()
+        if options.n == 0 and not options.kinds:
+            _over_the_wire(out)
+        run_all(options, out, results, stored)
+    except (MixedSettingsError, RunFailed, Tampered) as error:
+        print(f"withheld: {error}", file=sys.stderr)
+        return 2
+    batches = results.rows()
+    rows = [row for batch in batches for row in batch["rows"]]
+    found = summary(rows)
+    print(printed(found))
+    for path in draw_all(rows, out):
+        print(f"picture: {path}", file=sys.stderr)
+    found |= {"settings": settings, "code": sorted({b["code"] for b in batches}), "cases": len(rows)}
+    (out / "results.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if options.final:
+        _append(options.log, log_entry(_run_id(out), settings, batches, found))
+    (out / "finished").touch()
+    return 0 if all(m["ok"] is not False for m in found["measures"]) else 1
+
+
+def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored: list[dict[str, Any]]) -> None:
+    """Run the lanes side by side; every finished batch is on disk before the next."""
+    slots = plan(options.n, options.kinds)
+    done = {row["key"] for batch in stored for row in batch["rows"]}
+    lock, started, code = threading.Lock(), time.monotonic(), code_digest()
+    count = [len(done)]
+    if len(done) == len(slots):
+        return
+
+    def keep(batch: dict[str, Any]) -> None:
+        with lock:
+            results.append({**batch, "code": code})
+            count[0] += len(batch["rows"])
+            passed = time.monotonic() - started
+            left = passed / max(count[0] - len(done), 1) * (len(slots) - count[0])
+            print(
+                f"{count[0]} of {len(slots)}: batch {batch['batch']}, {batch['seconds']:.0f} s; "
+                f"{passed / 60:.1f} min, {left / 60:.1f} left",
+                file=sys.stderr, flush=True,
+            )  # fmt: skip
+
+    def begun(commitment: str) -> None:
+        if options.final:
+            with lock:
+                _append(
+                    options.log,
+                    {"run": _run_id(out), "begun": _now(), "n": len(slots), "after": len(done), "seed": commitment},
+                )
+
+    lane = LaneOptions(
+        None if options.final else options.seed, options.final, options.n, options.kinds, 0, options.lanes,
+        options.batch, options.diagnose, options.noise, out, tuple(sorted(done)), 0,
+    )  # fmt: skip
+    lanes = [replace(lane, lane=k, finished=sum(batch["lane"] == k for batch in stored)) for k in range(options.lanes)]
+    with ThreadPoolExecutor(options.lanes) as pool:
+        for future in [pool.submit(run_lane, each, keep, begun) for each in lanes]:
+            future.result()
+
+
+def code_digest() -> str:
+    """Hash of the programs that a result depends on."""
+    found = hashlib.sha256()
+    for name in CODE:
+        for file in sorted((ROOT / name).rglob("*.py")):
+            found.update(file.read_bytes())
+    return found.hexdigest()[:12]
+
+
+def default_folder(options: argparse.Namespace, settings: dict[str, Any]) -> Path:
+    """The folder of the run that was stopped, or a new one; a development run has one by its seed."""
+    base = ROOT / "runs" / "withheld"
+    if not options.final:
+        return base / f"seed-{options.seed}-n{options.n}{'-noise' if options.noise else ''}"
+    number = 1
+    while (base / f"final-{number}").exists():
+        folder = base / f"final-{number}"
+        try:
+            ResultsFile(folder / "results.jsonl", settings).rows()
+            if not (folder / "finished").exists():
+                return folder
+        except MixedSettingsError:
+            pass
+        number += 1
+    return base / f"final-{number}"
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--final", action="store_true", help="seed of the operating system, final variants, logged")
+    which.add_argument("--seed", type=int, help="development: no final variants, not logged")
+    parser.add_argument("--n", type=int, default=0, help=f"cases in all; {sum(FULL.values())} if left out")
+    parser.add_argument("--kinds", default="", help=f"some of {', '.join(FULL)}, separated by commas")
+    parser.add_argument("--out", type=Path, help="folder of the run")
+    parser.add_argument("--lanes", type=int, default=2, help="makers and diagnosers at work side by side")
+    parser.add_argument("--noise", action="store_true", help="replace readings by noise: scores must fall to chance")
+    parser.add_argument("--batch", type=int, default=0, help=argparse.SUPPRESS)
+    parser.add_argument("--diagnose", default="", help=argparse.SUPPRESS)
+    parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    options.kinds = tuple(kind for kind in options.kinds.split(",") if kind)
+    if unknown := set(options.kinds) - set(FULL):
+        parser.error(f"unknown kind '{min(unknown)}'; known: {', '.join(FULL)}")
+    # Small runs have small batches, so that both lanes end together.
+    if options.noise and options.final:
+        parser.error("--noise is no final run; give a --seed")
+    cases = len(plan(options.n, options.kinds))
+    options.batch = options.batch or max(1, min(BATCH, -(-cases // (2 * options.lanes))))
+    return options
+
+
+def _over_the_wire(out: Path) -> None:
+    if (out / "over_the_wire").exists():
+        return
+    apart_m = largest_difference_m()
+    print(f"over the wire: ten rigs within {apart_m:.1e} m of the recordings", file=sys.stderr)
+    if apart_m > LARGEST_M:
+        raise RunFailed(f"over the wire: readings differ by {apart_m:.1e} m from the plant's own; no run")
+    (out / "over_the_wire").touch()
+
+
+def _run_id(out: Path) -> str:
+    """A name for a run that stays when it is stopped."""
+    file = out / "run"
+    if not file.exists():
+        file.write_text(hashlib.sha256(f"{_now()} {out}".encode()).hexdigest()[:12], encoding="utf-8")
+    return file.read_text(encoding="utf-8")
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _append(file: Path, entry: dict[str, Any]) -> None:
+    with file.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(entry) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

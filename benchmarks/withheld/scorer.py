@@ -1,0 +1,151 @@
+"""Joins truth and answers of a batch: one row a case, plain data that outlives the recordings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.withheld.coordinates import first_kind, true_kinds
+
+Array = NDArray[np.float64]
+
+MOST_RANKED = 6
+STEPS = {"foundation_settling": ("step",), "smr_reseat": ("step", "put_back")}
+PERIODIC = ("screw_periodic_error", "encoder_interpolation")
+NONE, UNKNOWN = "none", "unknown"
+
+
+class Tampered(RuntimeError):
+    """Answers are not those for which the truth was given."""
+
+
+def score_batch(folder: Path) -> list[dict[str, Any]]:
+    """Rows of a sealed batch: answers/, longer/answers/ and truth.json with its arrays; raises Tampered."""
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    if fixed_answers(folder) != truth["answers_sha256"]:
+        raise Tampered(f"{folder}: answers are not those that the maker was given the hash of")
+    arrays = np.load(folder / "truth.npz")
+    answers = json.loads((folder / "answers" / "answers.json").read_text(encoding="utf-8"))
+    longer_file = folder / "longer_answers" / "answers.json"
+    longer = json.loads(longer_file.read_text(encoding="utf-8")) if longer_file.exists() else {}
+    rows = []
+    for name, case in sorted(truth["cases"].items()):
+        answer = answers[name]
+        row = score_case(case, answer)
+        predictions = folder / "answers" / f"{name}.npz"
+        if predictions.exists():
+            data = predictions.read_bytes()
+            if hashlib.sha256(data).hexdigest() != answer["withheld_sha256"]:
+                raise Tampered(f"{predictions}: was changed after the answers were fixed")
+            row |= achieved(case, np.load(predictions), arrays[name], arrays[f"{name}_rows"])
+        for again, of in truth["longer"].items():
+            if of["of"] == name:
+                row[f"after_{of['arm']}"] = in_class(case, longer[again])
+        rows.append(row)
+    return rows
+
+
+def fixed_answers(folder: Path) -> str:
+    """SHA-256 of all answers of a batch, the second round's included."""
+    found = hashlib.sha256((folder / "answers" / "answers.json").read_bytes())
+    longer = folder / "longer_answers" / "answers.json"
+    if longer.exists():
+        found.update(longer.read_bytes())
+    return found.hexdigest()
+
+
+def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
+    """What a case's answer is worth, without its predictions."""
+    facts = case["effects"]
+    row: dict[str, Any] = {
+        "key": case["key"],
+        "kind": case["kind"],
+        "true": [f["effect"] for f in facts],
+        "variant": [f["variant"] for f in facts],
+        "final": any(f["final"] for f in facts),
+        "raw": case["raw"],
+        "visible": case["visible"],
+        "eligible": case["eligible"],
+        "wanted_raw": case["wanted_raw"],
+        "profile": case["profile"],
+        "design": case["design"],
+        "without": answer["without"],
+        "mimics_sigma": case.get("mimics_sigma", {}),
+        "seconds": answer["seconds"],
+        "clock_seconds": answer["clock_seconds"],
+        "baselines": answer.get("baselines", {}),
+        "error": answer.get("error", ""),
+    }
+    found = answer.get("diagnosis")
+    if found is None:
+        return {**row, "verdict": "", "equivalent": [], "named": [], "ranked": [], "p": 0.0, "first_kind": ""}
+    ranked = sorted(found["ranking"].items(), key=lambda pair: -pair[1])
+    named = [effect["effect"] for effect in found["effects"]]
+    row |= {
+        "verdict": found["verdict"],
+        "equivalent": found["equivalent"],
+        "named": named,
+        "ranked": [[name, p] for name, p in ranked[:MOST_RANKED]],
+        "p": min(max(found["ranking"].get(found["verdict"], 0.0), 0.0), 1.0),
+        "not_tested": sorted(set(found["not_tested"]) & set(row["true"])),
+        "hidden_m": found["hidden_m"],
+        "shrink": found["gap"]["shrink"],
+        "shrink_interval": found["gap"]["shrink_interval"],
+        "gap": found["gap"],
+        "first_kind": first_kind(found["where"]),
+    }
+    if len(facts) == 1:
+        row |= _details(facts[0], found)
+    return row
+
+
+def _details(fact: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
+    """Place, step time, period and coordinate of one true effect."""
+    out: dict[str, Any] = {}
+    kinds = true_kinds(fact["effect"], fact["variant"])
+    if kinds:
+        out["true_kinds"] = list(kinds)
+    same = [effect for effect in found["effects"] if effect["effect"] == fact["effect"]]
+    if not same:
+        return out
+    effect = same[0]
+    if fact["place"]:
+        out["place_right"] = effect["place"] == fact["place"]
+        out["place_p"] = effect["place_probability"]
+    quantities = {q["name"]: q["value"] for q in (effect["size"], *effect["others"])}
+    if fact["variant"] in STEPS.get(fact["effect"], ()):
+        out["step_error_s"] = _difference(quantities.get("onset_s"), fact["onset_s"])
+    if fact["effect"] in PERIODIC:
+        error = _difference(quantities.get("period_m"), fact["period_m"])
+        out["period_error"] = None if error is None else error / fact["period_m"]
+    return out
+
+
+def _difference(found: float | None, true: float) -> float | None:
+    return None if found is None or not np.isfinite(found) else found - true
+
+
+def achieved(case: dict[str, Any], predictions: Any, noise_free_m: Array, platform: NDArray[np.intp]) -> dict[str, Any]:
+    """Achieved shrink: predictions against the plant's noise-free readings, in the plane, platform reflectors."""
+    rows = np.asarray(predictions["rows"], dtype=np.intp)
+    keep = np.isin(rows, platform)
+    turn = np.array(case["turn"])
+    out: dict[str, Any] = {"predicted_share": float(np.mean(np.isin(platform, rows)))}
+    sizes = []
+    for name in ("before_m", "after_m"):
+        error = (np.asarray(predictions[name])[keep] - noise_free_m[rows[keep]]) @ turn
+        sizes.append(float(np.sqrt(np.mean(error[:, :2] ** 2))) if np.any(keep) else float("nan"))
+    if np.all(np.isfinite(sizes)) and sizes[0] > 0.0:
+        out |= {"before_m": sizes[0], "after_m": sizes[1], "achieved": 1.0 - sizes[1] / sizes[0]}
+    return out
+
+
+def in_class(case: dict[str, Any], answer: dict[str, Any]) -> bool:
+    """Whether verdict or class holds the truth."""
+    found = answer.get("diagnosis")
+    return found is not None and case["effects"][0]["effect"] in (found["verdict"], *found["equivalent"])

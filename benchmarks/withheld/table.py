@@ -1,0 +1,231 @@
+"""What a run has reached: every row of the goals with its interval, simple baselines beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.withheld.judged import Row, answerable, in_class, overall_right, right
+from benchmarks.withheld.scorer import NONE, UNKNOWN
+from benchmarks.withheld.statistics import excess_calibration_error, paired_difference, wilson
+
+ALIKE_SIGMA, MIMIC_SIGMA = 0.3, 0.5
+STEP_S, PERIOD = 300.0, 0.01
+MOST_CLASS = 2.0
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One row: value with its 95 % interval over n cases; ok is None where there is no goal or no case."""
+
+    name: str
+    goal: str
+    value: float | None
+    low: float
+    high: float
+    n: int
+    ok: bool | None
+
+    def data(self) -> dict[str, Any]:
+        """For results.json."""
+        return asdict(self)
+
+
+def share(name: str, hits: Sequence[bool], goal: float | None = None, *, at_most: bool = False) -> Measure:
+    """A proportion with Wilson's interval."""
+    k, n = int(sum(hits)), len(hits)
+    value = k / n if n else None
+    low, high = wilson(k, n)
+    text = "" if goal is None else f"{'at most' if at_most else 'at least'} {100 * goal:g} %"
+    ok = None if goal is None or value is None else (value <= goal if at_most else value >= goal)
+    return Measure(name, text, value, low, high, n, ok)
+
+
+def measures(rows: Sequence[Row]) -> list[Measure]:
+    """All rows of the table, in the order of the goals."""
+    found = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
+    return [
+        *_found(found),
+        *_platform([r for r in rows if r["kind"] == "platform_only" and r["eligible"]]),
+        *_none_and_unknown(rows),
+        *_pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]]),
+        *_shrink([r for r in rows if r["kind"] == "effect"]),
+        *_probabilities(rows),
+        *_details(found),
+        *_next([r for r in rows if r["kind"] == "next" and "after_chosen" in r]),
+        *_costs(rows),
+        *_finals(found),
+    ]
+
+
+def _found(found: list[Row]) -> list[Measure]:
+    by_name: dict[str, list[bool]] = {}
+    for row in found:
+        by_name.setdefault(row["true"][0], []).append(right(row))
+    out = [share("top-1, raw >= 3 and visible >= 0.5 sigma", [right(r) for r in found], 0.95)]
+    if by_name:
+        worst = min(by_name, key=lambda name: (sum(by_name[name]) / len(by_name[name]), name))
+        out.append(share(f"worst effect ({worst})", by_name[worst], 0.80))
+    apart = [r for r in found if all(sigma > ALIKE_SIGMA for sigma in r["mimics_sigma"].values())]
+    out.append(share("top-1 where no other effect is within 0.3 sigma", [right(r) for r in apart]))
+    out.append(share("class holds the truth", [in_class(r) for r in found]))
+    out.append(share("truth among the first three", [r["true"][0] in _names(r, 3) for r in found], 0.99))
+    return out
+
+
+def _platform(rows: list[Row]) -> list[Measure]:
+    sizes = [1.0 + len(r["equivalent"]) for r in rows if r["verdict"] not in (NONE, UNKNOWN, "")]
+    mean = float(np.mean(sizes)) if sizes else None
+    spread = 1.96 * float(np.std(sizes)) / np.sqrt(len(sizes)) if sizes else 0.0
+    return [
+        share("platform only: class right and its members equivalent", [_fair_class(r) for r in rows], 0.90),
+        Measure(
+            "platform only: mean class size", f"at most {MOST_CLASS:g}", mean, (mean or 0.0) - spread,
+            (mean or 0.0) + spread, len(sizes), None if mean is None else mean <= MOST_CLASS,
+        ),
+        share("platform only: class holds the truth", [in_class(r) for r in rows]),
+        share("platform only: top-1", [right(r) for r in rows]),
+    ]  # fmt: skip
+
+
+def _fair_class(row: Row) -> bool:
+    others = {row["verdict"], *row["equivalent"]} - {row["true"][0]}
+    return in_class(row) and all(row["mimics_sigma"].get(name, np.inf) <= ALIKE_SIGMA for name in others)
+
+
+def _none_and_unknown(rows: Sequence[Row]) -> list[Measure]:
+    null = [r for r in rows if r["kind"] == "null"]
+    out = [share("null cases called an effect", [_called(r) for r in null], 0.004, at_most=True)]
+    for profile in sorted({r["profile"] for r in null}):
+        mine = [_called(r) for r in null if r["profile"] == profile]
+        out.append(share(f"null cases called an effect, profile {profile}", mine))
+    out.append(share("null cases called unknown", [r["verdict"] == UNKNOWN for r in null]))
+    outside = [r for r in rows if r["kind"] == "outside" and min(r["wanted_raw"]) >= 3.0]
+    seen = [r for r in outside if r["eligible"]]
+    out.append(share("outside effect called unknown", [r["verdict"] == UNKNOWN for r in seen], 0.90))
+    for name in sorted({r["true"][0] for r in seen}):
+        mine = [r["verdict"] == UNKNOWN for r in seen if r["true"][0] == name]
+        out.append(share(f"outside effect called unknown, {name}", mine))
+    removed = [r for r in rows if r["kind"] == "removed" and r["eligible"]]
+    alone = [r for r in removed if not _mimics(r)]
+    out.append(share("true class removed: unknown, or its mimic", [_removed_right(r) for r in removed], 0.80))
+    out.append(share("true class removed, no mimic: unknown", [r["verdict"] == UNKNOWN for r in alone]))
+    return out
+
+
+def _mimics(row: Row) -> set[str]:
+    return {name for name, sigma in row["mimics_sigma"].items() if sigma <= MIMIC_SIGMA}
+
+
+def _removed_right(row: Row) -> bool:
+    return row["verdict"] == UNKNOWN or bool(_mimics(row) & {row["verdict"]})
+
+
+def _pairs(rows: list[Row]) -> list[Measure]:
+    return [
+        share("two effects: exact pair", [set(r["named"]) == set(r["true"]) for r in rows], 0.90),
+        share("two effects: at least one", [bool(set(r["named"]) & set(r["true"])) for r in rows], 0.99),
+        share("two effects: none that is not there", [not set(r["named"]) - set(r["true"]) for r in rows]),
+    ]
+
+
+def _shrink(rows: list[Row]) -> list[Measure]:
+    seen = [r for r in rows if r["visible"] >= 1.0]
+    off = [_off(r) for r in seen]
+    covers = [np.isfinite(x) and _covers(r) for r, x in zip(seen, off, strict=True)]
+    inside = share("95 % shrink interval covers", covers)
+    value = inside.value
+    ok = None if value is None else 0.90 <= value <= 0.98
+    return [
+        share("predicted minus achieved shrink within 0.05", [x <= 0.05 for x in off], 0.90),
+        share("predicted minus achieved shrink within 0.10", [x <= 0.10 for x in off], 0.98),
+        Measure(inside.name, "90 to 98 %", value, inside.low, inside.high, inside.n, ok),
+    ]
+
+
+def _off(row: Row) -> float:
+    """Stated minus achieved shrink; infinite where either is missing."""
+    stated, true = row.get("shrink"), row.get("achieved")
+    return float("inf") if stated is None or true is None else abs(stated - true)
+
+
+def _covers(row: Row) -> bool:
+    low, high = row["shrink_interval"]
+    return low is not None and high is not None and bool(low <= row["achieved"] <= high)
+
+
+def _probabilities(rows: Sequence[Row]) -> list[Measure]:
+    known = [r for r in rows if r["verdict"] and answerable(r)]
+    stated = np.array([r["p"] for r in known])
+    hits = np.array([overall_right(r) for r in known], dtype=np.float64)
+    excess, low, high = excess_calibration_error(stated, hits)
+    sure = [overall_right(r) for r in known if r["p"] > 0.99]
+    return [
+        Measure(
+            "calibration error beyond chance", "at most 0.03", excess if known else None, low, high, len(known),
+            excess <= 0.03 if known else None,
+        ),
+        share("right when p > 0.99", sure, 0.97),
+    ]  # fmt: skip
+
+
+def _details(found: list[Row]) -> list[Measure]:
+    def within(key: str, limit: float) -> list[bool]:
+        return [r[key] is not None and abs(r[key]) <= limit for r in found if key in r]
+
+    coordinate = [r["first_kind"] in r["true_kinds"] for r in found if "true_kinds" in r]
+    return [
+        share("place right, where the effect is named", [r["place_right"] for r in found if "place_right" in r], 0.95),
+        share("step time within 5 min", within("step_error_s", STEP_S), 0.95),
+        share("period within 1 %", within("period_error", PERIOD), 0.95),
+        share("true coordinate first by share", coordinate, 0.90),
+    ]
+
+
+def _next(rows: list[Row]) -> list[Measure]:
+    chosen, at_random = [r["after_chosen"] for r in rows], [r["after_random"] for r in rows]
+    found, low, high = paired_difference(chosen, at_random)
+    return [
+        share("further poses: right before", [in_class(r) for r in rows]),
+        share("further poses: right after 60 chosen ones", chosen),
+        share("further poses: right after 60 random ones", at_random),
+        Measure(
+            "further poses: chosen better by", "at least 10 points", found if rows else None, low, high, len(rows),
+            found >= 0.10 if rows else None,
+        ),
+    ]  # fmt: skip
+
+
+def _costs(rows: Sequence[Row]) -> list[Measure]:
+    seconds = [r["seconds"] for r in rows]
+    middle = float(np.median(seconds)) if seconds else None
+    low, high = (float(x) for x in np.quantile(seconds, [0.05, 0.95])) if seconds else (0.0, 0.0)
+    return [
+        Measure(
+            "one diagnosis, median on its core in s (5 to 95 %)", "at most 1 s", middle, low, high, len(seconds),
+            None if middle is None else middle <= 1.0,
+        ),
+        share("diagnoses that failed", [bool(r["error"]) for r in rows], 0.0, at_most=True),
+    ]  # fmt: skip
+
+
+def _finals(found: list[Row]) -> list[Measure]:
+    final = [r for r in found if r["final"]]
+    if not final:
+        return []
+    return [
+        share("final variants only: top-1", [right(r) for r in final]),
+        share("final variants only: truth among the first three", [r["true"][0] in _names(r, 3) for r in final]),
+        *(Measure(f"final variants only: {m.name}", "", m.value, m.low, m.high, m.n, None) for m in _shrink(final)),
+    ]
+
+
+def _names(row: Row, count: int) -> list[str]:
+    return [name for name, _ in row["ranked"][:count]]
+
+
+def _called(row: Row) -> bool:
+    return row["verdict"] not in (NONE, UNKNOWN, "")

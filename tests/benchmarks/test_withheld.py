@@ -1,0 +1,481 @@
+"""The check on withheld data: its seals, its statistics, and a small run from end to end."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections import Counter
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from benchmarks.withheld import lane, over_the_wire, run
+from benchmarks.withheld.cases import DECOYS, FULL, PROFILES, Slot, plan
+from benchmarks.withheld.coordinates import KINDS, first_kind, true_kinds
+from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
+from benchmarks.withheld.diagnoser import REAL, loaded
+from benchmarks.withheld.judged import answerable, in_class, overall_right
+from benchmarks.withheld.maker import Maker
+from benchmarks.withheld.making import make_case, platform_rows
+from benchmarks.withheld.methods import baseline_table
+from benchmarks.withheld.mimics import Mimics
+from benchmarks.withheld.noise import noise_only
+from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
+from benchmarks.withheld.second_round import MORE, longer_recordings
+from benchmarks.withheld.statistics import (
+    calibration_error,
+    excess_calibration_error,
+    paired_difference,
+    wilson,
+)
+from benchmarks.withheld.table import measures
+from calibration.gap.result import KINDS as KINDS_OF_SHARES
+from calibration.recording_folder import read_folder
+from mock_devices.campaign_timeline import plan as timeline_of
+from mock_devices.effects import CATALOGUE, OUTSIDE, SPECS, EffectChoice
+from mock_devices.recording_files import write_recording
+
+STAND_IN = "benchmarks.withheld.stand_in:diagnose"
+EFFECT = Slot("effect-a", "effect", ("backlash",), (5.0,))
+REMOVED = Slot("removed-a", "removed", ("tracker_drift",), (3.0,))
+NULL = Slot("null-a", "null", profile="warm")
+DECOY = Slot("null-b", "null", profile="small", decoy=True)
+OUT = Slot("outside-a", "outside", ("cable_drag",), (3.0,))
+NEXT = Slot("next-a", "next", ("column_compliance",), (5.0,))
+
+
+@lru_cache
+def designs():
+    return Designs(3, FEW)
+
+
+@lru_cache
+def case_of(slot):
+    return make_case(slot, np.random.default_rng(5), designs(), final=False)
+
+
+def maker(*slots, seed=4):
+    return Maker(seed, final=False, slots=list(slots), few_designs=True)
+
+
+# --- what a run consists of
+
+
+def test_a_full_run_has_all_the_cases_that_are_wanted():
+    slots = plan()
+    assert len({slot.key for slot in slots}) == len(slots) == sum(FULL.values())
+    big = Counter(s.effects[0] for s in slots if s.kind == "effect" and s.raw[0] >= 3.0)
+    assert set(big) == set(CATALOGUE)
+    assert min(big.values()) >= 30
+    assert {s.raw[0] for s in slots if s.kind == "effect"} == {1.0, 3.0, 5.0}
+    assert Counter(s.profile for s in slots if s.kind == "null") == dict.fromkeys(PROFILES, 200)
+    pairs = [set(s.effects) for s in slots if s.kind == "pair"]
+    assert all(len(pair) == 2 for pair in pairs)
+    assert len({frozenset(pair) for pair in pairs}) > 100
+    assert {s.effects[0] for s in slots if s.kind == "outside"} == set(OUTSIDE)
+    assert sum(s.decoy for s in slots) == DECOYS
+    assert len(plan(60)) == pytest.approx(60, abs=4)
+    assert {s.kind for s in plan(60)} == set(FULL)
+
+
+@pytest.mark.parametrize("slot", [EFFECT, OUT, NEXT], ids=lambda slot: slot.kind)
+def test_cases_have_the_sizes_that_they_say(slot):
+    case = case_of(slot)
+    fact = case.truth["effects"][0]
+    spec = SPECS[fact["effect"]]
+    assert fact["raw"] == pytest.approx(slot.raw[0], rel=0.006)
+    assert fact["visible"] >= 0.5
+    assert case.truth["nuisance_raw"] * 3.0 <= slot.raw[0]
+    assert not fact["final"]
+    assert spec.size.low <= fact["size"] <= spec.size.high
+    if slot.kind != "next":  # those are sized on a rich design
+        assert case.truth["raw"] == pytest.approx(slot.raw[0], rel=0.02)
+
+
+def test_a_null_case_has_nothing_but_its_profile():
+    case = case_of(NULL)
+    assert case.truth["effects"] == []
+    assert case.truth["raw"] == 0.0
+    assert case.recording.header["nuisance"] == vars(PROFILES["warm"])
+
+
+def test_readings_differ_from_the_noise_free_ones_by_stated_noise_only(tmp_path):
+    case = case_of(EFFECT)
+    columns = case.recording.columns
+    measured = np.stack([columns[c] for c in ("x_m", "y_m", "z_m")], axis=1)
+    write_recording(case.recording, tmp_path / "x")
+    spread = np.linalg.cholesky(read_folder(tmp_path / "x").covariances_m2)
+    white = np.linalg.solve(spread, (measured - case.noise_free_m)[:, :, None])
+    assert np.std(white) == pytest.approx(1.0, rel=0.12)  # the tails are heavy
+    assert abs(np.mean(white)) < 0.05
+
+
+# --- seals
+
+
+def test_truth_is_not_on_disk_before_the_hash_of_the_answers(tmp_path):
+    m = maker(EFFECT, REMOVED, NULL, DECOY, OUT)
+    folder = tmp_path / "batch" / "recordings"
+    assert m.make(folder) == 5
+    told = [file.read_bytes().decode() for file in sorted((tmp_path).rglob("*")) if file.is_file()]
+    names = {file.name for file in tmp_path.rglob("*")}
+    seeds = {str(case.truth["seed"]) for case in m._cases.values()} | {str(m._batch_seed), str(m._secret)}
+    listed = json.loads((folder / "options.json").read_text())
+    shown = [text for text in told if text != (folder / "options.json").read_text()]
+    for text in shown:
+        words = set(text.replace(",", " ").replace('"', " ").split())
+        assert not words & (set(CATALOGUE) | set(OUTSIDE) | {"seed", "effects", *m._cases} | (seeds - {"4"}))
+    assert not any(name.startswith("truth") for name in names)
+    assert {tuple(entry) for entry in listed.values()} == {("without",)}
+    assert sorted(len(entry["without"]) for entry in listed.values()) == [0, 0, 0, 1, 1]
+    with pytest.raises(ValueError, match="SHA-256"):
+        m.seal(tmp_path / "truth.json", "x" * 64)
+    assert not (tmp_path / "truth.json").exists()
+    m.seal(tmp_path / "truth.json", "a" * 64)
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["answers_sha256"] == "a" * 64
+    assert set(truth["cases"]) == set(listed)
+
+
+def test_all_recordings_of_a_design_look_alike(tmp_path):
+    m = maker(EFFECT, REMOVED, NULL, DECOY, OUT)
+    m.make(tmp_path / "recordings")
+    shapes, headers, machines = {}, set(), set()
+    for name, case in m._cases.items():
+        folder = tmp_path / "recordings" / name
+        lines = (folder / "readings.csv").read_text().splitlines()
+        shapes.setdefault(case.truth["design"].rstrip("0123456789"), set()).add((lines[0], len(lines)))
+        header = (folder / "recording.toml").read_text()
+        headers.add(header.partition("[nuisance]")[0])
+        machines.add((folder / "machine.toml").read_text())
+        assert sorted(file.name for file in folder.iterdir()) == ["machine.toml", "readings.csv", "recording.toml"]
+    assert all(len(kinds) == 1 for kinds in shapes.values())
+    assert len(headers) == len(machines) == 1
+
+
+def test_final_runs_draw_their_seed_from_the_system():
+    made = [Maker(None, final=True, slots=[]) for _ in range(2)]
+    assert made[0].commitment != made[1].commitment
+    assert len({maker(seed=4).commitment, maker(seed=4).commitment}) == 1
+
+
+@pytest.mark.parametrize("function", ["asks_for_the_plant", "reads_a_truth", "diagnose"])
+def test_a_diagnoser_that_asks_for_the_plant_fails(tmp_path, function):
+    write_recording(case_of(NULL).recording, tmp_path / "in" / "recordings" / "x")
+    (tmp_path / "in" / "recordings" / "options.json").write_text('{"x": {"without": []}}')
+    arguments = (tmp_path / "in" / "recordings", tmp_path / "answers", f"benchmarks.withheld.stand_in:{function}")
+    if function == "diagnose":
+        lane.diagnose(*arguments)
+        answer = json.loads((tmp_path / "answers" / "answers.json").read_text())["x"]
+        assert set(answer["baselines"]) == {"nearest_residual", "greedy_bic", "form_free"}
+        return
+    with pytest.raises(lane.RunFailed, match="failed"):
+        lane.diagnose(*arguments)
+    assert not (tmp_path / "answers" / "answers.json").exists()
+    assert "may be read" in (tmp_path / "in" / "diagnoser.log").read_text()
+
+
+def test_answers_cannot_be_changed_after_the_truth_is_known(tmp_path):
+    m = maker(NULL)
+    m.make(tmp_path / "recordings")
+    lane.diagnose(tmp_path / "recordings", tmp_path / "answers", STAND_IN)
+    m.seal(tmp_path / "truth.json", fixed_answers(tmp_path))
+    assert [row["key"] for row in score_batch(tmp_path)] == ["null-a"]
+    answers = tmp_path / "answers" / "answers.json"
+    answers.write_text(answers.read_text().replace("rankin", "rankln"))
+    with pytest.raises(Tampered, match="not those"):
+        score_batch(tmp_path)
+
+
+# --- statistics
+
+
+@pytest.mark.parametrize(("hits", "trials"), [(0, 20), (3, 7), (95, 100), (40, 40), (996, 1000)])
+def test_wilson_is_scipys(hits, trials):
+    expected = binomtest(hits, trials).proportion_ci(0.95, method="wilson")
+    assert wilson(hits, trials) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_calibration_error_by_hand():
+    stated = np.array([0.95, 0.95, 0.91, 0.15, 1.0])
+    right = np.array([1.0, 0.0, 1.0, 1.0, 1.0])
+    in_last = abs(3.0 / 4.0 - np.mean([0.95, 0.95, 0.91, 1.0]))
+    assert calibration_error(stated, right) == pytest.approx(0.8 * in_last + 0.2 * 0.85)
+
+
+def test_a_calibrated_classifier_has_no_excess_and_an_overconfident_one_has():
+    rng = np.random.default_rng(2)
+    stated = rng.uniform(0.3, 1.0, 1500)
+    excess, low, high = excess_calibration_error(stated, (rng.random(1500) < stated).astype(float))
+    assert abs(excess) < 0.015
+    assert low < excess < high
+    excess, low, _ = excess_calibration_error(stated, (rng.random(1500) < stated - 0.1).astype(float))
+    assert excess == pytest.approx(0.08, abs=0.025)
+    assert low > 0.03
+
+
+def test_paired_difference_is_that_of_differences():
+    rng = np.random.default_rng(1)
+    a, b = rng.random(200) < 0.7, rng.random(200) < 0.5
+    found, low, high = paired_difference(a.tolist(), b.tolist())
+    d = a.astype(float) - b.astype(float)
+    assert found == pytest.approx(d.mean())
+    assert (high - low) / 2.0 == pytest.approx(1.96 * d.std() / math.sqrt(200), rel=1e-4)
+
+
+def test_achieved_shrink_is_that_of_the_plant():
+    case = case_of(EFFECT)
+    rows = platform_rows(case.bench)[::3]
+    rng = np.random.default_rng(3)
+    turn = case.bench.view.rotation
+    error = np.zeros((len(rows), 3))
+    error[:, :2] = 1e-5 * rng.choice([-1.0, 1.0], (len(rows), 2))
+    error[:, 2] = 1e-3  # along the machine's z, which does not count
+    near = case.noise_free_m[rows]
+    predictions = {"rows": rows, "before_m": near + error @ turn.T, "after_m": near + 0.2 * error @ turn.T}
+    found = achieved(case.truth, predictions, case.noise_free_m, platform_rows(case.bench))
+    assert found["achieved"] == pytest.approx(0.8)
+    assert found["before_m"] == pytest.approx(1e-5)
+    assert found["predicted_share"] == pytest.approx(1.0 / 3.0, abs=0.01)
+
+
+def row(kind, true, verdict, **more):
+    base = {
+        "key": f"{kind}-{true}-{verdict}", "kind": kind, "true": [true] if true else [], "variant": ["x"], "raw": 3.0,
+        "final": False, "visible": 2.0, "eligible": bool(true), "wanted_raw": [3.0], "profile": "small", "p": 0.9,
+        "verdict": verdict, "equivalent": [], "named": [verdict], "ranked": [[verdict, 0.9]], "mimics_sigma": {},
+        "seconds": 0.5, "clock_seconds": 0.6, "baselines": {"form_free": "none"}, "error": "", "first_kind": "time",
+        "shrink": 0.5, "shrink_interval": [0.4, 0.6], "achieved": 0.53,
+    }  # fmt: skip
+    return {**base, **more}
+
+
+def by_name(rows):
+    return {m.name: m for m in measures(rows)}
+
+
+def test_rows_are_counted_as_the_goals_say():
+    pair = {**row("pair", "backlash", "backlash"), "true": ["backlash", "latency"]}
+    rows = [
+        row("effect", "backlash", "backlash", true_kinds=["direction"], place_right=True, step_error_s=-200.0),
+        row("effect", "latency", "backlash", true_kinds=["time"], ranked=[["a", 0.5], ["b", 0.3], ["latency", 0.2]]),
+        row("effect", "latency", "latency", eligible=False, visible=0.2, raw=1.0),
+        row("null", "", "none"), row("null", "", "unknown"), row("null", "", "backlash"),
+        row("outside", "cable_drag", "unknown"), row("outside", "cable_drag", "backlash", wanted_raw=[1.0]),
+        row("removed", "backlash", "friction_windup", mimics_sigma={"friction_windup": 0.4}),
+        row("removed", "backlash", "latency", mimics_sigma={"friction_windup": 0.4}),
+        row("platform_only", "backlash", "latency", equivalent=["backlash"], mimics_sigma={"latency": 0.2}),
+        row("platform_only", "backlash", "backlash", equivalent=["latency"], mimics_sigma={"latency": 0.4}),
+        {**pair, "named": ["latency", "backlash"]},
+        {**pair, "named": ["backlash", "refraction"]},
+        row("next", "backlash", "none", after_chosen=True, after_random=False),
+    ]  # fmt: skip
+    found = by_name(rows)
+    for name, value, n in (
+        ("top-1, raw >= 3 and visible >= 0.5 sigma", 0.5, 2),
+        ("worst effect (latency)", 0.0, 1),
+        ("truth among the first three", 1.0, 2),
+        ("null cases called an effect", 1.0 / 3.0, 3),
+        ("null cases called unknown", 1.0 / 3.0, 3),
+        ("outside effect called unknown", 1.0, 1),
+        ("true class removed: unknown, or its mimic", 0.5, 2),
+        ("platform only: class right and its members equivalent", 0.5, 2),
+        ("platform only: mean class size", 2.0, 2),
+        ("two effects: exact pair", 0.5, 2),
+        ("two effects: at least one", 1.0, 2),
+        ("predicted minus achieved shrink within 0.05", 1.0, 2),
+        ("95 % shrink interval covers", 1.0, 2),
+        ("true coordinate first by share", 0.5, 2),
+        ("step time within 5 min", 1.0, 1),
+        ("further poses: chosen better by", 1.0, 1),
+    ):
+        assert found[name].value == pytest.approx(value), name
+        assert found[name].n == n, name
+    assert found["top-1, raw >= 3 and visible >= 0.5 sigma"].ok is False
+    assert [overall_right(r) for r in rows[3:6]] == [True, False, False]
+    assert in_class(rows[10])
+    methods = {line["method"]: line for line in baseline_table(rows)}
+    assert methods["form_free"]["null"]["value"] == 1.0
+    assert methods["diagnosis"]["effect"]["value"] == 0.5
+
+
+def test_a_run_without_cases_of_a_kind_and_one_that_failed_are_scored():
+    assert by_name([])["top-1, raw >= 3 and visible >= 0.5 sigma"].value is None
+    failed = row("effect", "backlash", "", ranked=[], named=[], error="InputError: x", p=0.0)
+    del failed["shrink"], failed["shrink_interval"], failed["achieved"]
+    found = by_name([failed])
+    assert found["diagnoses that failed"].value == 1.0
+    assert found["predicted minus achieved shrink within 0.10"].value == 0.0
+
+
+def test_every_effect_has_a_true_coordinate():
+    for name in CATALOGUE:
+        for variant in SPECS[name].variants:
+            assert set(true_kinds(name, variant)) <= set(KINDS)
+            assert true_kinds(name, variant)
+    assert set(KINDS) < set(KINDS_OF_SHARES)
+    shares = [{"kind": "smr", "share": 0.9}, {"kind": "load", "share": 0.2}, {"kind": "time", "share": 0.5}]
+    assert first_kind(shares) == "time"
+    assert first_kind(shares[:1]) == ""
+
+
+# --- what could be taken for what
+
+
+@lru_cache
+def small_design():
+    drawn = designs().by_name("rich0")
+    design = drawn.timeline.design
+    return Drawn("small", timeline_of(drawn.timeline.machine, with_visits(design, design.visits[::6])), drawn.programme)
+
+
+@lru_cache
+def small_library():
+    return Mimics(small_design(), draws=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "variant", "other"), [("column_compliance", "yaw", "joint_clearance"), ("backlash", "play", "")]
+)
+def test_mimics_are_found_and_others_are_not(name, variant, other):
+    sizes = small_design().visible.sizes
+    choice = sizes.scaled(EffectChoice(name, SPECS[name].size.middle, "left", variant, (), 3), 4.0)
+    change = sizes.change_m(choice)
+    fact = {"effect": name, "place": "left", "seed": 3, "parameters": {}}
+    found = small_library().distances(fact, change)
+    assert name not in found
+    assert set(found) == set(CATALOGUE) - {name}
+    visible = small_design().visible.visible_of(change)
+    if other:
+        assert found[other] < 0.5
+    else:
+        assert found["tracker_drift"] > 0.7 * visible
+
+
+# --- further poses
+
+
+def test_a_longer_campaign_goes_on_where_the_first_one_ended():
+    case = case_of(NEXT)
+    asked = [
+        {"target_m": [0.1, 0.2, 0, 0, 0, 0], "direction": [-1, 1], "payload": 2, "speed_m_per_s": 0.1, "dwell_s": 8.0},
+        {"target_m": [5.0, 0.2, 0, 0, 0, 0], "direction": [-1, 1], "payload": 2, "speed_m_per_s": 0.1, "dwell_s": 8.0},
+    ]
+    arms = longer_recordings(case, asked, np.random.default_rng(1))
+    n = len(case.recording)
+    for made in arms.values():
+        assert all(np.array_equal(made.columns[c][:n], v) for c, v in case.recording.columns.items())
+        assert len(np.unique(made.columns["visit"])) == len(np.unique(case.recording.columns["visit"])) + MORE
+        assert np.all(np.diff(made.columns["t_rig_s"]) > 0.0)
+        assert len(set(made.columns["uid"].tolist())) == len(made)
+    assert set(arms["chosen"].columns["payload"][n:].tolist()) >= {2.0}
+    assert set(arms["random"].columns["payload"].tolist()) == {0.0}
+    at_pose = arms["chosen"].columns["phase"][n:] == "calibration"
+    assert set(arms["chosen"].columns["target_x_m"][n:][at_pose].tolist()) == {0.1}
+
+
+# --- over the wire
+
+
+def test_the_wire_and_the_maker_of_recordings_agree():
+    effect = "servo_settling=2e-4,place=right,tau_s=10"
+    assert effect in over_the_wire.EFFECTS
+    assert len({text.partition("=")[0] for text in over_the_wire.EFFECTS}) == 10
+    assert over_the_wire.difference_m(effect) < over_the_wire.LARGEST_M
+
+
+# --- whole runs
+
+
+def arguments(folder, *more, n=14, kinds="null,outside", batch=2):
+    return [
+        "--seed", "7", "--n", str(n), "--kinds", kinds, "--out", str(folder), "--lanes", "1",
+        "--batch", str(batch), *more,
+    ]  # fmt: skip
+
+
+def rows_of(folder):
+    lines = (folder / "results.jsonl").read_text().splitlines()[1:]
+    rows = [r for line in lines for r in json.loads(line)["rows"]]
+    return sorted(({k: v for k, v in r.items() if "seconds" not in k} for r in rows), key=lambda r: r["key"])
+
+
+def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch):
+    n, diagnose = 8, ("--diagnose", STAND_IN)
+    assert run.main(arguments(tmp_path / "whole", *diagnose, n=n)) == 1
+    kept = []
+    whole = lane.run_lane
+
+    def stopped(options, keep, begun):
+        def once(batch):
+            if kept:
+                raise lane.RunFailed("stopped")
+            kept.append(batch)
+            keep(batch)
+
+        whole(options, once, begun)
+
+    monkeypatch.setattr(run, "run_lane", stopped)
+    assert run.main(arguments(tmp_path / "parts", *diagnose, n=n)) == 2
+    assert len(rows_of(tmp_path / "parts")) == 2
+    monkeypatch.setattr(run, "run_lane", whole)
+    assert run.main(arguments(tmp_path / "parts", *diagnose, n=n)) == 1
+    assert rows_of(tmp_path / "parts") == rows_of(tmp_path / "whole")
+    assert "null cases called an effect" in capsys.readouterr().out
+    assert not list((tmp_path / "parts").rglob("*.csv"))
+    assert {"confusion.png", "reliability.png", "shrink.png", "results.json"} <= {
+        file.name for file in (tmp_path / "parts").iterdir()
+    }
+
+
+def test_a_final_run_is_logged_whatever_comes_out(tmp_path, capsys):
+    options = [
+        "--final", "--n", "4", "--kinds", "null", "--out", str(tmp_path / "out"), "--lanes", "1",
+        "--diagnose", STAND_IN, "--log", str(tmp_path / "log.jsonl"),
+    ]  # fmt: skip
+    assert run.main(options) in (0, 1)
+    begun, ended = (json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines())
+    assert begun["run"] == ended["run"]
+    truth = next((tmp_path / "out").rglob("truth.json"))
+    assert ended["truths"][0] == hashlib.sha256(truth.read_bytes()).hexdigest()
+    assert json.loads(truth.read_text())["commitment"] == begun["seed"]
+    assert ended["figures"]["null cases called an effect"][3] == ended["n"]
+    capsys.readouterr()
+
+
+def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
+    assert run.main(arguments(tmp_path / "out", n=7, kinds="effect,null,outside", batch=3)) in (0, 1)
+    rows = rows_of(tmp_path / "out")
+    assert Counter(r["kind"] for r in rows) == {"effect": 2, "null": 3, "outside": 1}
+    assert [r["error"] for r in rows] == [""] * 6
+    assert sum(overall_right(r) for r in rows if answerable(r)) >= 3
+    for r in rows:
+        assert sum(p for _, p in r["ranked"]) <= 1.0 + 1e-9
+        assert r["predicted_share"] == 1.0
+        assert r["achieved"] < 1.0
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert found["cases"] == 6
+    assert "one diagnosis, median" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("function", "names", "at_least"),
+    [(STAND_IN, CATALOGUE[::3], 1), (REAL, ("backlash", "smr_reseat"), 2)],
+    ids=["stand-in", "real"],
+)
+def test_noise_in_place_of_readings_tells_nothing(tmp_path, function, names, at_least):
+    diagnose = loaded(function)
+    slots = [Slot(f"effect-{k}", "effect", (name,), (5.0,)) for k, name in enumerate(names)]
+    named = before = 0
+    for number, slot in enumerate(slots):
+        case = make_case(slot, np.random.default_rng([6, number]), designs(), final=False)
+        write_recording(case.recording, tmp_path / slot.key)
+        recording = read_folder(tmp_path / slot.key)
+        before += diagnose(recording, ()).verdict == slot.effects[0]
+        noise = noise_only(recording, np.random.default_rng(number))
+        named += diagnose(noise, ()).verdict == slot.effects[0]
+    assert before >= at_least
+    assert named <= len(names) // 10  # chance would name one of twenty

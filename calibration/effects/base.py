@@ -16,10 +16,12 @@ import numpy as np
 
 from calibration.gap.moments import Moments
 from calibration.machine import Array, Machine
+from calibration.recording_header import NuisanceEntry
 
 Place = Literal["drive", "strut", "smr", "rig"]
 Acts = tuple[tuple[str, Array], ...]
 
+ABOVE_DECLARED = 2.0
 FLEXIBLE = 0.3  # standard deviation of what a real part adds to the textbook's form, relative to the size
 
 
@@ -84,7 +86,8 @@ class Setting:
 
     tension_n (n, s): of the struts; pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle
     of its joints; sight_m (n, 3): the measured points in the station's frame. periods: spatial periods within limits in
-    m that stand out at a drive, each with its prior probability among all that the data could tell apart.
+    m that stand out at a drive, each with its prior probability among all that the data could tell apart; onsets: the
+    same of moments, in s since the beginning, from which on something stays changed at some channels.
     """
 
     machine: Machine
@@ -95,6 +98,7 @@ class Setting:
     sight_m: Array
     channels: tuple[str, ...]
     periods: Callable[[int, float, float], Sequence[tuple[float, float]]]
+    onsets: Callable[[Sequence[str]], Sequence[tuple[float, float]]]
 
     def drive(self, index: int) -> str:
         """Name of a drive."""
@@ -141,7 +145,8 @@ class Effect:
 
     size: its first parameter; others follow. reveals: what in a campaign shows it. confounded: names of effects that
     look alike. forms: builds the forms at a place (index among drives, struts or platform reflectors; 0 for the rig).
-    untested: why a campaign cannot show it, or None.
+    untested: why a campaign cannot show it, or None. declared: what of it a recording may declare as ordinary, in the
+    size's unit: only what exceeds that twice is the effect.
     """
 
     name: str
@@ -152,6 +157,11 @@ class Effect:
     forms: Callable[[Setting, int], Forms]
     others: tuple[Parameter, ...] = ()
     untested: Callable[[Setting], str | None] = lambda setting: None
+    declared: Callable[[NuisanceEntry], float] = lambda nuisance: 0.0
+
+    def smallest(self, nuisance: NuisanceEntry) -> float:
+        """The smallest size that is this effect and not the declared wander of its rig."""
+        return min(max(self.size.low, ABOVE_DECLARED * self.declared(nuisance)), 0.5 * self.size.high)
 
     def places(self, machine: Machine) -> tuple[str, ...]:
         """Names of the places where it may be."""

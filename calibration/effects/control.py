@@ -10,6 +10,7 @@ from calibration.machine import Array
 
 REFERENCE_SPEED_M_PER_S = 0.5
 REST_S = ladder(0.5, 16.0, 7)
+CAPS_M_PER_S = (10.0, 0.3, 0.2, 0.15, 0.125)
 
 
 def coupling(s: Setting, drive: int) -> Forms:
@@ -22,11 +23,12 @@ def coupling(s: Setting, drive: int) -> Forms:
         straight = f.add((travel, x))
         curve = f.add((travel, smooth(q, 5)))
         crossed = f.add((travel, products(np.stack([x, 2.0 * x**2], axis=1), np.stack([mine, mine**2 - 0.4], axis=1))))
-        come = f.add((travel, 0.25 * m.direction[:, other, None] * _speeds(s)))
         f.form(straight, curve, share=0.5)
         f.form(curve)
         f.form(crossed[:1], (*straight, *crossed[1:], *curve), share=0.3)
-        f.form(come)
+        pushed = f.add((travel, 0.25 * m.direction[:, other]))
+        for speed in _speeds(s):
+            f.form(f.add((travel, 0.25 * m.direction[:, other] * speed)), pushed, share=0.3, weight=0.5)
     return f
 
 
@@ -34,41 +36,40 @@ def latency(s: Setting, _: int) -> Forms:
     """All drives are seen at another moment: by v tau while they move, less and less after a stop."""
     f, m = Forms(), s.moments
     drives = range(len(s.machine.drive_names))
-    speed = np.abs(m.velocity_m_per_s).max(axis=1)
-    f.form(
-        f.add(*((f"travel.{s.drive(a)}", m.velocity_m_per_s[:, a]) for a in drives)),
-        f.add(*((f"travel.{s.drive(a)}", m.velocity_m_per_s[:, a] * speed / 0.25) for a in drives)),
-        share=0.5,
-    )
-    for tau in ladder(0.15, 5.0, 7):
-        late = np.exp(-m.dwell_s / tau)[:, None] * _speeds(s) * REFERENCE_SPEED_M_PER_S
-        f.form(
-            f.add(*((f"travel.{s.drive(a)}", -m.direction[:, a, None] * late) for a in drives)), tau_s=tau, weight=0.5
-        )
+
+    def every(shape: Array) -> list[int]:
+        return f.add(*((f"travel.{s.drive(a)}", shape[:, a]) for a in drives))
+
+    speed = np.abs(m.velocity_m_per_s).max(axis=1, keepdims=True)
+    f.form(every(m.velocity_m_per_s), every(m.velocity_m_per_s * speed / 0.25), share=0.5)
+    for reached in _speeds(s)[::2]:
+        for tau in ladder(0.15, 5.0, 6):
+            late = np.exp(-m.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
+            f.form(every(-m.direction * late[:, None]), tau_s=tau, weight=0.2)
     return f
 
 
 def servo_settling(s: Setting, drive: int) -> Forms:
     """The slider comes to rest late, the later the faster it came."""
     f, travel, m = Forms(), f"travel.{s.drive(drive)}", s.moments
-    behind = -m.direction[:, drive, None] * _speeds(s)
-    rest = products(behind, smooth(np.log(m.dwell_s + 0.3), 6, constant=True))
-    any_way = f.add((travel, rest))
-    for tau in REST_S:
-        t = m.dwell_s / tau
-        decay = f.add((travel, behind * np.exp(-t)[:, None]))
-        ringing = np.stack([np.exp(-0.5 * t) * np.cos(w * t) for w in (1.5, 2.5, 4.0)], axis=1)
-        more = f.add((travel, products(behind, ringing)))
-        f.form(decay, any_way, share=0.3, tau_s=tau)
-        f.form(more, any_way, share=0.3, tau_s=tau, weight=0.5)
+    rest = smooth(np.log(m.dwell_s + 0.3), 6, constant=True)
+    for speed in _speeds(s):
+        behind = -m.direction[:, drive] * speed
+        any_way = f.add((travel, behind[:, None] * rest))
+        for tau in REST_S:
+            f.form(f.add((travel, behind * np.exp(-m.dwell_s / tau))), any_way, share=0.4, tau_s=tau)
+        for tau in REST_S[1::2]:
+            t = m.dwell_s / tau
+            ringing = np.stack([np.exp(-0.5 * t) * np.cos(w * t) for w in (1.5, 2.5, 4.0)], axis=1)
+            f.form(f.add((travel, behind[:, None] * ringing)), any_way, share=0.4, tau_s=tau, weight=0.5)
     return f
 
 
-def _speeds(s: Setting) -> Array:
-    """The approach's speed (n, 4) over the reference, and what a last leg too short to reach it makes of it."""
-    v = s.moments.speed_m_per_s / REFERENCE_SPEED_M_PER_S
-    moving = s.moments.moving.astype(np.float64)
-    return np.stack([v, np.full(len(v), 0.3), moving * v, 0.3 * moving], axis=1)
+def _speeds(s: Setting) -> list[Array]:
+    """The speed (n,) of the last leg over the reference: a leg too short does not reach the approach's, so it is capped."""
+    m = s.moments
+    caps = [np.where(m.moving, m.speed_m_per_s, np.minimum(m.speed_m_per_s, cap)) for cap in CAPS_M_PER_S]
+    return [capped / REFERENCE_SPEED_M_PER_S for capped in caps]
 
 
 def _same_dwell(s: Setting) -> str | None:

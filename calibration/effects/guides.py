@@ -10,7 +10,7 @@ from calibration.machine import Array
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
-SETTLING_S = (1.0, 600.0, 3000.0)
+SETTLING_S = (600.0, 3000.0)
 
 
 def straightness(s: Setting, drive: int) -> Forms:
@@ -48,6 +48,9 @@ def settling(s: Setting, drive: int) -> Forms:
         return down, [c for each in lean for c in each]
 
     end = float(t.max())
+    for onset, prior in s.onsets((travel, *s.of_drive("sideways", drive))):
+        down, lean = columns((t >= onset).astype(np.float64))
+        f.form(down, lean, share=0.5, onset_s=onset, weight=prior * ONSETS)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         for tau in SETTLING_S:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau))

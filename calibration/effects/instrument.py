@@ -10,7 +10,7 @@ from calibration.machine import Array
 
 LEVER_M = 3.2
 HOUR_S = 3600.0
-ONSETS = 24
+ONSETS = 12
 PER_KELVIN = 0.93e-6  # change of the refractive index
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
 
@@ -22,13 +22,12 @@ def drift(s: Setting, _: int) -> Forms:
     def frame(shape: Array) -> list[int]:
         return [c for k in FRAME for c in f.add((f"station.{k}", shape / (LEVER_M if k[0] == "r" else 1.0)))]
 
-    end = float(t.max())
     for shape in (t / HOUR_S, 1.0 - np.exp(-t / 900.0), 1.0 - np.exp(-t / 2700.0)):
         f.form(frame(shape))
     air = s.moments.temperatures_c["air"]
     f.form(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1)))
-    for onset in np.linspace(0.05, 0.95, ONSETS) * end:
-        f.form(frame((t >= onset).astype(np.float64)), weight=0.2, onset_s=float(onset))
+    for onset, prior in s.onsets([f"station.{k}" for k in FRAME]):
+        f.form(frame((t >= onset).astype(np.float64)), weight=2.0 * prior, onset_s=onset)
     f.form(frame(brownian(t / HOUR_S, 40)), weight=2.0)
     return f
 
@@ -64,8 +63,9 @@ def reseat(s: Setting, smr: int) -> Forms:
         return [c for channel in channels for c in f.add((channel, shape))]
 
     end = float(t.max())
-    for onset in np.linspace(0.03, 0.97, ONSETS) * end:
-        f.form(shift((t >= onset).astype(np.float64)), onset_s=float(onset))
+    for onset, prior in s.onsets(channels):
+        f.form(shift((t >= onset).astype(np.float64)), weight=prior * ONSETS, onset_s=onset)
+    for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         f.form(shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / 900.0)), weight=0.5, onset_s=float(onset))
     numbers = np.unique(m.exchanges)[1:]
     if numbers.size:
@@ -88,7 +88,7 @@ _ONSET = Parameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
 EFFECTS = (
     Effect(
         "tracker_drift", "rig", Parameter("drift_m", 2e-6, 1e-3, "m", "at 3 m, in an hour or at once"),
-        "time, floor nests", ("foundation_settling",), drift, (), _brief,
+        "time, floor nests", ("foundation_settling",), drift, (_ONSET,), _brief, lambda n: n.drift_m,
     ),
     Effect(
         "refraction", "rig", Parameter("gradient_k_per_m", 0.2, 60.0, "K/m", "of the air's temperature"),
@@ -96,6 +96,6 @@ EFFECTS = (
     ),
     Effect(
         "smr_reseat", "smr", Parameter("shift_m", 1e-6, 4e-4, "m", "of one reflector"),
-        "time, one reflector against the others", (), reseat, (_ONSET,), _brief,
+        "time, one reflector against the others", (), reseat, (_ONSET,), _brief, lambda n: n.reseat_m,
     ),
 )  # fmt: skip

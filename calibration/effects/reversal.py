@@ -69,6 +69,7 @@ EFFECTS = (
     Effect(
         "backlash", "drive", Parameter("width_m", 1e-6, 5e-4, "m", "whole play of the drive"),
         "both directions of approach", ("friction_windup", "servo_settling"), backlash, (), _one_side,
+        lambda n: 2.0 * n.reversal_m,
     ),
     Effect(
         "friction_windup", "drive",

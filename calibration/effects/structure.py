@@ -12,7 +12,7 @@ from calibration.effects.base import Effect, Forms, Parameter, Setting
 from calibration.gap.shapes import smooth
 
 LEVER_M = 0.25
-SOFT_N = (300.0, 1500.0)  # over which play is taken up
+SOFT_N = (400.0, 1500.0, 5000.0)  # over which play is taken up
 LEAST_KG = 20.0
 
 
@@ -49,12 +49,13 @@ def link_stiffness(s: Setting, strut: int) -> Forms:
     loaded = f.add((name, np.stack([t * s.load, s.load * size], axis=1)))
     swung = f.add((name, np.stack([t * u, t * u**2, size * u, size * u**2], axis=1)))
     pressed = f.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
-    bent = f.add((name, np.stack([t**2 / size, t**3 / size**2], axis=1)))
+    away = t - t.mean()
+    bent = f.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)))
     f.form(main, share=0.4)
     f.form(loaded[:1], (*main, *loaded[1:]), share=0.6)
     f.form(swung[:2], (*main, *swung[2:]), share=0.6)
     f.form(pressed, share=0.4)
-    f.form(bent[:1], (*main, *bent), share=0.5)
+    f.form((*main, *bent), weight=0.5)
     f.form(main, (*loaded, *swung, *bent), share=0.5)
     return f
 

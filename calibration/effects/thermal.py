@@ -12,6 +12,7 @@ TAUS_S = ladder(250.0, 7000.0, 6)
 LAGS_S = ladder(400.0, 5000.0, 4)
 COLUMN_WIDTH_M = 0.4
 DUTY_M_PER_S = 0.01
+TAKEN_UP = (0.2, 0.4, 0.6)  # of the most heat, by the stretch of a screw that was assembled under tension
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
 _RISE = Parameter("rise_k", 0.1, 40.0, "K", "how much warmer than its sensor the part becomes")
@@ -80,10 +81,12 @@ def screw_growth(s: Setting, drive: int) -> Forms:
         bend = f.add(
             (travel, span * alpha * heat[:, None] * np.stack([0.5 * u**2, 0.5 * u**3, 0.3 * np.ones_like(u)], axis=1))
         )
-        limited = f.add((travel, alpha * np.maximum(heat - 0.3 * heat.max(), 0.0) * x))
-        f.form(low, (*bend, *limited), share=0.5, tau_s=tau)
+        limited = [f.add((travel, alpha * np.maximum(heat - k * heat.max(), 0.0) * x)) for k in TAKEN_UP]
+        every = [c for columns in limited for c in columns]
+        f.form(low, (*bend, *every), share=0.5, tau_s=tau)
         f.form(high, tau_s=tau)
-        f.form(limited, tau_s=tau)
+        for columns in limited:
+            f.form(columns, tau_s=tau)
         f.form(bend, share=0.5, tau_s=tau)
     return f
 
@@ -92,13 +95,16 @@ EFFECTS = (
     Effect(
         "link_thermal_growth", "strut", _RISE, "time, a temperature swing",
         ("joint_clearance", "column_thermal_growth"), link_growth, (_TAU,), _too_short,
+        lambda n: n.temperature_k,
     ),
     Effect(
         "column_thermal_growth", "drive", _RISE, "time, a temperature swing, reflectors on the sliders",
         ("foundation_settling", "screw_thermal_growth"), column_growth, (_TAU,), _too_short,
+        lambda n: n.temperature_k,
     ),
     Effect(
         "screw_thermal_growth", "drive", _RISE, "time and the way moved, drive coordinate, reflectors on the sliders",
         ("column_thermal_growth",), screw_growth, (_TAU,), _too_short,
+        lambda n: n.temperature_k,
     ),
 )  # fmt: skip

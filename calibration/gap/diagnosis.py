@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.effects.base import Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.gap import location, shrink
 from calibration.gap.baseline import Baseline, baseline_of
-from calibration.gap.evidence import Readout, log_evidence_of_sizes
-from calibration.gap.formless import SMALLEST_SIGMA, Alternative, of_visits
+from calibration.gap.evidence import Readout
+from calibration.gap.formless import Formless, platform_hides
 from calibration.gap.next_measurement import candidates
 from calibration.gap.result import (
     NONE,
@@ -21,8 +22,8 @@ from calibration.gap.result import (
     VisitGaps,
     Withheld,
 )
-from calibration.gap.search import Cause, Explanation, Formless, explain, taken, tested
-from calibration.gap.setting import setting_of
+from calibration.gap.search import Cause, Explanation, explain, taken, tested
+from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
 from calibration.gap.verdict import probabilities
 from calibration.machine import Array
@@ -30,7 +31,6 @@ from calibration.recording import Recording
 
 EQUIVALENT_SIGMA = 0.3
 COMPARED = 6  # effects that come next in the ranking are held against the first
-NO_MORE_THAN = 3.0  # of log evidence below the most likely size: 95 % for a flat prior of the logarithm
 CLUES = 4
 SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated
 INSIDE = {"smr_offset": "mounting.", "joint_spacing": ("platform_joint.", "base_joint."), "link_self_weight": "weight."}
@@ -46,7 +46,8 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
     catalogue = catalogue or load_catalogue()
     baseline = baseline_of(recording)
     readout = Readout(baseline)
-    setting = setting_of(readout)
+    periods = periodograms(readout)
+    setting = setting_of(readout, periods)
     effects, not_tested = tested(setting, catalogue)
     found = explain(readout, setting, effects)
     ranking = probabilities(found)
@@ -68,16 +69,16 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
         matters_m=matters * field.noise_m,
         effects=tuple(_found(cause, ranking, readout, after) for cause in causes),
         ranking=ranking,
-        where=location.shares(readout, field),
+        where=location.shares(readout, field, periods),
         gap=gap,
         not_tested=not_tested,
-        hidden_m=_hidden_m(after, setting_of(after), field.noise_m),
+        hidden_m=_hidden_m(after, setting, field.noise_m),
         inside_geometry=_inside_geometry(baseline),
         clues=_clues(found) if verdict == UNKNOWN else (),
         next_measurement=candidates(found, ranking, equivalent, not_tested),
         withheld=_withheld(baseline, readout, before_left, after, after_left, field),
         visits=_visits(baseline, field),
-        spectra=location.spectra(readout),
+        spectra=location.spectra(readout, periods),
         remarks=_remarks(found, verdict),
     )
     return diagnosis, Twin.of(baseline, causes, setting)
@@ -157,23 +158,13 @@ def _u_of_parameter(name: str, at: float) -> float:
     return 0.002 * at if name == "period_m" else 0.3 * at if name == "tau_s" else 120.0
 
 
-def _hidden_m(after: Readout, setting: object, noise_m: float) -> float:
-    """Largest RMS, per coordinate, of something at the platform in single visits that the readings still allow."""
-    most = 0.0
-    for alternative in of_visits(setting, after):  # type: ignore[arg-type]
-        if alternative.channel.startswith("pose."):
-            most = max(most, _largest(after, alternative))
-    return most * noise_m
-
-
-def _largest(after: Readout, alternative: Alternative) -> float:
-    """Size in sigma below which 95 % of the evidence lies."""
-    judged = after.judge(alternative.forms.acts)
-    sizes = np.geomspace(0.02, 20.0, 40) * alternative.low / SMALLEST_SIGMA
-    logs = log_evidence_of_sizes(judged, sizes)
-    weights = np.exp(logs - logs.max())
-    below = np.cumsum(weights) / np.sum(weights)
-    return float(sizes[int(np.searchsorted(below, 0.95))] * SMALLEST_SIGMA / alternative.low)
+def _hidden_m(after: Readout, setting: Setting, noise_m: float) -> float:
+    """Largest RMS, per coordinate, of something at the platform in single visits that the readings still allow: 95 %."""
+    sizes = np.geomspace(0.02, 20.0, 40)
+    logs = platform_hides(after, setting, sizes)
+    weights = np.exp(logs - logs.max(axis=1, keepdims=True))
+    below = np.cumsum(weights, axis=1) / np.sum(weights, axis=1, keepdims=True)
+    return float(max(sizes[int(np.searchsorted(row, 0.95))] for row in below)) * noise_m
 
 
 def _inside_geometry(baseline: Baseline) -> dict[str, float]:
@@ -194,7 +185,7 @@ def _clues(found: Explanation) -> tuple[Clue, ...]:
     pool.sort(key=lambda f: -f.log_evidence)
     seen: dict[tuple[str, str], Clue] = {}
     for f in pool:
-        key = (f.alternative.channel, f.alternative.coordinate)
+        key = (f.channel, f.coordinate)
         seen.setdefault(key, Clue(*key, f.log_evidence / pool[0].log_evidence))
     return tuple(seen.values())[:CLUES]
 
@@ -239,7 +230,7 @@ def _visits(baseline: Baseline, field: shrink.Field) -> VisitGaps:
 def _remarks(found: Explanation, verdict: str) -> tuple[str, ...]:
     out = []
     if verdict not in (NONE, UNKNOWN) and found.excess > 10.0:
-        f = found.formless[0].alternative
+        f = found.formless[0]
         out.append(
             f"the effect's form is not exact: something at {f.channel} that depends on {f.coordinate} remains "
             f"({found.excess:.0f} of log evidence, {found.log_evidence:.0f} explained)"

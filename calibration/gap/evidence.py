@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from calibration.effects.base import Acts, Form
 from calibration.gap.baseline import Baseline
@@ -113,6 +114,31 @@ class Readout:
                     information[np.ix_(numbers, theirs)] += shapes.T @ (product[:, None] * second)
         return Judged(information - along.T @ along, score)
 
+    def judge_through(self, channels: Sequence[tuple[str, float]], shapes: Array) -> Judged:
+        """The same of shapes (n, k) through each of some channels, each times a unit: the channels' columns in turn."""
+        along, score = [], []
+        blocks = [[np.empty(0)] * len(channels) for _ in channels]
+        for i, (channel, unit) in enumerate(channels):
+            response = self.response(channel) * unit
+            along.append(self._projection(channel).T @ shapes * unit)
+            score.append(np.sum(response * self.left, axis=1) @ shapes)
+            for j, (other, theirs) in enumerate(channels[: i + 1]):
+                product = np.sum(response * self.response(other), axis=1) * theirs
+                blocks[i][j] = shapes.T @ (product[:, None] * shapes)
+                blocks[j][i] = blocks[i][j].T
+        joined = np.concatenate(along, axis=1)
+        return Judged(np.block(blocks) - joined.T @ joined, np.concatenate(score))
+
+    def by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Information and score (v,) of a unit of a channel in each single visit."""
+        count = int(arrival.max()) + 1
+        response = self.response(channel)
+        sums = csr_array((np.ones(len(arrival)), (arrival, np.arange(len(arrival)))), shape=(count, len(arrival)))
+        along = sums @ self._projection(channel)
+        information = np.bincount(arrival, np.sum(response**2, axis=1), minlength=count) - np.sum(along**2, axis=1)
+        score = np.bincount(arrival, np.sum(response * self.left, axis=1), minlength=count)
+        return np.maximum(information, 0.0), score
+
     def _projection(self, channel: str) -> Array:
         """Rows (n, b): the channel's response along q."""
         if channel not in self._projected:
@@ -125,6 +151,12 @@ class Readout:
 
     def _spread(self, along: Array) -> Array:
         return np.asarray((self._q.reshape(-1, self._q.shape[2]) @ along).reshape(*self.left.shape, along.shape[1]))
+
+
+def log_sum(logs: Array, axis: int = 0) -> Array:
+    """Logarithm of a sum of exponentials."""
+    top = logs.max(axis=axis, keepdims=True)
+    return np.asarray(np.log(np.sum(np.exp(logs - top), axis=axis)) + np.squeeze(top, axis=axis))
 
 
 def weigh(judged: Judged, forms: Sequence[Form], low: float, high: float) -> list[Weighed]:
@@ -145,7 +177,7 @@ def weigh(judged: Judged, forms: Sequence[Form], low: float, high: float) -> lis
         square = sizes[None, :, None] ** 2
         grown = 1.0 + square * values[:, None, :]
         logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
-        evidence = logsumexp(logs, axis=1) - np.log(len(sizes))
+        evidence = log_sum(logs, axis=1) - np.log(len(sizes))
         best = np.argmax(logs, axis=1)
         for row, number in enumerate(members):
             a = float(sizes[best[row]])

@@ -5,68 +5,128 @@ Where they explain more than the catalogue, the effect is unknown, and they say 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects.base import Forms, Setting
+from calibration.effects.base import Setting
 from calibration.gap.channels import Channels
-from calibration.gap.evidence import Readout
+from calibration.gap.evidence import Readout, log_evidence_of_sizes, log_sum
 from calibration.gap.shapes import brownian, products, smooth
 from calibration.machine import Array
 
 WITHOUT_VISITS = ("light.", "station.", "floor.", "smr.")
 REST_S = 6.0
-SMALLEST_SIGMA, LARGEST_SIGMA = 0.5, 60.0
+SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
+CHANNELS_TRIED = 4  # coordinates are tried where single visits stand out most
 
 
 @dataclass(frozen=True)
-class Alternative:
-    """Something at channels that depends on a coordinate ('time', 'place', 'direction', 'rest', 'load', 'visit')."""
+class Formless:
+    """Something at channels that depends on a coordinate ('time', 'place', 'direction', 'rest', 'load', 'visit').
 
-    channel: str
+    channels: names, each with what is one sigma of it; shapes (n, k): functions of the coordinate, common to all of them.
+    log_evidence: over `none`; size: the likeliest, in sigma.
+    """
+
+    channels: tuple[tuple[str, float], ...]
     coordinate: str
-    forms: Forms
-    low: float
-    high: float
+    shapes: Array
+    log_evidence: float
+    size: float
+
+    @property
+    def channel(self) -> str:
+        """The first of its channels."""
+        return self.channels[0][0]
+
+    def columns(self, readout: Readout) -> Array:
+        """Whitened columns (n, 3, k), each times its prior standard deviation."""
+        parts = [
+            readout.response(name)[:, :, None] * self.shapes[:, None, :] * (self.size * unit)
+            for name, unit in self.channels
+        ]
+        return np.concatenate(parts, axis=2)
 
 
-def alternatives(setting: Setting, readout: Readout, tried: Collection[str]) -> Iterator[Alternative]:
-    """All of them but those of single visits; of the machine's channels only those that are to be tried."""
+def weigh_formless(readout: Readout, setting: Setting) -> list[Formless]:
+    """Form-free alternatives, the likeliest first.
+
+    Every visit on its own at each channel, roughly; then all coordinates at the channels where that says most.
+    """
+    each = _each_visit(setting)
+    machines = [group for group in _groups(setting, readout.channels) if not group[0].startswith(WITHOUT_VISITS)]
+    machines.sort(key=lambda group: -_roughly(readout, group[0], setting))
+    tried = machines[:CHANNELS_TRIED]
+    found = [_weighed(readout, group, "visit", each) for group in tried]
+    found += [
+        _weighed(readout, group, coordinate, shapes)
+        for group, coordinate, shapes in _alternatives(setting, readout.channels, tried)
+    ]
+    return sorted(found, key=lambda f: -f.log_evidence)
+
+
+def _each_visit(setting: Setting) -> Array:
+    arrival = setting.moments.arrival
+    return (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
+
+
+def _roughly(readout: Readout, channel: str, setting: Setting) -> float:
+    """Evidence of single visits at a channel, as if they were independent of one another."""
+    information, score = readout.by_visit(channel, setting.moments.arrival)
+    unit = _sigma(readout, channel)
+    square = (SIZES_SIGMA[:, None] * unit) ** 2
+    grown = 1.0 + square * information
+    logs = np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1)
+    return float(log_sum(logs))
+
+
+def platform_hides(readout: Readout, setting: Setting, sizes_sigma: Array) -> Array:
+    """Logarithm (c, a) of the evidence of single visits at each coordinate of the platform, by size in sigma (a,)."""
+    out = []
+    for channel in readout.channels.poses():
+        information, score = readout.by_visit(channel, setting.moments.arrival)
+        grown = 1.0 + (sizes_sigma[:, None] * _sigma(readout, channel)) ** 2 * information
+        square = grown - 1.0
+        out.append(
+            np.sum(0.5 * square / np.maximum(information, 1e-300) * score**2 / grown - 0.5 * np.log(grown), axis=1)
+        )
+    return np.array(out)
+
+
+def _sigma(readout: Readout, channel: str) -> float:
+    """What of a channel moves a reading by one standard deviation, RMS."""
+    return 1.0 / max(float(np.sqrt(np.mean(readout.response(channel) ** 2))), 1e-300)
+
+
+def _weighed(readout: Readout, group: tuple[str, ...], coordinate: str, shapes: Array) -> Formless:
+    channels = tuple((name, _sigma(readout, name)) for name in group)
+    logs = log_evidence_of_sizes(readout.judge_through(channels, shapes), SIZES_SIGMA)
+    evidence = float(log_sum(logs) - np.log(len(logs)))
+    return Formless(channels, coordinate, shapes, evidence, float(SIZES_SIGMA[int(np.argmax(logs))]))
+
+
+def _alternatives(
+    setting: Setting, channels: Channels, tried: list[tuple[str, ...]]
+) -> Iterator[tuple[tuple[str, ...], str, Array]]:
+    """Channels, coordinate and shapes; of the machine's channels only those that are to be tried."""
     shared = _shared(setting)
-    for group in _groups(setting, readout.channels):
-        if not group[0].startswith(WITHOUT_VISITS) and group[0] not in tried:
+    for group in _groups(setting, channels):
+        elsewhere = group[0].startswith(WITHOUT_VISITS)
+        if not elsewhere and group not in tried:
             continue
         own = dict(shared)
         drive = _drive_of(setting, group[0])
-        if drive is not None:
+        if elsewhere:
+            own = {"time": shared["time"]} | ({"place": _sight(setting)} if group[0].startswith("light") else {})
+        elif drive is not None:
             own |= _of_drive(setting, drive)
         elif group[0].startswith("length."):
             strut = setting.machine.strut_names.index(group[0].split(".")[1])
             own |= _of_drive(setting, max(int(setting.machine.strut_drive[strut]), 0))
-        elif group[0].startswith(WITHOUT_VISITS):
-            own = {"time": shared["time"]} | ({"place": _sight(setting)} if group[0].startswith("light") else {})
         for coordinate, shapes in own.items():
-            yield _alternative(readout, group, coordinate, shapes)
-
-
-def of_visits(setting: Setting, readout: Readout) -> Iterator[Alternative]:
-    """Every visit on its own: whatever a reading's visit has in common and no coordinate explains."""
-    arrival = setting.moments.arrival
-    each = (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
-    for group in _groups(setting, readout.channels):
-        if not group[0].startswith(WITHOUT_VISITS):
-            yield _alternative(readout, group, "visit", each)
-
-
-def _alternative(readout: Readout, group: tuple[str, ...], coordinate: str, shapes: Array) -> Alternative:
-    f = Forms()
-    rms = [max(float(np.sqrt(np.mean(readout.response(c) ** 2))), 1e-300) for c in group]
-    # Each channel of a group in its own unit: relative to what one sigma of it is.
-    columns = [k for c, r in zip(group, rms, strict=True) for k in f.add((c, shapes * (rms[0] / r)))]
-    f.form(columns)
-    return Alternative(group[0], coordinate, f, SMALLEST_SIGMA / rms[0], LARGEST_SIGMA / rms[0])
+            yield group, coordinate, shapes
 
 
 def _groups(setting: Setting, channels: Channels) -> Iterator[tuple[str, ...]]:
@@ -110,7 +170,7 @@ def _shared(setting: Setting) -> dict[str, Array]:
     for other in places[1:]:
         place = products(place, other)[:, :40]
     return {
-        "time": _with_load(setting, np.concatenate([brownian(t, 40), smooth(t, 6)], axis=1)),
+        "time": _with_load(setting, np.concatenate([brownian(t, 28), smooth(t, 4)], axis=1)),
         "direction": _with_load(setting, sides),
         "rest": np.concatenate([moved, products(sides, moved)], axis=1),
         "load": np.stack([setting.load, setting.load**2], axis=1),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.gap.evidence import Readout
+from calibration.gap.periods import Periodogram
 from calibration.gap.result import Share, Spectrum
-from calibration.gap.setting import periodogram
 from calibration.gap.shapes import brownian, products, smooth
 from calibration.gap.shrink import Field
 from calibration.machine import COORDINATES, Array
@@ -17,15 +18,16 @@ from calibration.machine import COORDINATES, Array
 RIDGE = 1e-3
 LONGEST_M, SHORTEST_M = 0.06, 2.0e-5
 BLOCKS = 8
+MORE = 0.03
 PICTURED = 400
 
 
-def shares(readout: Readout, found: Field) -> tuple[Share, ...]:
+def shares(readout: Readout, found: Field, periods: Sequence[Periodogram]) -> tuple[Share, ...]:
     """All shares of the gap before any effect, kind by kind."""
-    return (*_of_coordinates(readout, found), *_of_places(readout, found))
+    return (*_of_coordinates(readout, found, periods), *_of_places(readout, found))
 
 
-def _of_coordinates(readout: Readout, found: Field) -> Iterator[Share]:
+def _of_coordinates(readout: Readout, found: Field, periods: Sequence[Periodogram]) -> Iterator[Share]:
     """Form-free functions of one coordinate, learnt on some blocks and judged on the others.
 
     Blocks are drawn visit by visit: every region, day and load is in each. The gap is that of withheld regions already,
@@ -33,8 +35,9 @@ def _of_coordinates(readout: Readout, found: Field) -> Iterator[Share]:
     """
     known = readout.baseline
     smr, visit = known.smr[found.rows], known.visit[found.rows]
+    sides: dict[str, Share] = {}
     block = np.random.default_rng(BLOCKS).permutation(int(visit.max()) + 1)[visit] % BLOCKS
-    for kind, name, shapes in _coordinates(readout, found):
+    for kind, name, shapes in _coordinates(readout, found, periods):
         parts = np.zeros((BLOCKS, 2))
         for one in np.unique(smr):
             rows = np.flatnonzero(smr == one)
@@ -47,7 +50,11 @@ def _of_coordinates(readout: Readout, found: Field) -> Iterator[Share]:
                 ridge[0, 0] = 1e-9
                 c = np.linalg.solve(learn.T @ learn + ridge, learn.T @ y[~out])
                 parts[b] += np.sum((y[out] - x[out] @ c) ** 2), np.sum(y[out] ** 2)
-        yield _share(kind, name, parts)
+        share = _share(kind, name, parts)
+        plain = sides.setdefault(name.rsplit(" ", 1)[-1], share) if kind in ("direction", "speed", "dwell") else None
+        # What holds the side of approach too is listed where it tells more than the side alone.
+        if plain is None or plain is share or " of " not in name or share.share > plain.share + MORE:
+            yield share
 
 
 def _share(kind: str, name: str, parts: Array) -> Share:
@@ -65,7 +72,7 @@ def _share(kind: str, name: str, parts: Array) -> Share:
     )
 
 
-def _coordinates(readout: Readout, found: Field) -> Iterator[tuple[str, str, Array]]:
+def _coordinates(readout: Readout, found: Field, periods: Sequence[Periodogram]) -> Iterator[tuple[str, str, Array]]:
     known, rows = readout.baseline, found.rows
     m, machine = known.moments, known.machine
     t = m.elapsed_s[rows]
@@ -86,11 +93,12 @@ def _coordinates(readout: Readout, found: Field) -> Iterator[tuple[str, str, Arr
     )
     yield "speed", "approach", _steps(m.speed_m_per_s[rows] * np.where(m.moving[rows], -1.0, 1.0))
     yield "dwell", "rest", smooth(np.log(m.dwell_s[rows] + 0.3), 6, roughness=0.5)
+    # Signed by the side of approach: the speed with which a drive came, and the rest after it.
     for a, drive in enumerate(machine.drive_names):
         side = m.direction[rows, a : a + 1]
         yield (
             "dwell",
-            f"rest after {drive}",
+            f"rest of {drive}",
             products(side, smooth(np.log(m.dwell_s[rows] + 0.3), 6, roughness=0.5, constant=True)),
         )
         yield (
@@ -106,7 +114,7 @@ def _coordinates(readout: Readout, found: Field) -> Iterator[tuple[str, str, Arr
     for sensor, value in m.temperatures_c.items():
         yield "temperature", sensor, smooth(value[rows], 5, roughness=0.5)
     for a, drive in enumerate(machine.drive_names):
-        peaks = periodogram(readout, a).strongest(SHORTEST_M, LONGEST_M)
+        peaks = periods[a].strongest(SHORTEST_M, LONGEST_M)
         if peaks:
             phase = 2.0 * np.pi * np.outer(m.drives[rows, a] / peaks[0][0], [1.0, 2.0])
             yield "period", drive, np.concatenate([np.sin(phase), np.cos(phase)], axis=1)
@@ -146,16 +154,13 @@ def _explained(response: Array, gap: Array, visit: NDArray[np.intp], block: NDAr
     return np.stack([total - of_block, total], axis=1)
 
 
-def spectra(readout: Readout) -> tuple[Spectrum, ...]:
+def spectra(readout: Readout, periods: Sequence[Periodogram]) -> tuple[Spectrum, ...]:
     """Power along each drive by period, the highest of each stretch of the logarithm."""
     out = []
-    for a, drive in enumerate(readout.baseline.machine.drive_names):
-        found = periodogram(readout, a)
+    for drive, found in zip(readout.baseline.machine.drive_names, periods, strict=True):
         edges = np.geomspace(1.0 / LONGEST_M, 1.0 / SHORTEST_M, PICTURED + 1)
         first = np.searchsorted(found.frequency, edges)
         first = np.unique(first)
-        top = np.array(
-            [i + int(np.argmax(found.power[i:j])) for i, j in zip(first[:-1], first[1:], strict=True) if j > i]
-        )
+        top = np.array([i + int(np.argmax(found.power[i:j])) for i, j in pairwise(first.tolist())])
         out.append(Spectrum(drive, 1.0 / found.frequency[top], found.power[top]))
     return tuple(out)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 HOUR_S = 3600.0
 LEVER_M = 3.0  # where the drift of a rig is declared
 WALK_TERMS = 14
+LOUD_M, LOUD_TERMS = 8.0e-6, 24  # a rig that wanders more is followed closer
 WAVE_TERMS = 5
 
 
@@ -33,7 +34,8 @@ def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
         for k in range(shapes.shape[1]):
             found.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
 
-    walk = brownian(m.elapsed_s / HOUR_S, WALK_TERMS)
+    terms = WALK_TERMS if declared.drift_m < LOUD_M else LOUD_TERMS
+    walk = brownian(m.elapsed_s / HOUR_S, terms)
     per_axis = declared.drift_m / np.sqrt(2.0)
     for name in channels.stations():
         kind = name.rsplit(".", 1)[1]

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
-from scipy.special import logsumexp
 
 from calibration.effects.base import Acts, Effect, Setting
 from calibration.effects.catalogue import Catalogue
-from calibration.gap.evidence import Readout, Weighed, weigh
-from calibration.gap.formless import Alternative, alternatives, of_visits
+from calibration.gap.evidence import Readout, Weighed, log_sum, weigh
+from calibration.gap.formless import Formless, weigh_formless
 from calibration.machine import Array
 
 MOST_CAUSES = 3
@@ -21,7 +19,6 @@ LEAST_SHARE = 0.012  # of what is explained already, that a further cause must a
 LEAST_SHARE_NEARBY = 0.06  # the same where it could be what the former one's form leaves
 FURTHER, FURTHER_SHARE = 10.0, 0.02  # what every further cause costs: several together mimic much that is one
 WORTH_A_LOOK = 4.0  # of log evidence that is left: below it nothing more is searched for
-CHANNELS_TRIED = 4  # form-free alternatives are tried where single visits stand out most
 
 
 @dataclass(frozen=True)
@@ -45,21 +42,6 @@ class Cause:
         return self.best.size * np.array(self.best.form.relative)
 
 
-@dataclass(frozen=True)
-class Formless:
-    """A form-free alternative that was weighed."""
-
-    alternative: Alternative
-    log_evidence: float
-    best: Weighed
-    acts: tuple[Acts, ...]
-
-    @property
-    def deviations(self) -> Array:
-        """Prior standard deviations (k,) of its coefficients."""
-        return self.best.size * np.array(self.best.form.relative)
-
-
 def weigh_effects(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> list[Cause]:
     """All effects, the likeliest first; those without any form at any place are left out."""
     found = [cause for effect in effects if (cause := _weighed(readout, setting, effect)) is not None]
@@ -68,43 +50,32 @@ def weigh_effects(readout: Readout, setting: Setting, effects: Sequence[Effect])
 
 def _weighed(readout: Readout, setting: Setting, effect: Effect) -> Cause | None:
     names = effect.places(setting.machine)
+    low = effect.smallest(readout.baseline.recording.file.nuisance)
     found: list[tuple[float, str, Weighed, tuple[Acts, ...]]] = []
     for index, name in enumerate(names):
         forms = effect.forms(setting, index)
         if not forms.forms:
             continue
-        weighed = weigh(readout.judge(forms.acts), forms.forms, effect.size.low, effect.size.high)
+        weighed = weigh(readout.judge(forms.acts), forms.forms, low, effect.size.high)
         weights = np.array([w.form.weight for w in weighed])
         # Weights that add up to less than one leave the rest to forms that were not worth listing.
         weights /= max(1.0, float(weights.sum()))
         logs = np.array([w.log_evidence for w in weighed])
         best = weighed[int(np.argmax(logs + np.log(weights)))]
         acts = tuple(forms.acts[c] for c in best.form.columns)
-        found.append((float(logsumexp(logs, b=weights)) - float(np.log(len(names))), name, best, acts))
+        found.append((float(log_sum(logs + np.log(weights))) - float(np.log(len(names))), name, best, acts))
     if not found:
         return None
-    total = float(logsumexp([log for log, *_ in found]))
+    total = float(log_sum(np.array([log for log, *_ in found])))
     places = {name: float(np.exp(log - total)) for log, name, *_ in found}
     _, name, best, acts = max(found, key=lambda entry: entry[0])
     return Cause(effect, total, places, name, best, acts)
 
 
-def weigh_formless(readout: Readout, setting: Setting) -> list[Formless]:
-    """Form-free alternatives, the likeliest first: every visit on its own, then coordinates where that says most."""
-    visits = [_formless(readout, a) for a in of_visits(setting, readout)]
-    visits.sort(key=lambda f: -f.log_evidence)
-    tried = {f.alternative.channel for f in visits[:CHANNELS_TRIED]}
-    rest = [_formless(readout, a) for a in alternatives(setting, readout, tried)]
-    return sorted(chain(visits, rest), key=lambda f: -f.log_evidence)
-
-
-def _formless(readout: Readout, a: Alternative) -> Formless:
-    weighed = weigh(readout.judge(a.forms.acts), a.forms.forms, a.low, a.high)[0]
-    return Formless(a, weighed.log_evidence, weighed, tuple(a.forms.acts))
-
-
 def taken(readout: Readout, cause: Cause | Formless) -> Readout:
-    """The readout once a cause, in its best form, belongs to the model."""
+    """The readout once a cause, in its best form or without one, belongs to the model."""
+    if isinstance(cause, Formless):
+        return readout.given(cause.columns(readout))
     return readout.given(readout.columns(cause.acts) * cause.deviations)
 
 
@@ -147,6 +118,8 @@ def explain(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> Ex
         nearby = any(_near(setting, candidates[0], cause) for cause in causes)
         if gain < max(SEEN, (LEAST_SHARE_NEARBY if nearby else LEAST_SHARE) * total):
             break
+        if causes:
+            total -= FURTHER + FURTHER_SHARE * (total + gain)
         causes.append(candidates[0])
         total += gain
         readouts.append(taken(readouts[-1], candidates[0]))
@@ -162,7 +135,6 @@ def explain(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> Ex
         left = left or alone
     if len(causes) > 1:
         causes, readouts = _in_order(readout, setting, causes)
-        total -= (len(causes) - 1) * (FURTHER + FURTHER_SHARE * total)
     return Explanation(
         tuple(ranking),
         tuple(causes),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,22 +13,25 @@ from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
 
 
-def setting_of(readout: Readout) -> Setting:
-    """The setting of a readout's readings; periods are searched in what it has left unexplained."""
-    periodograms: dict[int, Periodogram] = {}
+def setting_of(readout: Readout, found: tuple[Periodogram, ...]) -> Setting:
+    """The setting of a readout's readings; `found`: periodograms of its drives."""
 
     def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        if drive not in periodograms:
-            periodograms[drive] = periodogram(readout, drive)
-        return periodograms[drive].strongest(shortest_m, longest_m)
+        return found[drive].strongest(shortest_m, longest_m)
 
-    return setting_from(readout.baseline, readout.channels, periods)
+    def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
+        return strongest_onsets(readout, channels)
+
+    return setting_from(readout.baseline, readout.channels, periods, onsets)
 
 
+APART_S = 40.0
+FEW_ONSETS = 6
 Periods = Callable[[int, float, float], list[tuple[float, float]]]
+Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 
 
-def setting_from(seen: Seen, channels: Channels, periods: Periods) -> Setting:
+def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onsets) -> Setting:
     """The setting of readings, with the forces of the modelled machine."""
     machine, visit = seen.machine, np.maximum(seen.visit, 0)
     force = seen.poses.rest.force_n[:, : len(machine.strut_names)]
@@ -55,13 +58,45 @@ def setting_from(seen: Seen, channels: Channels, periods: Periods) -> Setting:
         sight_m=seen.position_m,
         channels=channels.names,
         periods=periods,
+        onsets=onsets,
     )
 
 
-def periodogram(readout: Readout, drive: int) -> Periodogram:
-    """Periodogram of what is left over a drive's coordinate."""
-    response = readout.response(f"travel.{readout.baseline.machine.drive_names[drive]}")
+def periodograms(readout: Readout) -> tuple[Periodogram, ...]:
+    """Periodogram of what is left over each drive's coordinate."""
+    out = []
     rows = np.flatnonzero(readout.baseline.visit >= 0)
-    score = np.sum(response * readout.left, axis=1)[rows]
-    information = float(np.sum(response[rows] ** 2))
-    return Periodogram.of(readout.baseline.moments.drives[rows, drive], score, information)
+    for a, drive in enumerate(readout.baseline.machine.drive_names):
+        response = readout.response(f"travel.{drive}")
+        score = np.sum(response * readout.left, axis=1)[rows]
+        information = float(np.sum(response[rows] ** 2))
+        out.append(Periodogram.of(readout.baseline.moments.drives[rows, a], score, information))
+    return tuple(out)
+
+
+def strongest_onsets(readout: Readout, channels: Sequence[str]) -> list[tuple[float, float]]:
+    """Moments, in s since the beginning, at which channels may have changed for good; each with its prior probability.
+
+    The likelihood ratio of a step at every arrival, a constant taken out; peaks apart by APART_S.
+    """
+    m = readout.baseline.moments
+    order = np.argsort(m.t_s, kind="stable")
+    t = m.elapsed_s[order]
+    gain = np.zeros(len(t))
+    for channel in channels:
+        response = readout.response(channel)[order]
+        information = np.cumsum(np.sum(response**2, axis=1)[::-1])[::-1]
+        score = np.cumsum(np.sum(response * readout.left[order], axis=1)[::-1])[::-1]
+        share = information / max(float(information[0]), 1e-300)
+        left = information * (1.0 - share)
+        gain += np.where(left > 0.0, (score - score[0] * share) ** 2, 0.0) / np.maximum(left, 1e-300)
+    starts = np.flatnonzero(np.diff(m.arrival[order], prepend=-1) != 0)
+    starts = starts[t[starts] > 0.0]
+    found: list[float] = []
+    for k in starts[np.argsort(gain[starts])[::-1]]:
+        at = 0.5 * float(t[k] + t[k - 1])  # between the last reading before and the first one after
+        if all(abs(at - other) > APART_S for other in found):
+            found.append(at)
+        if len(found) == FEW_ONSETS:
+            break
+    return [(at, 1.0 / max(len(starts), 1)) for at in found]

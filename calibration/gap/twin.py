@@ -6,7 +6,7 @@ their limits. It is data, not code: effects are named, and their forms built ane
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,15 +29,42 @@ from calibration.visits import Visits
 FORMAT = 1
 
 
+class _Asked:
+    """Asks and keeps the answers."""
+
+    def __init__(self, ask: Callable[..., Sequence[tuple[float, float]]]) -> None:
+        self._ask = ask
+        self.answers: tuple[tuple[float, ...], ...] = ()
+
+    def __call__(self, *question: Any) -> Sequence[tuple[float, float]]:
+        answer = self._ask(*question)
+        self.answers = (*self.answers, tuple(float(value) for value, _ in answer))
+        return answer
+
+
+class _Told:
+    """Gives the answers that were kept, in their order."""
+
+    def __init__(self, answers: tuple[tuple[float, ...], ...]) -> None:
+        self._answers = iter(answers)
+
+    def __call__(self, *_question: Any) -> list[tuple[float, float]]:
+        return [(value, 1.0) for value in next(self._answers, ())]
+
+
 @dataclass(frozen=True)
 class Added:
-    """An effect of the twin: where, which columns of its forms, their coefficients, and its period where it has one."""
+    """An effect of the twin: where, which columns of its forms, their coefficients.
+
+    periods_m, onsets_s: what stood out in the campaign when the forms were built, question by question.
+    """
 
     effect: str
     place: int
     columns: tuple[int, ...]
     coefficients: tuple[float, ...]
-    period_m: float | None
+    periods_m: tuple[tuple[float, ...], ...]
+    onsets_s: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -58,15 +85,11 @@ class Twin:
         machine, added = baseline.machine, []
         for cause in causes:
             place = cause.effect.places(machine).index(cause.place)
-            added.append(
-                Added(
-                    cause.effect.name,
-                    place,
-                    cause.best.form.columns,
-                    tuple(float(c) for c in cause.best.coefficients),
-                    cause.best.form.parameters.get("period_m"),
-                )
-            )
+            asked, onsets = _Asked(setting.periods), _Asked(setting.onsets)
+            cause.effect.forms(replace(setting, periods=asked, onsets=onsets), place)
+            coefficients = tuple(float(c) for c in cause.best.coefficients)
+            columns = cause.best.form.columns
+            added.append(Added(cause.effect.name, place, columns, coefficients, asked.answers, onsets.answers))
         flat = baseline.columns.reshape(-1, baseline.columns.shape[2])
         found = flat.T @ baseline.apply(baseline.residual).ravel()
         parameters = len(baseline.poses.model.parameters)
@@ -131,14 +154,9 @@ class Twin:
         for added in self.added:
             effect = next(e for e in self.catalogue.effects if e.name == added.effect)
 
-            def periods(
-                _drive: int, _low: float, _high: float, at: float | None = added.period_m
-            ) -> list[tuple[float, float]]:
-                return [] if at is None else [(at, 1.0)]
-
-            forms = effect.forms(setting_from(every, Channels(every), periods), added.place)
-            columns = added.columns if added.period_m is None else range(len(added.columns))
-            out.append(tuple(tuple((channel, shape[first:]) for channel, shape in forms.acts[c]) for c in columns))
+            told = setting_from(every, Channels(every), _Told(added.periods_m), _Told(added.onsets_s))
+            acts = effect.forms(told, added.place).acts
+            out.append(tuple(tuple((channel, shape[first:]) for channel, shape in acts[c]) for c in added.columns))
         return out
 
     def to_data(self) -> dict[str, Any]:
@@ -155,7 +173,8 @@ class Twin:
                     "place": a.place,
                     "columns": list(a.columns),
                     "coefficients": list(a.coefficients),
-                    "period_m": a.period_m,
+                    "periods_m": [list(p) for p in a.periods_m],
+                    "onsets_s": [list(o) for o in a.onsets_s],
                 }
                 for a in self.added
             ],
@@ -223,7 +242,8 @@ def _read(machine: Machine, data: Mapping[str, Any], catalogue: Catalogue) -> Tw
             int(a["place"]),
             tuple(int(c) for c in a["columns"]),
             tuple(_numbers(a["coefficients"], ()).tolist()),
-            None if a["period_m"] is None else float(a["period_m"]),
+            tuple(tuple(_numbers(p, ()).tolist()) for p in a["periods_m"]),
+            tuple(tuple(_numbers(o, ()).tolist()) for o in a["onsets_s"]),
         )
         for a in data["added"]
     )

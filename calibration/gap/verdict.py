@@ -9,8 +9,9 @@ alternatives is held against a share of it. The constants were fitted on simulat
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
+from calibration.gap.evidence import log_sum
 from calibration.gap.result import NONE, UNKNOWN
 from calibration.gap.search import Explanation
 
@@ -32,7 +33,7 @@ def probabilities(found: Explanation) -> dict[str, float]:
     ranked = np.empty(0)
     if logs.size:
         temperature = 1.0 + TEMPERATURE_SHARE * max(strongest, 0.0)
-        ranked = np.exp(logs / temperature - logsumexp(logs / temperature))
+        ranked = np.exp(logs / temperature - log_sum(logs / temperature))
     else:
         unknown = 1.0
     out = {

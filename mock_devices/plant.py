@@ -14,10 +14,10 @@ import numpy as np
 
 from mock_devices.affected_machine import AffectedMachine, affected_machine, heavy_tailed, moments
 from mock_devices.clock import RigClock
-from mock_devices.effects.base import GRAVITY_M_PER_S2, Moments
+from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, Moments
 from mock_devices.machine_file import MachineFile, read_machine_file
 from mock_devices.motion_history import MotionHistory
-from mock_devices.optics import Polar, StationView
+from mock_devices.optics import TWO_PI, Polar, StationView
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
 from mock_devices.thermal import Thermal
@@ -25,6 +25,7 @@ from mock_devices.true_machine import draw_machine
 from mock_devices.truth import Truth
 
 _DIFFERENCE_S = 1.0e-3
+_TORQUE_PER_N = 0.010 / TWO_PI / 10.0  # of the rated one, as in the drives' object 0x6077
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,10 @@ class Plant:
         """What effects add to a drive's load, as a mass: of when the machine was last looked at."""
         return self._force_n[drive] / GRAVITY_M_PER_S2
 
+    def weight_torque(self) -> float:
+        """What the weight asks of each drive at rest, over the rated torque."""
+        return self.moving_mass_kg() / len(self.nominal.sliders) * GRAVITY_M_PER_S2 * _TORQUE_PER_N
+
     def _affected_sightings(self, affected: AffectedMachine, t_s: float) -> list[Sighting]:
         with self._lock:
             moments = self._moments(affected, t_s)
@@ -175,12 +180,14 @@ class Plant:
 
     def _moments(self, affected: AffectedMachine, t_s: float) -> Moments:
         """The present as one moment; drives are seen later than the station by its latency."""
-        now = self._moment(affected, t_s, t_s)
+        now = self.moment(t_s)
         early_s = float(affected.early_s(now)[0])
-        return now if early_s == 0.0 else self._moment(affected, t_s, t_s + early_s)
+        return now if early_s == 0.0 else self.moment(t_s, t_s + early_s)
 
-    def _moment(self, affected: AffectedMachine, t_s: float, drives_s: float) -> Moments:
-        history = self._followed(affected, drives_s)
+    def moment(self, t_s: float, drives_s: float | None = None) -> Moments:
+        """The machine at rig time `t_s` as one moment, its drives as they are at `drives_s` if they are seen later."""
+        drives_s = t_s if drives_s is None else drives_s
+        history = self._followed(drives_s)
         positions = np.array([[drive.encoder_m(drives_s) for drive in self._drives]])
         before = np.array([[drive.encoder_m(drives_s - _DIFFERENCE_S) for drive in self._drives]])
         return moments(
@@ -194,10 +201,15 @@ class Plant:
             drives_s=np.array([drives_s]),
         )
 
-    def _followed(self, affected: AffectedMachine, t_s: float) -> MotionHistory:
+    def legs(self, drive: int) -> list[Leg]:
+        """What a drive has done until it was last looked at."""
+        return [] if self._history is None else self._history.legs(drive)
+
+    def _followed(self, t_s: float) -> MotionHistory:
         """The drives' motions until `t_s`, told to the effects."""
         if self._history is None:
-            self._history = MotionHistory([drive.encoder_m(0.0) for drive in self._drives], affected.effects)
+            effects = () if self._affected is None else self._affected.effects
+            self._history = MotionHistory([drive.encoder_m(0.0) for drive in self._drives], effects)
         for index, drive in enumerate(self._drives):
             if not isinstance(drive, Remembered):
                 continue

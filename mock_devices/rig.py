@@ -31,8 +31,8 @@ class MockRig:
     Node ids default to 1, 2, ... in the order of the machine file. Ports 0 are free ones; without
     `socketcand_port` there is no socketcand server. `master_limit_s` is how long the PLC waits for the master's
     heartbeat. `client_bus_factory` is for socketcand clients where they are to have another kind of bus. The nodes in
-    `without_blocks` know no SDO block transfer. `faults` strike in all servers; those of the host's bus (can-...) are
-    for whoever makes that bus (`FaultyBus`).
+    `without_blocks` know no SDO block transfer. `plant` is another one to serve, on the same clock. `faults`
+    strike in all servers; those of the host's bus (can-...) are for whoever makes that bus (`FaultyBus`).
     """
 
     def __init__(
@@ -54,10 +54,11 @@ class MockRig:
         without_blocks: tuple[int, ...] = (),
         client_bus_factory: Callable[[], can.BusABC] | None = None,
         faults: FaultPlan = NO_FAULTS,
+        plant: Plant | None = None,
     ) -> None:
         self.faults = faults
         self._without_blocks = without_blocks
-        self.plant = Plant(machine_path, settings, clock)
+        self.plant = plant or Plant(machine_path, settings, clock)
         sliders = self.plant.nominal.sliders
         nodes = node_ids or tuple(range(1, len(sliders) + 1))
         if len(nodes) != len(sliders) or len(nodes) != 2:

@@ -1,4 +1,4 @@
-"""The main job: check, measure, identify, build tables, write, verify, and a verdict."""
+"""The main job: check, measure, identify, diagnose, build tables, write, verify, and a verdict."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ from pkm_rig.analysis import (
     model_comparison,
     orientation_prediction,
 )
+from pkm_rig.diagnose import Attempt, attempt
 from pkm_rig.figures import Decision, Figures, decide, noise_floor, visit_figures
 from pkm_rig.fitness import check_rig
+from pkm_rig.further_visits import adds_visits, first_pose, numbered_from, same_rig, visited_thrice
 from pkm_rig.plans import CampaignRefused, Plan, calibration, prepare, verification
 from pkm_rig.reduction import Reduction, reduce
 from pkm_rig.rig import Rig
@@ -34,7 +36,6 @@ from pkm_rig.store import Store, now_text
 
 Say = Callable[[str], None]
 Progress = Callable[[int, int, str], None]
-_SAME_TO_GO_ON = ("machine", "campaign", "drives", "payloads", "nest_length")
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class Outcome:
     verified: tuple[Verified, ...]
     written: tuple[Written, ...]
     accepted: bool
+    diagnosis: Attempt
     restored: str | None = None
 
 
@@ -77,7 +79,8 @@ def measure(rig: Rig, store: Store, say: Say, progress: Progress, resume: str | 
     """Prepare and measure a calibration campaign, compensation off meanwhile; returns its id.
 
     Every reading is in the store as soon as it is taken. `resume` goes on with a campaign that broke off: what is
-    stored is not measured again, provided that a nest check finds the station where it was.
+    stored is not measured again, provided that a nest check finds the station where it was. Where the rig file now
+    gives visits that it did not give then, they are added to the campaign.
     Raises DeviceError, CampaignRefused, StoreError, and InputError where the rig file is another one.
     """
     if resume is None:
@@ -110,7 +113,10 @@ def calibrate(rig: Rig, store: Store, say: Say, progress: Progress) -> Outcome:
         say("identifying")
         identified = identify_recording(store.recording(campaign))
         store.add_event(campaign, "identified", identified_summary(identified))
-        return _verify(runner, identified, former, say)
+        diagnosis = attempt(store.recording(campaign))
+        store.add_event(campaign, "diagnosed", diagnosis.as_json())
+        say(diagnosis.line)
+        return _verify(runner, identified, diagnosis, former, say)
 
 
 def verify(rig: Rig, store: Store, campaign: str, say: Say, progress: Progress) -> Outcome:
@@ -124,6 +130,8 @@ def verify(rig: Rig, store: Store, campaign: str, say: Say, progress: Progress) 
     identified = identify_recording(store.recording(campaign))
     if store.events(campaign, "accepted") or store.events(campaign, "refused"):
         raise InputError(f"campaign {campaign} was verified already; measure a new one")
+    diagnosis = attempt(store.recording(campaign))
+    say(diagnosis.line)
     total = planned_readings(rig, (), verify=True)
     with (
         running(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
@@ -131,7 +139,7 @@ def verify(rig: Rig, store: Store, campaign: str, say: Say, progress: Progress) 
     ):
         runner.resume(store.recording(campaign))
         rig.enable()
-        return _verify(runner, identified, former, say)
+        return _verify(runner, identified, diagnosis, former, say)
 
 
 def _open_campaign(rig: Rig, store: Store, say: Say, *, verify: bool) -> tuple[str, tuple[Block, ...], int]:
@@ -139,6 +147,8 @@ def _open_campaign(rig: Rig, store: Store, say: Say, *, verify: bool) -> tuple[s
     if problems:
         raise CampaignRefused("; ".join(problems))
     blocks = calibration_blocks(rig.machine, rig.file.campaign)
+    if verify and not visited_thrice(blocks):
+        raise InputError("campaign.visits: none is made three times, so there would be no noise floor; repeat some")
     total = planned_readings(rig, blocks, verify=verify)
     campaign = new_campaign_id(rig.file.rig)
     store.add_campaign(describe_campaign(rig, campaign, now_text()), rig.machine.text)
@@ -155,12 +165,17 @@ def _reopen_campaign(rig: Rig, store: Store, say: Say, campaign: str) -> tuple[s
     if not settings:
         raise InputError(f"campaign {campaign}: it was not measured here; `pkm-rig list` shows what is there")
     then, now = (data["rig_file"] for data in (settings[0].data, settings_event(rig)))
-    if any(then[key] != now[key] for key in _SAME_TO_GO_ON):
-        raise InputError(f"campaign {campaign}: begun with another rig file; use that one, or measure a new campaign")
+    adds = adds_visits(then, now)
+    if not same_rig(then, now, adds=adds):
+        raise InputError(
+            f"campaign {campaign}: begun with another rig file or campaign file; use that, or measure anew"
+        )
     if store.events(campaign, "identified") or store.events(campaign, "verifying"):
-        raise InputError(f"campaign {campaign}: its measurement is complete; measure a new one")
+        raise InputError(f"campaign {campaign}: its measurement is complete; measure a new one, without --resume")
     blocks = calibration_blocks(rig.machine, rig.file.campaign)
-    say(f"campaign {campaign}: going on")
+    if adds:
+        blocks = numbered_from(first_pose(store, campaign, now["campaign"]["visits"]), blocks)
+    say(f"campaign {campaign}: going on{' with further visits' if adds else ''}")
     return campaign, blocks, planned_readings(rig, blocks, verify=False)
 
 
@@ -190,7 +205,7 @@ def _measure(runner: Runner, blocks: Sequence[Block]) -> None:
     runner.run(_both(prepare(runner.stage, blocks), calibration(runner.stage, blocks)), "calibration")
 
 
-def _verify(runner: Runner, identified: Calibration, former: FormerTables, say: Say) -> Outcome:
+def _verify(runner: Runner, identified: Calibration, diagnosis: Attempt, former: FormerTables, say: Say) -> Outcome:
     rig, store, campaign = runner.rig, runner.store, runner.campaign
     store.add_event(campaign, "verifying", {"first_sequence": runner.stage.context.sequence})
     written = []
@@ -210,7 +225,7 @@ def _verify(runner: Runner, identified: Calibration, former: FormerTables, say: 
         written.append(Written(table, payload, drives))
         runner.run(verification(runner.stage, block, "verification_after"), "verification after")
     recording = last_attempt(store, campaign)
-    outcome = judge(campaign, identified, recording, tuple(written), former.description)
+    outcome = judge(campaign, identified, recording, tuple(written), diagnosis, former.description)
     if not outcome.accepted:
         say(f"the result is refused; back to {former.description}")
         former.restore()
@@ -229,7 +244,12 @@ def last_attempt(store: Store, campaign: str) -> Recording:
 
 
 def judge(
-    campaign: str, identified: Calibration, recording: Recording, written: tuple[Written, ...], former: str
+    campaign: str,
+    identified: Calibration,
+    recording: Recording,
+    written: tuple[Written, ...],
+    diagnosis: Attempt,
+    former: str,
 ) -> Outcome:
     """Figures and verdict of a campaign that was verified: a function of what is stored."""
     reduction = reduce(recording, identified.reduction)
@@ -246,6 +266,7 @@ def judge(
         verified=verified,
         written=written,
         accepted=accepted,
+        diagnosis=diagnosis,
         restored=None if accepted else former,
     )
 

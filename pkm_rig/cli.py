@@ -16,9 +16,10 @@ from calibration.recording_folder import read_folder, write_folder
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
-from pkm_rig import interim, mock_rig, planning, stages
+from pkm_rig import diagnose as diagnosing
+from pkm_rig import diagnosis_text, interim, mock_rig, planning, stages
 from pkm_rig.calibrate import Outcome
-from pkm_rig.config import MockSection, embedded_rig_path, load_rig
+from pkm_rig.config import MockSection, embedded_rig_path, load_rig, with_visits
 from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
 from pkm_rig.measured_print import print_measured
 from pkm_rig.output import messages, outcome_json, print_json, print_outcome, progress_bar, results
@@ -26,6 +27,7 @@ from pkm_rig.plans import CampaignRefused
 from pkm_rig.report import write_report
 from pkm_rig.session import find_recording, open_rig, open_store
 from pkm_rig.store import StoreError
+from pkm_rig.twin_files import find_twin
 
 REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
 
@@ -51,7 +53,7 @@ def calibrate(
     real_time: Annotated[bool, typer.Option(help="embedded mock rig at time scale 1")] = False,
     seed: Annotated[int | None, typer.Option(help="which embedded mock machine")] = None,
 ) -> None:
-    """The main job: check, measure, identify, build tables, write, verify, report."""
+    """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
     with open_store(out) as store, open_rig(rig, real_time=real_time, seed=seed) as connected, progress_bar() as tell:
         outcome = job.calibrate(connected, store, _say, tell)
     _finish(outcome, out, json)
@@ -77,10 +79,19 @@ def measure(
     rig: RigOption = None,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
-    resume: Annotated[str | None, typer.Option(help="go on with this campaign, which broke off")] = None,
+    resume: Annotated[
+        str | None, typer.Option(help="go on with this campaign, which broke off or is to have more visits")
+    ] = None,
+    campaign_file: Annotated[
+        Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")
+    ] = None,
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
+    if campaign_file is not None:
+        with_visits(load_rig(rig or embedded_rig_path())[0], campaign_file)  # said before any device is touched
     with open_store(out) as store, open_rig(rig) as connected, progress_bar() as tell:
+        if campaign_file is not None:
+            connected.file = with_visits(connected.file, campaign_file)
         campaign = job.measure(connected, store, _say, tell, resume)
     if json:
         print_json({"campaign": campaign})
@@ -100,6 +111,11 @@ def mock(
         list[str] | None,
         typer.Option(help="NAME=VALUE[,place=...,variant=...]: a flaw (docs/mock-effects.md); may be repeated"),
     ] = None,
+    twin: Annotated[
+        str | None, typer.Option(help="serve this twin: campaign of `pkm-rig diagnose --add`, or the twin's folder")
+    ] = None,
+    effects: Annotated[list[Path] | None, typer.Option(help="Python file with own effects that the twin has")] = None,
+    out: OutOption = Path("runs"),
 ) -> None:
     """Serve the three mock devices on real transports until interrupted."""
     if list_faults:
@@ -113,7 +129,8 @@ def mock(
     if effect:
         section = section.model_copy(update={"effects": (*section.effects, *effect)})
     file = file.model_copy(update={"mock": section})
-    with mock_rig.served(file, rig, fault or ()) as served:
+    files = None if twin is None else mock_rig.TwinFiles(find_twin(twin, out), tuple(effects or ()))
+    with mock_rig.served(file, rig, fault or (), files) as served:
         for line in mock_rig.how_to_connect(file, served):
             results.print(line, soft_wrap=True)
         sys.stdout.flush()
@@ -172,6 +189,26 @@ def identify(
         print_json(found)
     else:
         show_found(found)
+
+
+@app.command()
+def diagnose(
+    campaign: CampaignArgument,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    add: Annotated[bool, typer.Option("--add", help="add what was found to the rig's twin")] = False,
+    effects: Annotated[
+        list[Path] | None, typer.Option(help="Python file with effects of your own (docs/diagnosis.md); again for more")
+    ] = None,
+) -> None:
+    """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
+    if find_measurements(campaign, out) is not None:
+        raise InputError(f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/recording.md)")
+    found, result = diagnosing.run(find_recording(campaign, out), out, effects or (), add=add)
+    if json:
+        print_json(result)
+    else:
+        results.print(diagnosis_text.text(found, result), soft_wrap=True)
 
 
 @app.command()

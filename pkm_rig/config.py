@@ -16,6 +16,7 @@ from drivers.drive_profile import DriveProfile, load_profile
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
 PayloadNumber = Annotated[int, Field(ge=0)]
+MOST_VISITS, MOST_DRIVES = 2000, 12
 
 
 class StationConnection(StationEntry):
@@ -100,12 +101,30 @@ class PlcConnection(Section):
         return self
 
 
+class VisitEntry(Section):
+    """One visit of a campaign that says them one by one; `target` in the commanded coordinates of the tool, m and rad.
+
+    direction: side that each drive comes from, +1 from below, -1 from above; all from below if left out. Speed and
+    dwell are the first of the campaign's if left out.
+    """
+
+    target: tuple[float, ...] = Field(min_length=1, max_length=6)
+    direction: tuple[Literal[-1, 1], ...] = Field(default=(), max_length=MOST_DRIVES)
+    payload: PayloadNumber = 0
+    speed_m_per_s: Speed | None = None
+    dwell_s: Dwell | None = None
+
+
 class CampaignSettings(Section):
-    """What a campaign measures; durations in rig time."""
+    """What a campaign measures; durations in rig time.
+
+    `targets` are visited in drawn order from both sides with and without payload; `visits` as they stand here.
+    """
 
     seed: int = Field(ge=0, default=1)
     calibration_poses: int = Field(ge=6, default=40)
     targets: tuple[tuple[float, ...], ...] = Field(default=(), max_length=1000)
+    visits: tuple[VisitEntry, ...] = Field(default=(), max_length=MOST_VISITS)
     loaded_payload: int = Field(ge=1, default=2)
     readings_per_smr: int = Field(ge=1, le=20, default=1)
     readings_per_nest: int = Field(ge=1, le=20, default=5)
@@ -180,7 +199,10 @@ class RigFile(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> RigFile:
+        if self.campaign.visits and self.campaign.targets:
+            raise ValueError("campaign: give targets or visits, not both")
         wanted = {*self.campaign.verification_payloads, self.campaign.loaded_payload}
+        wanted |= {visit.payload for visit in self.campaign.visits}
         if max(wanted) >= len(self.payloads):
             raise ValueError(f"campaign: payload {max(wanted)} is not in [[payloads]] (0 is no payload)")
         masses = [p.mass_kg for p in self.payloads]
@@ -193,6 +215,28 @@ class RigFile(Section):
         if self.can.master_node_id in {d.node_id for d in self.drives}:
             raise ValueError("can: master_node_id is that of a drive")
         return self
+
+
+class VisitsSection(Section):
+    """The visits of a campaign file."""
+
+    visits: tuple[VisitEntry, ...] = Field(min_length=1, max_length=MOST_VISITS)
+
+
+class CampaignFile(Section):
+    """A campaign file: the visits that a rig is to make, and nothing else of it."""
+
+    campaign: VisitsSection
+
+
+def with_visits(rig: RigFile, path: Path) -> RigFile:
+    """The rig file with the visits of a campaign file in place of its own poses; InputError if they do not fit."""
+    visits = read_toml(path, CampaignFile).campaign.visits
+    most = max(visit.payload for visit in visits)
+    if most >= len(rig.payloads):
+        raise InputError(f"{path}: payload {most} is not in the rig file's [[payloads]]; add it there")
+    campaign = rig.campaign.model_copy(update={"visits": visits, "targets": ()})
+    return rig.model_copy(update={"campaign": campaign})
 
 
 def load_rig(path: Path) -> tuple[RigFile, Machine]:

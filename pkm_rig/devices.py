@@ -169,7 +169,7 @@ class MachineDevice:
 
     def _go(self, visit: PlannedVisit) -> None:
         settings = self._rig.file.campaign
-        offset = -visit.direction * settings.approach_m
+        offset = -np.array(visit.direction) * settings.approach_m
         self._rig.move(visit.drives_m + offset, visit.speed_m_per_s)
         self._rig.move(visit.drives_m, visit.speed_m_per_s)
         self._context.visit = visit
@@ -326,8 +326,9 @@ class StationDevice:
             "speed_m_per_s": 0.0 if visit is None else visit.speed_m_per_s,
             "dwell_s": 0.0 if visit is None else rig.clock.now_s() - context.arrived_s,
         }
-        for drive in rig.file.drives:
-            columns[f"{drive.name}_{DRIVE_COLUMNS[-1]}"] = 0.0 if visit is None else float(visit.direction)
+        for index, drive in enumerate(rig.file.drives):
+            side = 0.0 if visit is None else float(visit.direction[index])
+            columns[f"{drive.name}_{DRIVE_COLUMNS[-1]}"] = side
         return columns
 
     def _refuse_wrong_target(self, mean: MeanReading) -> None:

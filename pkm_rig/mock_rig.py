@@ -13,20 +13,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import can
+import numpy as np
 
+from calibration.machine import load_machine
 from calibration.recording_header import AccuracyEntry
 from calibration.toml_file import InputError
 from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.faulty_bus import FaultyBus
 from mock_devices.machine_file import read_machine_file
+from mock_devices.plant import Plant, Sighting
 from mock_devices.rig import MockRig
 from mock_devices.settings import InstrumentProfile, MockSettings, Nuisance, Payload
 from mock_devices.stepped_clock import SteppedClock
+from mock_devices.thermal import SENSORS
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.config import MockSection, RigFile, embedded_rig_path, machine_path
 from pkm_rig.embedded_bus import EmbeddedBus
 from pkm_rig.plc_connection import plc_line
+from pkm_rig.twin_files import MACHINE_NAME, read_twin
+from pkm_rig.twin_rig import LiveTwin, Look, Places
 
 _channels = itertools.count()
 
@@ -97,8 +103,9 @@ def embedded(
     real_time: bool = False,
     faults: FaultPlan | None = None,
     without_blocks: tuple[int, ...] = (),
+    twin: TwinFiles | None = None,
 ) -> Iterator[Embedded]:
-    """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`.
+    """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`; `twin`: one to serve.
 
     With `faults` the host's bus and clock can be struck as well. The nodes in `without_blocks` know no block transfer.
     """
@@ -119,6 +126,7 @@ def embedded(
             bus,
             without_blocks=without_blocks,
             faults=faults or NO_FAULTS,
+            plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
         ) as mock:
             host, port = mock.plc_address
             found = file.model_copy(
@@ -133,8 +141,10 @@ def embedded(
 
 
 @contextmanager
-def served(file: RigFile, rig_path: Path, faults: Sequence[str] = ()) -> Iterator[MockRig]:
-    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time.
+def served(
+    file: RigFile, rig_path: Path, faults: Sequence[str] = (), twin: TwinFiles | None = None
+) -> Iterator[MockRig]:
+    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time; `twin`: one to serve.
 
     `faults` are NAME@N; on this side a step of time is one of the devices' clock. InputError for an unknown one.
     """
@@ -169,6 +179,7 @@ def served(file: RigFile, rig_path: Path, faults: Sequence[str] = ()) -> Iterato
                 node_ids=tuple(drive.node_id for drive in file.drives),
                 client_bus_factory=lambda: FaultyBus(bus(), plan),
                 faults=plan,
+                plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
             ) as mock,
             nullcontext() if over_tcp else _linked("station", Path(port), Path(mock.station_url)),
             _linked("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))
@@ -178,6 +189,73 @@ def served(file: RigFile, rig_path: Path, faults: Sequence[str] = ()) -> Iterato
             yield mock
     finally:
         scaled.close()
+
+
+@dataclass(frozen=True)
+class TwinFiles:
+    """A twin's folder, and files of effects of one's own that it needs."""
+
+    folder: Path
+    effects: tuple[Path, ...] = ()
+
+
+class TwinPlant(Plant):
+    """A plant whose reflectors stand where a twin says; drives, PLC, temperatures, station and noise are the mock's.
+
+    Its `truth` is that of the mock machine, not the twin's: it is for no score.
+    """
+
+    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: Places) -> None:
+        super().__init__(machine, settings, clock)
+        self._twin = LiveTwin(twin, SENSORS, self.thermal.sensor_series_c)
+
+    def sightings(self, t_s: float) -> list[Sighting]:
+        """All reflectors as the station sees them at rig time `t_s`, in the order of the machine file."""
+        with self._lock:
+            places = self._twin.places_m(self._look(t_s))
+        return [
+            Sighting(i, smr.name, self.view.polar((float(x), float(y), float(z)), t_s))
+            for i, (smr, (x, y, z)) in enumerate(zip(self.nominal.smrs, places, strict=True))
+        ]
+
+    def _look(self, t_s: float) -> Look:
+        now = self.moment(t_s)
+        load = self.settings.payloads[self.payload]
+        return Look(
+            t_s=t_s,
+            drives_m=now.q_m[0],
+            velocity_m_per_s=now.velocity_m_per_s[0],
+            direction=now.direction[0],
+            torque=np.full(len(self.nominal.sliders), self.weight_torque()),
+            speed_after=self._speed_after,
+            arrived_s=float(now.leg_end_s.max()),
+            moving=self.is_moving(),
+            payload_kg=load.mass_kg,
+            payload_com_m=load.com_m,
+            exchanges=int(now.exchanges[0]),
+        )
+
+    def _speed_after(self, t_s: float) -> float:
+        legs = [leg for a in range(len(self.nominal.sliders)) for leg in self.legs(a) if leg.start_s > t_s]
+        return max((leg.speed_m_per_s for leg in legs), default=0.0)
+
+
+def twin_plant(file: RigFile, rig_path: Path, files: TwinFiles, clock: RigClock) -> TwinPlant:
+    """The plant of a twin's folder in place of the rig file's mock machine; InputError if it is of another machine."""
+    folder = files.folder
+    twin, machine = read_twin(folder, files.effects), machine_path(file, rig_path)
+    ours, theirs = load_machine(machine), load_machine(folder / MACHINE_NAME)
+    for what, here, there in (
+        ("drives", ours.drive_names, theirs.drive_names),
+        ("reflectors", tuple(s.name for s in ours.smrs), tuple(s.name for s in theirs.smrs)),
+    ):
+        if here != there:
+            raise InputError(
+                f"{folder}: its {what} {', '.join(there)} are not the rig file's {', '.join(here)}; give its own --rig"
+            )
+    if (file.mock or MockSection()).effects:
+        raise InputError(f"{folder}: a twin has its own effects; leave out --effect and [mock] effects")
+    return TwinPlant(machine, settings_of(file, rig_path), clock, twin)
 
 
 def fault_plan(faults: Sequence[str]) -> FaultPlan:

@@ -73,6 +73,7 @@ def outcome_json(outcome: Outcome, report: Path | None) -> dict[str, Any]:
             }
             for v in outcome.verified
         ],
+        "diagnosis": outcome.diagnosis.as_json(),
     }
 
 
@@ -98,6 +99,7 @@ def print_outcome(outcome: Outcome, report: Path | None) -> None:
     results.print()
     for verified in outcome.verified:
         results.print(f"{verified.payload_kg:g} kg: {verified.decision.rule}")
+    results.print(outcome.diagnosis.line, soft_wrap=True, markup=False)
     results.print("accepted" if outcome.accepted else f"refused; {outcome.restored}")
     if report is not None:
         results.print(f"report: {report}", soft_wrap=True)

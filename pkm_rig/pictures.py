@@ -34,7 +34,7 @@ def error_maps(maps: ErrorMap, title: str) -> Figure:
     ):
         axes = figure.add_subplot(1, 2, place)
         length = np.hypot(errors[:, 0], errors[:, 1])
-        key_m = _round_scale(float(np.max(length)))
+        key_m = round_scale(float(np.max(length)))
         quiver = axes.quiver(
             maps.target_m[:, 0], maps.target_m[:, 1], errors[:, 0], errors[:, 1],
             color=colour, angles="xy", scale_units="xy", scale=key_m / 0.06, width=0.004,
@@ -51,7 +51,7 @@ def error_maps(maps: ErrorMap, title: str) -> Figure:
     return figure
 
 
-def _round_scale(value: float) -> float:
+def round_scale(value: float) -> float:
     """1, 2 or 5 times a power of ten, not above the value."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-9)))
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= max(value, 1e-9) * 1.0001))

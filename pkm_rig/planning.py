@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from calibration import station as station_geometry
+from calibration.frame import station_frame
 from calibration.machine import COORDINATES, Array, Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
@@ -32,7 +33,6 @@ from calibration.visits import Visits
 from pkm_rig.analysis import REFRACTION_U_PER_M, systematic
 from pkm_rig.config import RigFile
 from pkm_rig.output import results
-from pkm_rig.reduction import station_frame
 
 CANDIDATES = 256
 OVER = 200

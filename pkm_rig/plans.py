@@ -49,9 +49,9 @@ class Stage:
 
 def prepare(stage: Stage, blocks: Sequence[Block]) -> Plan:
     """Warm-up and repeatability check: before anything is measured that counts."""
-    first = blocks[0].visits[0]
+    first, second = [visit for block in blocks for visit in block.visits][:2]
     yield from bps.abs_set(stage.payload, 0, wait=True)
-    yield from _warm_up(stage, [blocks[0].visits[0], blocks[0].visits[1]])
+    yield from _warm_up(stage, [first, second])
     yield from nest_check(stage)
     yield from _repeatability(stage, first)
 

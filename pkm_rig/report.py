@@ -14,7 +14,7 @@ import pkm_rig
 from calibration.compensation import predict_poses
 from calibration.identification import Fit
 from calibration.observability import observability_of
-from pkm_rig import pictures
+from pkm_rig import diagnosis_output, diagnosis_pictures, diagnosis_text, pictures
 from pkm_rig.analysis import error_map
 from pkm_rig.calibrate import Outcome, Verified
 from pkm_rig.figures import COVERAGE_FACTOR, Figures
@@ -74,6 +74,9 @@ def write_report(outcome: Outcome, path: Path) -> None:
         undefined=StrictUndefined,
     )
     environment.filters["um"] = lambda metres: f"{metres * 1e6:.1f}"
+    environment.filters["percent"] = diagnosis_text.percent
+    environment.filters["probability"] = diagnosis_text.probability
+    environment.filters["sized"] = diagnosis_text.sized
     environment.filters["urad"] = lambda rad: f"{rad * 1e6:.1f}"
     recording = outcome.reduction.recording
     sections = [_payload_section(outcome, verified) for verified in outcome.verified]
@@ -94,6 +97,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
             "parameters": pictures.data_uri(pictures.parameter_plot(outcome.calibration)),
         },
         fit=outcome.calibration.fit,
+        diagnosis=_diagnosis(outcome),
         version=pkm_rig.__version__,
         hashes=_hashes(outcome),
         readings=len(recording),
@@ -126,6 +130,20 @@ def _payload_section(outcome: Outcome, verified: Verified) -> dict[str, Any]:
         "largest_correction_um": float(np.max(np.abs(written.table.correction_m))) * 1e6,
         "temperature_c": written.table.temperature_c,
         "drives": written.drives,
+    }
+
+
+def _diagnosis(outcome: Outcome) -> dict[str, Any] | None:
+    found = outcome.diagnosis.diagnosis
+    if found is None:
+        return None
+    drawn = diagnosis_pictures.figures(found, outcome.reduction.recording.machine)
+    candidates = diagnosis_output.by_gain(found)
+    return {
+        "found": found,
+        "shares": diagnosis_output.strongest_shares(found),
+        "pictures": [pictures.data_uri(figure) for figure in drawn.values()],
+        "next": candidates[0] if candidates else None,
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from calibration.rotation import rotation_matrix
 from calibration.toml_file import InputError
 from pkm_rig.config import CampaignSettings
 
-LEAST_TARGETS = 6
+LEAST_TARGETS, LEAST_VISITS = 6, 2
 POSE_STREAM, ORDER_STREAM, VERIFICATION_STREAM = 1, 2, 3
 
 
@@ -22,7 +23,7 @@ class PlannedVisit:
     """One visit: approach the pose from one side, dwell, measure.
 
     pose: number of the target; pass_: how often it was planned before; target_m (6,) commanded coordinates;
-    drives_m (d,) commanded drive positions; direction +1 or -1: the side every drive comes from.
+    drives_m (d,) commanded drive positions; direction (d,) +1 or -1: the side each drive comes from.
     """
 
     pose: int
@@ -30,7 +31,7 @@ class PlannedVisit:
     target_m: Array
     drives_m: Array
     payload: int
-    direction: int
+    direction: tuple[int, ...]
     speed_m_per_s: float
     dwell_s: float
 
@@ -48,8 +49,11 @@ def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Bl
 
     Without payload every target is visited three times from the same side, for the noise floor: once in each of the
     two blocks, half of the targets again in the first and half in the last. With payload it is
-    approached from the other side. Sides alternate from target to target.
+    approached from the other side. Sides alternate from target to target. Visits that the settings give one by one are
+    made in their order instead.
     """
+    if settings.visits:
+        return _given_blocks(machine, settings)
     targets = calibration_targets(machine, settings)
     numbers = list(range(len(targets)))
     half = len(numbers) // 2
@@ -94,18 +98,56 @@ def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
 
 def _chosen_targets(machine: Machine, chosen: tuple[tuple[float, ...], ...]) -> Array:
     """Platform poses (n, 6) of tool poses given by their commanded coordinates; InputError outside the workspace."""
-    size = machine.commanded.size
-    for number, row in enumerate(chosen, start=1):
-        if len(row) != size:
-            raise InputError(f"campaign.targets: row {number} has {len(row)} numbers; the machine commands {size}")
+    poses = _inside(machine, chosen, "campaign.targets: row")
     if len(chosen) < LEAST_TARGETS:
         raise InputError(f"campaign.targets: {len(chosen)} poses; give {LEAST_TARGETS} or more")
+    return poses
+
+
+def _inside(machine: Machine, rows: Sequence[tuple[float, ...]], what: str) -> Array:
+    size = machine.commanded.size
+    for number, row in enumerate(rows, start=1):
+        if len(row) != size:
+            raise InputError(f"{what} {number} has {len(row)} numbers; the machine commands {size}")
     low, high = machine.commanded_limits.T
-    values = np.array(chosen)
+    values = np.array(rows)
     outside = np.flatnonzero(~np.all((values >= low - 1e-9) & (values <= high + 1e-9), axis=1))
     if outside.size:
-        raise InputError(f"campaign.targets: row {outside[0] + 1} lies outside the workspace of {machine.name}")
+        raise InputError(f"{what} {outside[0] + 1} lies outside the workspace of {machine.name}")
     return _platform_poses(machine, values)
+
+
+def _given_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
+    """Visits as they are given, a block wherever the payload changes; equal targets are one pose."""
+    given, count = settings.visits, len(machine.drive_names)
+    if len(given) < LEAST_VISITS:
+        raise InputError(f"campaign.visits: {len(given)} visit; give {LEAST_VISITS} or more")
+    for number, visit in enumerate(given, start=1):
+        if visit.direction and len(visit.direction) != count:
+            raise InputError(f"campaign.visits: visit {number} has {len(visit.direction)} sides for {count} drives")
+    targets = _inside(machine, [visit.target for visit in given], "campaign.visits: visit")
+    drives = commanded_drives(machine, targets)
+    poses: dict[tuple[float, ...], int] = {}
+    passes: dict[int, int] = {}
+    blocks: list[tuple[int, list[PlannedVisit]]] = []
+    for number, visit in enumerate(given):
+        pose = poses.setdefault(visit.target, len(poses))
+        passes[pose] = passes.get(pose, -1) + 1
+        if not blocks or blocks[-1][0] != visit.payload:
+            blocks.append((visit.payload, []))
+        blocks[-1][1].append(
+            PlannedVisit(
+                pose,
+                passes[pose],
+                targets[number],
+                drives[number],
+                visit.payload,
+                visit.direction or (1,) * count,
+                settings.speeds_m_per_s[0] if visit.speed_m_per_s is None else visit.speed_m_per_s,
+                settings.dwells_s[0] if visit.dwell_s is None else visit.dwell_s,
+            )
+        )
+    return tuple(Block(payload, tuple(visits)) for payload, visits in blocks)
 
 
 def _in_workspace(machine: Machine, unit: Array) -> Array:
@@ -151,7 +193,7 @@ def _block(
                 targets[pose],
                 drives[pose],
                 payload,
-                direction,
+                (direction,) * len(machine.drive_names),
                 float(rng.choice(settings.speeds_m_per_s)),
                 float(rng.choice(settings.dwells_s)),
             )

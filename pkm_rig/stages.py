@@ -18,6 +18,7 @@ from calibration.recording import Recording
 from calibration.toml_file import InputError
 from pkm_rig.analysis import Calibration, identify_recording, pose_u
 from pkm_rig.calibrate import Outcome, Written, identified_summary, judge, last_attempt
+from pkm_rig.diagnose import attempt
 from pkm_rig.figures import figures
 from pkm_rig.fitness import check_rig, in_plane_u_m
 from pkm_rig.output import results
@@ -210,4 +211,4 @@ def stored_outcome(store: Store, campaign: str) -> Outcome:
         for event in activated[-len({e.data["payload"] for e in activated}) :]
     )
     former = verdicts[-1].data.get("restored") or "the former tables"
-    return judge(campaign, identified, recording, written, former)
+    return judge(campaign, identified, recording, written, attempt(recording), former)

@@ -49,6 +49,7 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
     periods = periodograms(readout)
     setting = setting_of(readout, periods)
     effects, not_tested = tested(setting, catalogue)
+    untested = tuple(effect for effect in catalogue.effects if effect.name in not_tested)
     found = explain(readout, setting, effects)
     ranking = probabilities(found)
     verdict = max(ranking, key=lambda name: ranking[name])
@@ -69,13 +70,13 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
         matters_m=matters * field.noise_m,
         effects=tuple(_found(cause, ranking, readout, after) for cause in causes),
         ranking=ranking,
-        where=location.shares(readout, field, periods),
+        where=location.shares(readout, truth, field, _acting(found, readout, causes), periods),
         gap=gap,
         not_tested=not_tested,
         hidden_m=_hidden_m(after, setting, field.noise_m),
         inside_geometry=_inside_geometry(baseline),
         clues=_clues(found) if verdict == UNKNOWN else (),
-        next_measurement=candidates(found, ranking, equivalent, not_tested),
+        next_measurement=candidates(readout, found, ranking, untested),
         withheld=_withheld(baseline, readout, before_left, after, after_left, field),
         visits=_visits(baseline, field),
         spectra=location.spectra(readout, periods),
@@ -86,6 +87,22 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
 
 def _main_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
     return tuple(sorted(causes, key=lambda cause: cause.effect.name != verdict))
+
+
+def _acting(found: Explanation, readout: Readout, causes: tuple[Cause, ...]) -> list[str]:
+    """Channels at which something acts, the strongest first: of the causes, or of the best form-free alternative."""
+    sizes: dict[str, float] = {}
+    for cause in causes:
+        for act, coefficient in zip(cause.acts, cause.best.coefficients, strict=True):
+            for channel, shape in act:
+                square = float(np.sum((coefficient * readout.response(channel) * shape[:, None]) ** 2))
+                sizes[channel] = sizes.get(channel, 0.0) + square
+    if sizes:
+        return sorted(sizes, key=lambda channel: -sizes[channel])
+    pool = sorted((*found.alone, *found.formless), key=lambda f: -f.log_evidence)
+    if pool and pool[0].log_evidence > 0.0:
+        return [channel for channel, _ in pool[0].channels]
+    return list(readout.channels.poses())
 
 
 def _unchanged(figures: GapFigures) -> GapFigures:

@@ -129,6 +129,16 @@ class Readout:
         joined = np.concatenate(along, axis=1)
         return Judged(np.block(blocks) - joined.T @ joined, np.concatenate(score))
 
+    def seen_through(self, channels: Sequence[str], shapes: Array, rows: NDArray[np.intp]) -> Array:
+        """What is left of shapes (n, k) through channels once calibration is fitted again: rows (m, 3, k times c)."""
+        out = []
+        for channel in channels:
+            along = self._projection(channel).T @ shapes
+            response = self.response(channel)[rows]
+            q = self._q[rows].reshape(-1, self._q.shape[2])
+            out.append(response[:, :, None] * shapes[rows][:, None, :] - (q @ along).reshape(len(rows), 3, -1))
+        return np.concatenate(out, axis=2)
+
     def by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:
         """Information and score (v,) of a unit of a channel in each single visit."""
         count = int(arrival.max()) + 1

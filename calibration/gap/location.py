@@ -7,54 +7,70 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
 from calibration.gap.result import Share, Spectrum
 from calibration.gap.shapes import brownian, products, smooth
-from calibration.gap.shrink import Field
+from calibration.gap.shrink import Field, regions
 from calibration.machine import COORDINATES, Array
 
-RIDGE = 1e-3
+RIDGE = 1e-3  # of a column's own square
 LONGEST_M, SHORTEST_M = 0.06, 2.0e-5
 BLOCKS = 8
+MOST_CHANNELS = 4
 MORE = 0.03
 PICTURED = 400
 
 
-def shares(readout: Readout, found: Field, periods: Sequence[Periodogram]) -> tuple[Share, ...]:
-    """All shares of the gap before any effect, kind by kind."""
-    return (*_of_coordinates(readout, found, periods), *_of_places(readout, found))
+def shares(
+    readout: Readout, truth: Readout, found: Field, acting: Sequence[str], periods: Sequence[Periodogram]
+) -> tuple[Share, ...]:
+    """All shares of the gap before any effect, kind by kind.
+
+    truth: the readout by which the noise-free readings are estimated; acting: channels at which something acts, the
+    strongest first.
+    """
+    return (*_of_coordinates(readout, truth, acting[:MOST_CHANNELS], periods), *_of_places(readout, found))
 
 
-def _of_coordinates(readout: Readout, found: Field, periods: Sequence[Periodogram]) -> Iterator[Share]:
-    """Form-free functions of one coordinate, learnt on some blocks and judged on the others.
+def _of_coordinates(
+    readout: Readout, truth: Readout, acting: Sequence[str], periods: Sequence[Periodogram]
+) -> Iterator[Share]:
+    """Form-free functions of one coordinate that act where the gap's cause does, learnt on all regions but one.
 
-    Blocks are drawn visit by visit: every region, day and load is in each. The gap is that of withheld regions already,
-    so the function predicts what no reading of the visit's region has told.
+    Calibration is fitted again to both, the gap and each function, so that what it takes up counts for neither.
     """
     known = readout.baseline
-    smr, visit = known.smr[found.rows], known.visit[found.rows]
-    sides: dict[str, Share] = {}
-    block = np.random.default_rng(BLOCKS).permutation(int(visit.max()) + 1)[visit] % BLOCKS
-    for kind, name, shapes in _coordinates(readout, found, periods):
-        parts = np.zeros((BLOCKS, 2))
-        for one in np.unique(smr):
-            rows = np.flatnonzero(smr == one)
-            x = np.concatenate([np.ones((len(rows), 1)), shapes[rows]], axis=1)
-            y = found.before[rows]
-            for b in range(BLOCKS):
-                out = block[rows] == b
-                learn = x[~out]
-                ridge = RIDGE * np.eye(x.shape[1]) * len(learn)
-                ridge[0, 0] = 1e-9
-                c = np.linalg.solve(learn.T @ learn + ridge, learn.T @ y[~out])
-                parts[b] += np.sum((y[out] - x[out] @ c) ** 2), np.sum(y[out] ** 2)
-        share = _share(kind, name, parts)
-        plain = sides.setdefault(name.rsplit(" ", 1)[-1], share) if kind in ("direction", "speed", "dwell") else None
-        # What holds the side of approach too is listed where it tells more than the side alone.
-        if plain is None or plain is share or " of " not in name or share.share > plain.share + MORE:
+    rows = np.flatnonzero(known.on_platform)
+    region = regions(known)[known.visit[rows]]
+    gap = readout.apply((known.residual - truth.left)[:, :, None])[rows, :, 0]
+    sides: dict[str, float] = {}
+    for kind, name, shapes in _coordinates(readout, periods):
+        through = readout.seen_through(acting, shapes, rows)
+        through /= np.maximum(np.sqrt(np.mean(through**2, axis=(0, 1))), 1e-300)
+        share = _share(kind, name, _learnt(through, gap, region))
+        drive = name.rsplit(" ", 1)[-1]
+        if kind == "direction":
+            sides[drive] = share.share
+        # What holds the side of approach as well is listed where it tells more than the side alone.
+        if " of " not in name or share.share > sides.get(drive, 0.0) + MORE:
             yield share
+
+
+def _learnt(columns: Array, gap: Array, region: NDArray[np.intp]) -> Array:
+    """(r, 2): what is left of the gap (m, 3) in each region by what the others teach, and what there was."""
+    count = int(region.max()) + 1
+    parts = [(columns[region == r].reshape(-1, columns.shape[2]), gap[region == r].ravel()) for r in range(count)]
+    grams, scores = [x.T @ x for x, _ in parts], [x.T @ y for x, y in parts]
+    gram, score = np.sum(grams, axis=0), np.sum(scores, axis=0)
+    ridge = RIDGE * np.diag(np.diag(gram) + 1e-300)
+    out = np.zeros((count, 2))
+    for r, (x, y) in enumerate(parts):
+        c = np.linalg.solve(gram - grams[r] + ridge, score - scores[r])
+        out[r] = float(np.sum((y - x @ c) ** 2)), float(y @ y)
+    return out
 
 
 def _share(kind: str, name: str, parts: Array) -> Share:
@@ -66,57 +82,44 @@ def _share(kind: str, name: str, parts: Array) -> Share:
     without = 1.0 - (left - parts[:, 0]) / np.maximum(there - parts[:, 1], 1e-300)
     count = len(parts)
     u = np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))
-    low, high = value - 2.36 * u, value + 2.36 * u  # Student's t, 7 degrees of freedom
+    t = float(student_t.ppf(0.975, count - 1))
+    low, high = value - t * u, value + t * u
     return Share(
         kind, name, float(np.clip(value, 0.0, 1.0)), float(np.clip(low, 0.0, 1.0)), float(np.clip(high, 0.0, 1.0))
     )
 
 
-def _coordinates(readout: Readout, found: Field, periods: Sequence[Periodogram]) -> Iterator[tuple[str, str, Array]]:
-    known, rows = readout.baseline, found.rows
+def _coordinates(readout: Readout, periods: Sequence[Periodogram]) -> Iterator[tuple[str, str, Array]]:
+    """Kind, name and shapes (n, k) of each coordinate; the side of approach before what holds it too."""
+    known = readout.baseline
     m, machine = known.moments, known.machine
-    t = m.elapsed_s[rows]
+    t = m.elapsed_s
     for a, drive in enumerate(machine.drive_names):
-        yield "drive", drive, smooth(m.drives[rows, a], 16, roughness=0.5)
-    target = known.poses.visits.target_m[known.visit[rows]]
+        yield "drive", drive, smooth(m.drives[:, a], 12, roughness=0.5)
+    target = known.poses.visits.target_m[np.maximum(known.visit, 0)]
     for c in machine.commanded:
-        yield "pose", COORDINATES[c], smooth(target[:, c], 8, roughness=0.5)
-    places = [smooth(target[:, c], 4, roughness=0.5, constant=True) for c in machine.commanded[:2]]
+        yield "pose", COORDINATES[c], smooth(target[:, c], 6, roughness=0.5)
+    places = [smooth(target[:, c], 3, roughness=0.5, constant=True) for c in machine.commanded[:2]]
     yield "region", "tool", (products(places[0], places[1]) if len(places) > 1 else places[0])[:, 1:]
     for a, drive in enumerate(machine.drive_names):
-        yield "direction", drive, m.direction[rows, a : a + 1]
-    load = m.payload_kg[rows]
-    yield (
-        "load",
-        "payload",
-        np.stack([load, load**2], axis=1) / max(float(load.max()), 1.0) if load.any() else load[:, None],
-    )
-    yield "speed", "approach", _steps(m.speed_m_per_s[rows] * np.where(m.moving[rows], -1.0, 1.0))
-    yield "dwell", "rest", smooth(np.log(m.dwell_s[rows] + 0.3), 6, roughness=0.5)
-    # Signed by the side of approach: the speed with which a drive came, and the rest after it.
+        yield "direction", drive, m.direction[:, a : a + 1]
+    load = m.payload_kg / max(float(m.payload_kg.max()), 1.0)
+    yield "load", "payload", np.stack([load, load**2], axis=1)
+    speed = _steps(m.speed_m_per_s * np.where(m.moving, -1.0, 1.0))
+    rest = smooth(np.log(m.dwell_s + 0.3), 5, roughness=0.5, constant=True)
+    yield "speed", "approach", speed
+    yield "dwell", "rest", rest
     for a, drive in enumerate(machine.drive_names):
-        side = m.direction[rows, a : a + 1]
-        yield (
-            "dwell",
-            f"rest of {drive}",
-            products(side, smooth(np.log(m.dwell_s[rows] + 0.3), 6, roughness=0.5, constant=True)),
-        )
-        yield (
-            "speed",
-            f"approach of {drive}",
-            products(side, _steps(m.speed_m_per_s[rows] * np.where(m.moving[rows], -1.0, 1.0))),
-        )
-    yield (
-        "time",
-        "rig",
-        np.concatenate([smooth(t, 16, roughness=0.5), brownian(t / max(float(t.max()), 1.0), 16)], axis=1),
-    )
+        side = m.direction[:, a : a + 1]
+        yield "dwell", f"rest after approach of {drive}", products(side, rest)
+        yield "speed", f"speed of {drive}", products(side, speed)
+    yield "time", "rig", np.concatenate([smooth(t, 6), brownian(t / max(float(t.max()), 1.0), 14)], axis=1)
     for sensor, value in m.temperatures_c.items():
-        yield "temperature", sensor, smooth(value[rows], 5, roughness=0.5)
+        yield "temperature", sensor, smooth(value, 4, roughness=0.5)
     for a, drive in enumerate(machine.drive_names):
         peaks = periods[a].strongest(SHORTEST_M, LONGEST_M)
         if peaks:
-            phase = 2.0 * np.pi * np.outer(m.drives[rows, a] / peaks[0][0], [1.0, 2.0])
+            phase = 2.0 * np.pi * np.outer(m.drives[:, a] / peaks[0][0], [1.0, 2.0])
             yield "period", drive, np.concatenate([np.sin(phase), np.cos(phase)], axis=1)
 
 

@@ -6,7 +6,8 @@ One row a reading (n); d drives. Effects are functions of these and of nothing e
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def moments_of(recording: Recording) -> Moments:
     visit = recording["visit"]
     t, dwell, drives = recording["t_rig_s"], recording["dwell_s"], recording.drives("actual_m")
     on_pose = np.asarray(recording["phase"]) != "nests"
-    numbers, first = np.unique(visit[on_pose], return_index=True)
+    first = np.unique(visit[on_pose], return_index=True)[1]
     head = np.flatnonzero(on_pose)[first]
     head = head[np.argsort(t[head], kind="stable")]
     history = History(t[head] - dwell[head], drives[head])
@@ -126,3 +127,39 @@ def moments_of(recording: Recording) -> Moments:
         temperatures_c={"air": recording["air_temperature_c"], **recording.temperatures_c()},
         start_s=float(t.min()),
     )
+
+
+ARRAYS = (
+    "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
+    "payload_com_m", "exchanges",
+)  # fmt: skip
+
+
+def held(campaign: Moments, moments: Moments) -> Moments:
+    """Moments held within what the campaign saw."""
+
+    def within(name: str) -> Array:
+        known, values = getattr(campaign, name), getattr(moments, name)
+        return np.clip(values, known.min(axis=0), known.max(axis=0))
+
+    changed: dict[str, Any] = {
+        n: within(n) for n in ARRAYS if n not in ("arrival", "payload_com_m", "direction", "velocity_m_per_s")
+    }
+    air = campaign.temperatures_c["air"]
+    temperatures = {
+        name: np.clip(moments.temperatures_c.get(name, np.full(len(moments), air.mean())), t.min(), t.max())
+        for name, t in campaign.temperatures_c.items()
+    }
+    return replace(moments, temperatures_c=temperatures, **changed)
+
+
+def joined(campaign: Moments, moments: Moments) -> Moments:
+    """The campaign's moments, then others, whose arrivals come after."""
+    h, g = campaign.history, moments.history
+    history = History(np.concatenate([h.arrived_s, g.arrived_s]), np.concatenate([h.drives, g.drives]))
+    changed: dict[str, Any] = {
+        n: np.concatenate([getattr(campaign, n), getattr(moments, n)]) for n in ARRAYS if n != "arrival"
+    }
+    temperatures = {n: np.concatenate([t, moments.temperatures_c[n]]) for n, t in campaign.temperatures_c.items()}
+    arrival = np.concatenate([campaign.arrival, moments.arrival + len(h.arrived_s)])
+    return replace(campaign, history=history, arrival=arrival, temperatures_c=temperatures, **changed)

@@ -1,15 +1,265 @@
-"""What to measure next (placeholder until candidates are ranked)."""
+"""What to measure next: additions to a campaign, ranked by the information on the cause that they promise a minute.
+
+Each hypothesis (nothing, an effect of the ranking as it was fitted, an effect that the campaign could not show, of a
+plausible size) predicts the readings of further visits. Calibration takes up in the old readings what it can of each,
+and carries that into the prediction. How much an addition tells is bounded from below by the distances of the
+predictions (Kolchinsky and Tracey 2017, eq. 10, with the Bhattacharyya distance).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
-from calibration.gap.result import Candidate
+import numpy as np
+
+from calibration.effects.base import Effect
+from calibration.gap.baseline import Baseline, Seen
+from calibration.gap.channels import Channels
+from calibration.gap.evidence import Readout
+from calibration.gap.moments import History, Moments, held, joined
+from calibration.gap.result import NONE, UNKNOWN, Candidate, PlannedVisit
 from calibration.gap.search import Explanation
+from calibration.gap.setting import setting_from
+from calibration.inverse import rigid_drives
+from calibration.machine import Array, Machine
+from calibration.rotation import rotation_matrix
+from calibration.visits import Visits
+
+VISITS = 60
+SEED = 4  # of the poses that are proposed, so that a diagnosis says the same twice
+WORTH = 0.005  # probability from which on an effect is a hypothesis
+UNTESTED = 0.4  # of the probability, for what the campaign could not show
+SUPPOSED_SIGMA = 2.0  # RMS at the platform of what it could not show
+DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+EXCHANGE_S = 300.0
+MOST = 6
+
+
+@dataclass(frozen=True)
+class _Idea:
+    """An addition before it is judged; exchanges: how often the payload is changed."""
+
+    name: str
+    adds: str
+    visits: tuple[PlannedVisit, ...]
 
 
 def candidates(
-    found: Explanation, ranking: Mapping[str, float], equivalent: Sequence[str], not_tested: Mapping[str, str]
+    readout: Readout,
+    found: Explanation,
+    ranking: Mapping[str, float],
+    untested: tuple[Effect, ...],
 ) -> tuple[Candidate, ...]:
     """Additions to the campaign, the most informative a minute first."""
-    return ()
+    known = readout.baseline
+    ideas = list(_ideas(known))
+    if not ideas:
+        return ()
+    hypotheses = _Hypotheses(readout, found, ranking, untested)
+    out = [hypotheses.judged(idea, _minutes(known, idea)) for idea in ideas]
+    out.sort(key=lambda candidate: -candidate.gain_bit_per_min)
+    return (*out[:MOST], *_reflectors(known))
+
+
+def _ideas(known: Baseline) -> Iterator[_Idea]:
+    """Further visits, each varying what a campaign may vary, and all of it together."""
+    m, machine = known.moments, known.machine
+    rng = np.random.default_rng(SEED)
+    poses = _poses(machine, rng, VISITS)
+    side = np.sign(m.direction[known.visit >= 0].mean(axis=0) + 1e-9)
+    same = tuple(int(s) for s in np.where(side == 0.0, 1.0, side))
+    speed = float(np.median(m.speed_m_per_s[known.visit >= 0]))
+    dwell = float(np.median(known.recording["dwell_s"][known.rows][known.visit >= 0]))
+    payload = int(np.median(known.recording["payload"][known.rows]))
+    heavy = int(np.argmax([p.mass_kg for p in known.recording.file.payloads]))
+    speeds = (0.4 * speed, speed, 2.0 * speed)
+
+    def visits(**varied: bool) -> tuple[PlannedVisit, ...]:
+        out = []
+        for k, pose in enumerate(poses):
+            sides = tuple(int(s) for s in rng.choice([-1, 1], len(same))) if varied.get("sides") else same
+            rest = float(rng.choice(DWELLS_S)) if varied.get("dwells") else dwell
+            at = float(rng.choice(speeds)) if varied.get("speeds") else speed
+            load = heavy if varied.get("loads") and 2 * k >= VISITS else payload
+            out.append(PlannedVisit(tuple(float(x) for x in pose), sides, load, at, rest))
+        return tuple(out)
+
+    yield _Idea("random poses", "poses off the campaign's, as it was measured", visits())
+    yield _Idea("both directions", "random poses, approached from either side", visits(sides=True))
+    yield _Idea("varied rest", "random poses, rests from 0.5 to 16 s, three speeds", visits(dwells=True, speeds=True))
+    yield _Idea(
+        "directions and rest", "either side, rests from 0.5 to 16 s, three speeds",
+        visits(sides=True, dwells=True, speeds=True),
+    )  # fmt: skip
+    if heavy != payload:
+        yield _Idea("another payload", "random poses, half of them with the heaviest payload", visits(loads=True))
+        yield _Idea(
+            "everything varied", "either side, varied rest and speed, half with the heaviest payload",
+            visits(sides=True, dwells=True, speeds=True, loads=True),
+        )  # fmt: skip
+
+
+def _poses(machine: Machine, rng: np.random.Generator, count: int) -> Array:
+    """Tool poses (v, 6) drawn over the workspace, denser towards its edge."""
+    low, high = machine.workspace.T
+    unit = 0.5 - 0.5 * np.cos(np.pi * rng.uniform(0.0, 1.0, (count, len(machine.commanded))))
+    out = np.repeat(machine.workspace.mean(axis=1)[None], count, axis=0)
+    out[:, machine.commanded] = (low + (high - low) * 0.0)[machine.commanded] + (high - low)[machine.commanded] * unit
+    return out
+
+
+def _minutes(known: Baseline, idea: _Idea) -> float:
+    """How long the visits take: the campaign's own pace, the rests that are asked for, exchanges of payload."""
+    pace = float(np.median(np.diff(known.moments.history.arrived_s)))
+    rests = known.recording["dwell_s"][known.rows]
+    usual = float(np.median(rests[known.visit >= 0]))
+    loads = [v.payload for v in idea.visits]
+    exchanges = sum(a != b for a, b in zip(loads[:-1], loads[1:], strict=True)) + (
+        loads[0] != known.recording["payload"][known.rows][-1]
+    )
+    seconds = sum(max(pace - usual, 1.0) + v.dwell_s for v in idea.visits) + EXCHANGE_S * exchanges
+    return seconds / 60.0
+
+
+class _Hypotheses:
+    """What each hypothesis predicts, judged addition by addition."""
+
+    def __init__(
+        self, readout: Readout, found: Explanation, ranking: Mapping[str, float], untested: tuple[Effect, ...]
+    ) -> None:
+        self._readout, self._known = readout, readout.baseline
+        self._fitted = [c for c in found.ranking if ranking.get(c.effect.name, 0.0) >= WORTH]
+        self._supposed = [(e, i) for e in untested for i in range(len(e.places(self._known.machine)))]
+        rest = 1.0 - UNTESTED if self._supposed else 1.0
+        self.names = [NONE, *(c.effect.name for c in self._fitted), *(e.name for e, _ in self._supposed)]
+        weights = [ranking.get(NONE, 0.0) + ranking.get(UNKNOWN, 0.0)]
+        weights += [ranking[c.effect.name] for c in self._fitted]
+        shared = UNTESTED / max(len(self._supposed), 1)
+        self.prior = np.array([*(rest * w for w in weights), *([shared] * len(self._supposed))])
+        self.prior /= self.prior.sum()
+
+    def judged(self, idea: _Idea, minutes: float) -> Candidate:
+        """The idea with its gain, and the names that it would tell apart."""
+        predicted = self._predicted(idea)
+        distance = np.sum((predicted[:, None] - predicted[None]) ** 2, axis=2) / 8.0
+        entropy_left = self.prior @ np.log(np.exp(-distance) @ self.prior)
+        gain = float(-entropy_left / np.log(2.0))
+        settles = {
+            name
+            for i, name in enumerate(self.names)
+            if name != NONE and np.min(np.delete(distance[i], i), initial=np.inf) > 2.0
+        }
+        return Candidate(idea.name, idea.adds, tuple(sorted(settles)), minutes, gain, idea.visits)
+
+    def _predicted(self, idea: _Idea) -> Array:
+        """Whitened readings (h, r) of the platform's and the sliders' reflectors at the visits, by hypothesis."""
+        known = self._known
+        smrs = np.array(sorted(set(known.smr[known.visit >= 0].tolist())), dtype=np.intp)
+        new = self._moments(idea)
+        after = joined(known.moments, held(known.moments, new))
+        seen = self._seen(new, smrs)
+        everything = self._both(after, seen)
+        setting = setting_from(everything, Channels(everything), lambda *_: [], lambda *_: [])
+        channels, first = Channels(seen), len(known.smr)
+        rows = np.repeat(np.arange(first, len(after)), len(smrs))
+        sigma = np.sqrt(np.median([np.linalg.eigvalsh(np.linalg.inv(w.T @ w))[0] for w in known.whiten[:50]]))
+        out = [np.zeros(len(seen.smr) * 3)]
+        for cause in self._fitted:
+            place = cause.effect.places(known.machine).index(cause.place)
+            acts = cause.effect.forms(setting, place).acts
+            columns = cause.best.form.columns
+            if max(columns) < len(acts) and not cause.best.form.parameters.keys() & {"period_m", "onset_s"}:
+                shift = sum(
+                    c * channels.shift_m(name) * shape[rows, None]
+                    for k, c in zip(columns, cause.best.coefficients, strict=True)
+                    for name, shape in acts[k]
+                )
+                out.append(np.asarray(shift).ravel() / sigma)
+            else:
+                out.append(np.zeros(len(seen.smr) * 3))
+        for effect, place in self._supposed:
+            forms = effect.forms(setting, place)
+            if not forms.forms:
+                out.append(np.zeros(len(seen.smr) * 3))
+                continue
+            acts = forms.acts[forms.forms[0].columns[0]]
+            shift = sum(channels.shift_m(name) * shape[rows, None] for name, shape in acts)
+            old = sum(self._readout.response(name) * shape[:first, None] for name, shape in acts)
+            # What does not differ from what the campaign has seen was taken up by its calibration.
+            usual = sum(channels.shift_m(name) * np.median(shape[:first]) for name, shape in acts)
+            left = np.asarray(shift - usual).ravel() / sigma
+            scale = SUPPOSED_SIGMA / max(float(np.sqrt(np.mean(np.asarray(old) ** 2))), 1e-300)
+            whole = SUPPOSED_SIGMA / max(float(np.sqrt(np.mean((np.asarray(shift) / sigma) ** 2))), 1e-300)
+            out.append(left * min(scale, whole))
+        return np.array(out)
+
+    def _moments(self, idea: _Idea) -> Moments:
+        """Moments of the visits, one a visit, after the campaign."""
+        known, machine = self._known, self._known.machine
+        m, n = known.moments, len(idea.visits)
+        target = np.array([v.target_m for v in idea.visits])
+        pose = target.copy()
+        pose[:, :3] -= rotation_matrix(target[:, 3:]) @ machine.tool_point_m
+        drives = rigid_drives(machine, known.poses.geometry, pose)
+        drives = np.where(np.isfinite(drives), drives, np.nanmean(drives, axis=0))
+        times = float(m.t_s.max()) + np.arange(1, n + 1) * 60.0 * _minutes(known, idea) / n
+        payloads = known.recording.file.payloads
+        load = np.array([payloads[v.payload].mass_kg for v in idea.visits])
+        torque = np.repeat(np.median(m.torque, axis=0)[None], n, axis=0)
+        direction = np.array([v.direction for v in idea.visits], dtype=np.float64)
+        return Moments(
+            history=History(times, drives),
+            t_s=times,
+            arrival=np.arange(n),
+            drives=drives,
+            direction=direction,
+            velocity_m_per_s=np.zeros_like(drives),
+            torque=torque * (1.0 + 0.1 * direction + (load[:, None] - np.median(m.payload_kg)) / 500.0),
+            speed_m_per_s=np.array([v.speed_m_per_s for v in idea.visits]),
+            dwell_s=np.array([v.dwell_s for v in idea.visits]) + 1.0,
+            payload_kg=load,
+            payload_com_m=np.array([payloads[v.payload].com_m for v in idea.visits]),
+            exchanges=np.full(n, float(m.exchanges.max())),
+            temperatures_c={name: np.full(n, float(np.median(t))) for name, t in m.temperatures_c.items()},
+            start_s=m.start_s,
+        )
+
+    def _seen(self, moments: Moments, smrs: Array) -> Seen:
+        known = self._known
+        target = np.repeat(known.machine.workspace.mean(axis=1)[None], len(moments), axis=0)
+        temperatures = {name: t for name, t in moments.temperatures_c.items() if name != "air"}
+        visits = Visits(moments.drives, target, moments.payload_kg, moments.payload_com_m, temperatures)
+        values = known.poses.values
+        poses = known.poses.model.predict(values, visits)
+        n, k = len(moments), len(smrs)
+        return Seen(
+            known.machine, moments, np.tile(smrs, n), np.repeat(np.arange(n), k), poses, known.frame, known.mounted_m,
+            np.zeros((n * k, 3)),
+        )  # fmt: skip
+
+    def _both(self, after: Moments, seen: Seen) -> Seen:
+        """One row a moment, old and new: what forms are built over."""
+        known = self._known
+        visits = known.poses.visits.joined(seen.poses.visits)
+        poses = known.poses.model.predict(known.poses.values, visits)
+        count = len(known.poses.visits)
+        of_old = np.where(known.visit >= 0, known.visit, 0)
+        visit = np.concatenate([of_old, count + np.arange(len(seen.moments))])
+        position = np.concatenate(
+            [known.position_m, np.repeat(known.position_m.mean(axis=0)[None], len(seen.moments), 0)]
+        )
+        smr = np.zeros(len(after), dtype=np.intp)
+        return replace(seen, moments=after, smr=smr, visit=visit, poses=poses, position_m=position)
+
+
+def _reflectors(known: Baseline) -> Iterator[Candidate]:
+    """Reflectors that the machine file has and the campaign did not measure; what they are worth is not computed."""
+    measured = set(known.smr.tolist())
+    for place, adds in (("slider", "on the sliders"), ("floor", "on the floor")):
+        missing = [s.name for i, s in enumerate(known.machine.smrs) if s.on == place and i not in measured]
+        if missing:
+            yield Candidate(
+                f"reflectors {adds}", f"measure {', '.join(missing)} at every visit or nest check",
+                (), 60.0, 0.0, (),
+            )  # fmt: skip

@@ -17,7 +17,7 @@ from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.frame import Frame
 from calibration.gap.baseline import Baseline, Seen
 from calibration.gap.channels import Channels
-from calibration.gap.moments import History, Moments
+from calibration.gap.moments import ARRAYS, History, Moments, held, joined
 from calibration.gap.search import Cause
 from calibration.gap.setting import setting_from
 from calibration.machine import Array, Machine, parse_machine
@@ -147,7 +147,7 @@ class Twin:
 
     def _shapes(self, moments: Moments) -> list[tuple[tuple[tuple[str, Array], ...], ...]]:
         """The acts of each added effect at the moments: forms are built over the campaign and them together."""
-        joined = _joined(self.campaign, _held(self.campaign, moments))
+        joined = joined(self.campaign, held(self.campaign, moments))
         first = len(self.campaign)
         every = self._seen(joined, np.zeros(1, dtype=np.intp))
         out = []
@@ -179,7 +179,7 @@ class Twin:
                 for a in self.added
             ],
             "history": {"arrived_s": m.history.arrived_s.tolist(), "drives": m.history.drives.tolist()},
-            "moments": {name: np.asarray(getattr(m, name)).tolist() for name in _ARRAYS},
+            "moments": {name: np.asarray(getattr(m, name)).tolist() for name in ARRAYS},
             "temperatures_c": {name: t.tolist() for name, t in m.temperatures_c.items()},
             "start_s": m.start_s,
         }
@@ -199,12 +199,6 @@ class Twin:
         return twin
 
 
-_ARRAYS = (
-    "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
-    "payload_com_m", "exchanges",
-)  # fmt: skip
-
-
 def _numbers(values: Any, width: tuple[int, ...]) -> Array:
     out = np.array(values, dtype=np.float64)
     if out.shape[1:] != width or not np.all(np.isfinite(out)):
@@ -216,10 +210,10 @@ def _read(machine: Machine, data: Mapping[str, Any], catalogue: Catalogue) -> Tw
     if data["format"] != FORMAT:
         raise ValueError(f"format {data['format']!r} is not known")
     d = len(machine.drive_names)
-    widths: dict[str, tuple[int, ...]] = dict.fromkeys(_ARRAYS, ())
+    widths: dict[str, tuple[int, ...]] = dict.fromkeys(ARRAYS, ())
     widths |= dict.fromkeys(("drives", "direction", "velocity_m_per_s", "torque"), (d,))
     widths["payload_com_m"] = (3,)
-    arrays: dict[str, Any] = {name: _numbers(data["moments"][name], widths[name]) for name in _ARRAYS}
+    arrays: dict[str, Any] = {name: _numbers(data["moments"][name], widths[name]) for name in ARRAYS}
     count = len(arrays["t_s"])
     history = History(_numbers(data["history"]["arrived_s"], ()), _numbers(data["history"]["drives"], (d,)))
     arrays["arrival"] = arrays["arrival"].astype(np.intp)
@@ -248,29 +242,3 @@ def _read(machine: Machine, data: Mapping[str, Any], catalogue: Catalogue) -> Tw
         for a in data["added"]
     )
     return Twin(machine, theta, frame, mounted, moments, added, catalogue)
-
-
-def _held(campaign: Moments, moments: Moments) -> Moments:
-    """Moments held within what the campaign saw."""
-
-    def within(name: str) -> Array:
-        known, values = getattr(campaign, name), getattr(moments, name)
-        return np.clip(values, known.min(axis=0), known.max(axis=0))
-
-    changed = {n: within(n) for n in _ARRAYS if n not in ("arrival", "payload_com_m", "direction", "velocity_m_per_s")}
-    air = campaign.temperatures_c["air"]
-    temperatures = {
-        name: np.clip(moments.temperatures_c.get(name, np.full(len(moments), air.mean())), t.min(), t.max())
-        for name, t in campaign.temperatures_c.items()
-    }
-    return replace(moments, temperatures_c=temperatures, **changed)
-
-
-def _joined(campaign: Moments, moments: Moments) -> Moments:
-    """The campaign's moments, then others, whose arrivals come after."""
-    h, g = campaign.history, moments.history
-    history = History(np.concatenate([h.arrived_s, g.arrived_s]), np.concatenate([h.drives, g.drives]))
-    changed = {n: np.concatenate([getattr(campaign, n), getattr(moments, n)]) for n in _ARRAYS if n != "arrival"}
-    temperatures = {n: np.concatenate([t, moments.temperatures_c[n]]) for n, t in campaign.temperatures_c.items()}
-    arrival = np.concatenate([campaign.arrival, moments.arrival + len(h.arrived_s)])
-    return replace(campaign, history=history, arrival=arrival, temperatures_c=temperatures, **changed)

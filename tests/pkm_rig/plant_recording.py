@@ -77,7 +77,8 @@ def record(seed: int, *, bump_m: float = 0.0, bump_at_check: int = 10**6, spoil=
         if visit is not None:
             row |= {"pose": float(visit.pose), "pass": float(visit.pass_)}
             row |= {"target_x_m": float(visit.target_m[0]), "target_y_m": float(visit.target_m[1])}
-            row |= {f"{drive}_direction": float(visit.direction) for drive in header.drives}
+            sides = zip(header.drives, visit.direction, strict=True)
+            row |= {f"{drive}_direction": float(side) for drive, side in sides}
         if spoil is not None:
             spoil(row)
         rows.append(row)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import jsonschema
 import numpy as np
@@ -13,6 +14,7 @@ from calibration.machine import load_machine, shipped_machine
 from calibration.recording_folder import read_folder, write_folder
 from pkm_rig import calibrate as job
 from pkm_rig import stages
+from pkm_rig.diagnose import Attempt
 from pkm_rig.output import outcome_json
 from pkm_rig.report import short_table, write_report
 from pkm_rig.store import Store
@@ -82,6 +84,30 @@ def test_json_fits_the_schema(run, request):
     jsonschema.validate(
         json.loads(json.dumps(found, allow_nan=False)), {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]}
     )
+
+
+def test_the_diagnosis_is_told_stored_and_reported(run, request):
+    outcome, store, out, *_ = run
+    schema = json.loads((request.config.rootpath / "docs" / "diagnosis.schema.json").read_text())
+    assert outcome.diagnosis.failure == ""
+    told = outcome_json(outcome, None)["diagnosis"]
+    jsonschema.validate(json.loads(json.dumps(told, allow_nan=False)), schema)
+    (event,) = store.events(outcome.campaign, "diagnosed")
+    assert (
+        event.data["verdict"]
+        == told["verdict"]
+        == stages.stored_outcome(store, outcome.campaign).diagnosis.as_json()["verdict"]
+    )
+    write_report(outcome, out / "diagnosed.html")
+    assert outcome.diagnosis.line.split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
+
+
+def test_a_diagnosis_that_fails_costs_one_line(run):
+    outcome, _, out, *_ = run
+    failed = replace(outcome, diagnosis=Attempt(None, "too few readings"))
+    assert outcome_json(failed, None)["diagnosis"] == {"failure": "too few readings"}
+    write_report(failed, out / "failed.html")
+    assert "diagnosis: too few readings" in (out / "failed.html").read_text(encoding="utf-8")
 
 
 def test_report_is_one_file_without_outside_requests(run):

@@ -22,7 +22,7 @@ def test_three_blocks_both_sides_two_speeds_two_dwells_repeated_visits(machine):
     blocks = calibration_blocks(machine, CampaignSettings())
     assert [b.payload for b in blocks] == [0, 2, 0]
     visits = [v for b in blocks for v in b.visits]
-    assert {v.direction for v in visits} == {-1, 1}
+    assert {v.direction for v in visits} == {(-1, -1), (1, 1)}
     assert len({v.speed_m_per_s for v in visits}) == 2
     assert len({v.dwell_s for v in visits}) == 2
     repeats = Counter((v.pose, v.payload, v.direction) for v in visits)

@@ -1,0 +1,112 @@
+"""Diagnosis of a recording as a command does it: pictures, campaign files and the twin beside the store."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.gap.diagnosis import diagnose, diagnose_and_add
+from calibration.gap.result import Diagnosis
+from calibration.gap.twin import Twin
+from calibration.machine import Array
+from calibration.recording import Recording
+from calibration.toml_file import InputError
+from pkm_rig import diagnosis_pictures
+from pkm_rig.analysis import calibration_part
+from pkm_rig.campaign_file import write_candidates
+from pkm_rig.diagnosis_output import by_gain, diagnosis_json, gap_json
+from pkm_rig.diagnosis_text import summary
+from pkm_rig.twin_files import TWIN_FOLDER, write_twin
+
+PICTURES_FOLDER = "diagnosis"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A diagnosis within a calibration: what was found, or in one line why nothing was."""
+
+    diagnosis: Diagnosis | None
+    failure: str = ""
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        return f"diagnosis: {self.failure if self.diagnosis is None else summary(self.diagnosis)}"
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs: the diagnosis, or `failure`."""
+        return {"failure": self.failure} if self.diagnosis is None else diagnosis_json(self.diagnosis)
+
+
+def attempt(recording: Recording) -> Attempt:
+    """Diagnose the calibration's readings; whatever goes wrong is said and fails nothing else."""
+    try:
+        return Attempt(diagnose(calibration_part(recording)))
+    except InputError as error:
+        return Attempt(None, str(error))
+    except Exception as error:  # the calibration of a machine must not end for what is said beside it
+        return Attempt(None, f"internal error: {type(error).__name__}: {error}; please report it")
+
+
+def run(
+    recording: Recording, out: Path, effects: Sequence[Path] = (), *, add: bool = False
+) -> tuple[Diagnosis, dict[str, Any]]:
+    """Diagnose, write what belongs to it into `out`/campaign, and give it as the object of docs/diagnosis.schema.json.
+
+    `add`: the rig's twin is written too. Raises InputError.
+    """
+    catalogue = load_catalogue(tuple(effects))
+    part = calibration_part(recording)
+    found, twin = _diagnosed(part, catalogue, effects, add=add)
+    folder = out / part.file.campaign / PICTURES_FOLDER
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        files = write_candidates(by_gain(found), part.machine, part.file.payloads, found.campaign, folder)
+        result = diagnosis_json(found, files)
+        result["pictures"] = diagnosis_pictures.save(diagnosis_pictures.figures(found, part.machine), folder)
+        if twin is not None:
+            place = out / part.file.campaign / TWIN_FOLDER
+            write_twin(twin, part, place)
+            result["twin"] = twin_json(found, part, place)
+    except OSError as error:
+        raise InputError(f"diagnose: {error}; choose another --out") from error
+    return found, result
+
+
+def _diagnosed(
+    recording: Recording, catalogue: Catalogue, effects: Sequence[Path], *, add: bool
+) -> tuple[Diagnosis, Twin | None]:
+    try:
+        return diagnose_and_add(recording, catalogue) if add else (diagnose(recording, catalogue), None)
+    except InputError:
+        raise
+    except Exception as error:
+        if not effects:
+            raise
+        names = ", ".join(str(path) for path in effects)
+        raise InputError(f"diagnose with {names}: {type(error).__name__}: {error}; correct that effect") from error
+
+
+def twin_json(found: Diagnosis, recording: Recording, folder: Path) -> dict[str, Any]:
+    """How the campaign, simulated on the twin, agrees with the readings that were withheld from it."""
+    rows = found.withheld.rows
+    measured = recording.positions_m[rows]
+    whiten = np.linalg.inv(np.linalg.cholesky(recording.covariances_m2[rows]))
+    return {
+        "folder": str(folder),
+        "effects": [effect.effect for effect in found.effects],
+        "readings": len(rows),
+        **gap_json(found.gap),
+        "before_sigma": _rms(np.einsum("nij,nj->ni", whiten, measured - found.withheld.before_m)),
+        "after_sigma": _rms(np.einsum("nij,nj->ni", whiten, measured - found.withheld.after_m)),
+    }
+
+
+def _rms(errors: Array) -> float | None:
+    """Over readings and coordinates; None without any."""
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else None

@@ -1,0 +1,59 @@
+"""The rig's twin as files: twin.json beside its machine.toml. Data only, checked as hostile input when read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from calibration.effects.catalogue import load_catalogue
+from calibration.gap.twin import Twin
+from calibration.recording import Recording
+from calibration.toml_file import InputError, read_text
+
+TWIN_FOLDER, TWIN_NAME, MACHINE_NAME = "twin", "twin.json", "machine.toml"
+FORMAT = 1
+MAX_TWIN_BYTES = 100_000_000  # a campaign of MAX_ROWS readings has less
+
+
+def write_twin(twin: Twin, recording: Recording, folder: Path) -> None:
+    """Write a twin and the nominal machine that it is built on, over an earlier one. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / MACHINE_NAME).write_text(recording.machine.text, encoding="utf-8")
+    content = {"format": FORMAT, "campaign": recording.file.campaign, "twin": twin.to_data()}
+    (folder / TWIN_NAME).write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def find_twin(what: str, out: Path) -> Path:
+    """The folder of a twin: of a campaign's id, or that folder itself; InputError if there is none."""
+    for folder in (Path(what), out / what / TWIN_FOLDER):
+        if (folder / TWIN_NAME).is_file():
+            return folder
+    raise InputError(f"no twin of '{what}' in {out}; make one with `pkm-rig diagnose {what} --add`")
+
+
+def read_twin(folder: Path, effects: Sequence[Path] = ()) -> Twin:
+    """Read and check a twin; InputError in one line if it is not fit. effects: files of effects of one's own."""
+    path = folder / TWIN_NAME
+    content = _json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT or "twin" not in content:
+        raise InputError(f"{path}: not a twin of format {FORMAT}; write it anew with `pkm-rig diagnose --add`")
+    try:
+        return Twin.from_data(read_text(folder / MACHINE_NAME), content["twin"], load_catalogue(tuple(effects)))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _json(path: Path) -> Any:
+    def refuse(word: str) -> float:
+        raise InputError(f"{path}: holds {word}; write it anew with `pkm-rig diagnose --add`")
+
+    try:
+        if path.stat().st_size > MAX_TWIN_BYTES:
+            raise InputError(f"{path}: larger than {MAX_TWIN_BYTES} bytes; this is not a twin of ours")
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; check the path") from error
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: not JSON: {error}; write it anew with `pkm-rig diagnose --add`") from error

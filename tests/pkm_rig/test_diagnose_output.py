@@ -1,0 +1,138 @@
+"""What a diagnosis prints, for programs and for people; its pictures."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+from rich.console import Console
+
+from calibration.gap.result import KINDS, Quantity, Share
+from calibration.machine import load_machine, shipped_machine
+from pkm_rig import diagnosis_output, diagnosis_pictures, diagnosis_text
+from tests.pkm_rig.diagnosis_example import example, not_explained, nothing_found
+
+EXAMPLES = {"effect": example, "none": nothing_found, "unknown": not_explained}
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return load_machine(shipped_machine("planar4"))
+
+
+@pytest.fixture(scope="module")
+def schema(request):
+    return json.loads((request.config.rootpath / "docs" / "diagnosis.schema.json").read_text())
+
+
+def printed(found):
+    console = Console(width=160, file=io.StringIO())
+    console.print(diagnosis_text.text(found, diagnosis_output.diagnosis_json(found)))
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_json_fits_the_schema(kind, schema):
+    found = EXAMPLES[kind]()
+    result = json.loads(json.dumps(diagnosis_output.diagnosis_json(found), allow_nan=False))
+    jsonschema.validate(result, schema)
+    assert list(result["ranking"].values()) == sorted(found.ranking.values(), reverse=True)
+    assert set(result["where"]) == set(KINDS)
+
+
+def test_json_has_the_keys_that_programs_were_promised():
+    result = diagnosis_output.diagnosis_json(example(), {"other dwell": "a.toml"})
+    effect = result["effects"][0]
+    assert (effect["effect"], effect["place"], effect["value"], effect["u"], effect["unit"], effect["probability"]) == (
+        "backlash", "left", 3.04e-5, 6.2e-7, "m", 0.9962,
+    )  # fmt: skip
+    assert effect["parameters"]["lag_m"] == {"value": 2.0e-3, "u": 4.0e-4, "unit": "m"}
+    assert result["where"]["direction"]["left"] == {"share": 0.81, "low": 0.74, "high": 0.88}
+    assert result["gap"]["shrink_interval"] == [0.79, 0.9]
+    assert [c["name"] for c in result["next_measurement"]] == ["an SMR on the slider", "other dwell"]
+    assert [c["file"] for c in result["next_measurement"]] == [None, "a.toml"]
+
+
+def test_the_schema_refuses_what_is_none(schema):
+    result = diagnosis_output.diagnosis_json(example())
+    for spoilt in ({"verdict": ""}, {"effects": result["effects"] * 4}, {"ranking": {"backlash": 1.0}}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate({**result, **spoilt}, schema)
+
+
+def test_an_effect_in_words():
+    text = printed(example())
+    for part in (
+        "verdict: backlash",
+        "width = 30.4 +- 1.2 um",
+        "equivalent: backlash = friction_windup; which one it is matters 0.4 um",
+        "shrink 86 % (95 %: 79 % to 90 %)",
+        "smr_offset 3.0 um",
+        "screw_thermal_growth: the drives' temperatures did not change",
+    ):
+        assert part in text
+    assert text.index("an SMR on the slider") < text.index("other dwell")
+
+
+def test_none_and_unknown_in_words():
+    nothing = printed(nothing_found())
+    assert "what hides is below 0.9 um RMS" in nothing
+    assert "shrink not known" in nothing
+    assert "nan" not in nothing
+    unknown = printed(not_explained())
+    assert "nothing in the catalogue explains it" in unknown
+    assert "travel.left over pose x: 60 % of the gap" in unknown
+
+
+@pytest.mark.parametrize(
+    ("quantity", "text"),
+    [
+        (Quantity("width", 3.04e-5, 6.2e-7, "m"), "30.4 +- 1.2 um"),
+        (Quantity("compliance", 2.13e-8, 1.0e-9, "m/N"), "21.3 +- 2.0 nm/N"),
+        (Quantity("period", 0.01, 1.0e-6, "m"), "10.0000 +- 0.0020 mm"),
+        (Quantity("ratio", -0.2, 0.012, "1"), "-0.200 +- 0.024"),
+        (Quantity("phase", 1.0, 0.0, "rad"), "1 rad"),
+        (Quantity("growth", 4.0e-6, 3.0e-6, "1/K"), "4e-06 +- 6e-06 1/K"),
+        (Quantity("small", 0.0, 5.0e-7, "m"), "0.0 +- 1.0 um"),
+        (Quantity("lost", float("nan"), float("nan"), "m"), "not known"),
+    ],
+)
+def test_quantities_have_a_fitting_unit_and_two_digits_of_u(quantity, text):
+    assert diagnosis_text.sized(quantity) == text
+
+
+def test_a_probability_never_reads_as_certain():
+    assert [diagnosis_text.probability(p) for p in (1.0, 0.0, 0.5)] == ["> 0.999", "< 0.001", "0.500"]
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_pictures_are_drawn_of_every_verdict(kind, machine, tmp_path):
+    found = EXAMPLES[kind]()
+    paths = diagnosis_pictures.save(diagnosis_pictures.figures(found, machine), tmp_path)
+    assert set(paths) == {"error-map", "coordinates", "time-line"} | ({"spectrum"} if found.spectra else set())
+    for path in paths.values():
+        with open(path, "rb") as stream:
+            assert stream.read(8) == b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_strongest_coordinates_are_drawn_first(machine):
+    chosen = diagnosis_pictures.strongest(example(), machine)
+    assert [c.label.split(" ")[0] for c in chosen] == ["side", "drive", "x"]
+    assert chosen[0].share == "direction left: 81% of the gap (74% to 88%)"
+    without = diagnosis_pictures.strongest(
+        replace(example(), where=(Share("strut", "left_upper", 0.9, 0.8, 1.0),)), machine
+    )
+    assert [c.label[0] for c in without] == ["x", "y"]
+
+
+def test_means_over_a_coordinate_leave_out_thin_bins():
+    at = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0])
+    where, mean, error = diagnosis_pictures.binned(at, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 99.0]))
+    np.testing.assert_allclose(where, [0.0, 1.0])
+    np.testing.assert_allclose(mean, [2.0, 5.0])
+    np.testing.assert_allclose(error, 1.0 / np.sqrt(3.0))
+    assert all(len(column) == 0 for column in diagnosis_pictures.binned(at[:2], at[:2]))

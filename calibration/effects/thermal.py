@@ -12,20 +12,19 @@ TAUS_S = ladder(250.0, 7000.0, 6)
 LAGS_S = ladder(400.0, 5000.0, 4)
 COLUMN_WIDTH_M = 0.4
 DUTY_M_PER_S = 0.01
-TAKEN_UP = (0.2, 0.4, 0.6)  # of the most heat, by the stretch of a screw that was assembled under tension
+TAKEN_UP = (0.1, 0.2, 0.3, 0.45, 0.6)  # of the most heat, by the stretch of a screw that was assembled under tension
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
 _RISE = Parameter("rise_k", 0.1, 40.0, "K", "how much warmer than its sensor the part becomes")
 _TAU = Parameter("tau_s", 200.0, 8000.0, "s", "time constant of the part")
 
 
-def _warming(s: Setting, sensor: str) -> list[tuple[Array, float]]:
-    """Temperature above the sensor (n,), for a rise of one kelvin, with its time constant."""
-    t, known = s.moments.elapsed_s, s.moments.temperatures_c
-    out = [(1.0 - np.exp(-t / tau), tau) for tau in TAUS_S]
-    if sensor in known:
-        out += [(s.moments.lag_k(sensor, tau), tau) for tau in LAGS_S]
-    return out
+def _warming(s: Setting, sensor: str) -> tuple[list[tuple[Array, float]], list[tuple[Array, float]]]:
+    """Temperature above the sensor (n,) of parts that warm from the start, and of parts that lag, with time constants."""
+    t = s.moments.elapsed_s
+    rises = [(1.0 - np.exp(-t / tau), tau) for tau in TAUS_S]
+    lags = [(s.moments.lag_k(sensor, tau), tau) for tau in LAGS_S] if sensor in s.moments.temperatures_c else []
+    return rises, lags
 
 
 def _too_short(s: Setting) -> str | None:
@@ -33,16 +32,25 @@ def _too_short(s: Setting) -> str | None:
 
 
 def _thermal(f: Forms, acts: tuple[tuple[str, Array], ...], s: Setting, sensor: str) -> None:
-    """Forms of one geometry: single time constants, and any mixture of them (several stages, a pulse)."""
-    warming = _warming(s, sensor)
-    columns = [f.add(*((channel, shape * rise) for channel, shape in acts)) for rise, _ in warming]
-    rest = smooth(s.moments.t_s, 5)
-    flexible = f.add(*((channel, shape[:, None] * rest) for channel, shape in acts))
-    for column, (_, tau) in zip(columns, warming, strict=True):
-        f.form(column, flexible, share=0.15, tau_s=tau)
-    everything = [c for column in columns for c in column]
-    middle = float(np.sqrt(TAUS_S[0] * TAUS_S[-1]))
-    f.form(everything, weight=2.0, tau_s=middle)
+    """Forms of one geometry: one time constant, two stages, warmed once and cooling again, lagging behind the sensor."""
+    rises, lags = _warming(s, sensor)
+    t = s.moments.elapsed_s
+
+    def through(shapes: Array) -> list[int]:
+        wide = shapes[:, None] if shapes.ndim == 1 else shapes
+        return f.add(*((channel, shape[:, None] * wide) for channel, shape in acts))
+
+    rest = through(smooth(s.moments.t_s, 5))
+    rising = [through(rise) for rise, _ in rises]
+    lagging = [through(lag) for lag, _ in lags]
+    for column, (_, tau) in zip((*rising, *lagging), (*rises, *lags), strict=True):
+        f.form(column, rest, share=0.1, tau_s=tau)
+    for fast, slow, (_, tau) in zip(rising, rising[2:], rises, strict=False):
+        f.form((*fast, *slow), rest, share=0.1, tau_s=tau)
+    for _, tau in rises:
+        f.form(through(t / tau * np.exp(1.0 - t / tau)), rest, share=0.1, weight=0.5, tau_s=tau)
+    for lag, (_, tau) in zip(lagging, lags, strict=True):
+        f.form((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
 
 
 def link_growth(s: Setting, strut: int) -> Forms:
@@ -85,6 +93,7 @@ def screw_growth(s: Setting, drive: int) -> Forms:
         every = [c for columns in limited for c in columns]
         f.form(low, (*bend, *every), share=0.5, tau_s=tau)
         f.form(high, tau_s=tau)
+        f.form((*low, *every), bend, share=0.3, tau_s=tau)
         for columns in limited:
             f.form(columns, tau_s=tau)
         f.form(bend, share=0.5, tau_s=tau)

@@ -29,6 +29,9 @@ FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded p
 REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
 FIRST_STEPS = 2
+LEAST_VISITS = 20
+HUBER, FAR_OFF = 3.0, 4.0  # in standard deviations of one number of a reading
+MOST_OUTLIERS = 0.025
 UNSEEN = 2.0e-3  # information of a direction, over its prior's, below which readings say nothing of it
 
 
@@ -62,7 +65,8 @@ class Baseline(Seen):
 
     rows (n,): rows of the recording that are used. whiten (n, 3, 3). residual (n, 3): whitened, measured minus modelled
     with all unknowns at nominal, by the linear model. columns (n, 3, b): by every unknown, each times its prior standard
-    deviation; names and sigma (b,) are the unknowns'. q (n, 3, r): 1 - q q' is the inverse of the readings' covariance.
+    deviation; names and sigma (b,) are the unknowns'. values (u,): of the model's and the station's unknowns, at which
+    it is linear. q (n, 3, r): 1 - q q' is the inverse of the readings' covariance.
     """
 
     recording: Recording
@@ -72,6 +76,7 @@ class Baseline(Seen):
     columns: Array
     names: tuple[str, ...]
     sigma: Array
+    values: Array
     q: Array
 
     def apply(self, whitened: Array) -> Array:
@@ -96,6 +101,8 @@ def baseline_of(recording: Recording) -> Baseline:
     whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2))
     seen, visit = _observations(used, smr, on_floor)
     check_number(machine, seen.visits.target_m)
+    if len(seen.visits) < LEAST_VISITS:
+        raise InputError(f"{len(seen.visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
     frame = _start(used, seen)
     model = Model(ParameterSet.of(machine), _systematic(used))
     accuracy = used.file.station.accuracy
@@ -131,7 +138,7 @@ def baseline_of(recording: Recording) -> Baseline:
     bare = Baseline(
         machine=machine, moments=moments, smr=smr, visit=visit, poses=poses, frame=frame, mounted_m=np.array(mounted),
         position_m=used.positions_m, recording=recording, rows=rows, whiten=whiten, residual=residual,
-        columns=everything[0], names=tuple(names), sigma=sigma, q=np.empty((0, 3, 0)),
+        columns=everything[0], names=tuple(names), sigma=sigma, values=values, q=np.empty((0, 3, 0)),
     )  # fmt: skip
     nests, nest_names, predicted = _nest_columns(bare, on_floor)
     residual[on_floor] = np.einsum("nij,nj->ni", whiten[on_floor], used.positions_m[on_floor] - predicted)
@@ -145,8 +152,30 @@ def baseline_of(recording: Recording) -> Baseline:
     more, more_names = nuisance_columns(bare)
     everything += [nests, more]
     columns = np.concatenate(everything, axis=2)
-    return replace(
+    linear = replace(
         bare, columns=columns, names=(*names, *nest_names, *more_names), residual=residual, q=_whole(columns)
+    )
+    return _without_outliers(linear)
+
+
+def _without_outliers(linear: Baseline) -> Baseline:
+    """Single readings that lie far off count for less (Huber's weights): instruments have heavier tails than stated.
+
+    Where many do, it is an effect that has them there, and all count fully.
+    """
+    left = linear.apply(linear.residual)
+    open_part = np.maximum(1.0 - np.sum(linear.q**2, axis=2), 0.05)
+    size = np.max(np.abs(left) / np.sqrt(open_part), axis=1)
+    if not 0.0 < np.mean(size > FAR_OFF) < MOST_OUTLIERS:
+        return linear
+    weight = np.sqrt(np.minimum(1.0, HUBER / size))
+    columns = linear.columns * weight[:, None, None]
+    return replace(
+        linear,
+        whiten=linear.whiten * weight[:, None, None],
+        residual=linear.residual * weight[:, None],
+        columns=columns,
+        q=_whole(columns),
     )
 
 

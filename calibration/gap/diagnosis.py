@@ -25,6 +25,7 @@ from calibration.gap.result import (
 from calibration.gap.search import Cause, Explanation, explain, taken, tested
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
+from calibration.gap.twin_score import TwinScore, scored
 from calibration.gap.verdict import probabilities
 from calibration.machine import Array
 from calibration.recording import Recording
@@ -38,11 +39,26 @@ INSIDE = {"smr_offset": "mounting.", "joint_spacing": ("platform_joint.", "base_
 
 def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagnosis:
     """Where the gap of a recording lies, which effect causes it, how far it shrinks. InputError where it is not fit."""
-    return diagnose_and_add(recording, catalogue)[0]
+    return _diagnosed(recording, catalogue)[0]
 
 
 def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
     """The diagnosis, and the machine's twin: the fitted model with the effects that were found."""
+    diagnosis, _, _, after, causes, setting = _diagnosed(recording, catalogue)
+    return diagnosis, Twin.of(after, causes, setting)
+
+
+def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin, TwinScore]:
+    """The same, and how the campaign simulated on the twin agrees with readings withheld from it."""
+    diagnosis, readout, truth, after, causes, setting = _diagnosed(recording, catalogue)
+    twin = Twin.of(after, causes, setting)
+    return diagnosis, twin, scored(readout, after, causes, truth, twin)
+
+
+def _diagnosed(
+    recording: Recording, catalogue: Catalogue | None
+) -> tuple[Diagnosis, Readout, Readout, Readout, tuple[Cause, ...], Setting]:
+    """The diagnosis; the readout before, the one that stands for the truth, the one after the causes; these."""
     catalogue = catalogue or load_catalogue()
     baseline = baseline_of(recording)
     readout = Readout(baseline)
@@ -82,7 +98,7 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
         spectra=location.spectra(readout, periods),
         remarks=_remarks(found, verdict),
     )
-    return diagnosis, Twin.of(baseline, causes, setting)
+    return diagnosis, readout, truth, after, causes, setting
 
 
 def _main_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:

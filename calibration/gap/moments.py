@@ -136,10 +136,12 @@ ARRAYS = (
 
 
 def held(campaign: Moments, moments: Moments) -> Moments:
-    """Moments held within what the campaign saw."""
+    """Moments held within what the campaign saw; their time counts from its beginning."""
+    later = campaign.start_s - moments.start_s
+    since = replace(moments, t_s=moments.t_s + later)
 
     def within(name: str) -> Array:
-        known, values = getattr(campaign, name), getattr(moments, name)
+        known, values = getattr(campaign, name), getattr(since, name)
         return np.clip(values, known.min(axis=0), known.max(axis=0))
 
     changed: dict[str, Any] = {
@@ -150,11 +152,12 @@ def held(campaign: Moments, moments: Moments) -> Moments:
         name: np.clip(moments.temperatures_c.get(name, np.full(len(moments), air.mean())), t.min(), t.max())
         for name, t in campaign.temperatures_c.items()
     }
-    return replace(moments, temperatures_c=temperatures, **changed)
+    history = History(moments.history.arrived_s + later, moments.history.drives)
+    return replace(moments, history=history, start_s=campaign.start_s, temperatures_c=temperatures, **changed)
 
 
 def joined(campaign: Moments, moments: Moments) -> Moments:
-    """The campaign's moments, then others, whose arrivals come after."""
+    """The campaign's moments, then others that continue it: its arrivals are their past."""
     h, g = campaign.history, moments.history
     history = History(np.concatenate([h.arrived_s, g.arrived_s]), np.concatenate([h.drives, g.drives]))
     changed: dict[str, Any] = {
@@ -163,3 +166,75 @@ def joined(campaign: Moments, moments: Moments) -> Moments:
     temperatures = {n: np.concatenate([t, moments.temperatures_c[n]]) for n, t in campaign.temperatures_c.items()}
     arrival = np.concatenate([campaign.arrival, moments.arrival + len(h.arrived_s)])
     return replace(campaign, history=history, arrival=arrival, temperatures_c=temperatures, **changed)
+
+
+class Remembered:
+    """Moments whose memory of what was before is worked out once."""
+
+    def __init__(self, moments: Moments) -> None:
+        self.moments = moments
+        self._known: dict[tuple[str, int | str, float], Array] = {}
+
+    def warmth(self, drive: int, tau_s: float) -> Array:
+        """As of the moments."""
+        return self._asked("warmth", drive, tau_s)
+
+    def lag_k(self, sensor: str, tau_s: float) -> Array:
+        """As of the moments."""
+        return self._asked("lag_k", sensor, tau_s)
+
+    def _asked(self, what: str, of: int | str, tau_s: float) -> Array:
+        key = (what, of, tau_s)
+        if key not in self._known:
+            self._known[key] = np.asarray(getattr(self.moments, what)(of, tau_s))
+        return self._known[key]
+
+
+@dataclass(frozen=True)
+class Joined(Moments):
+    """The campaign's moments, then some of others; each remembers its own past, and no more than the campaign saw."""
+
+    campaign: Remembered
+    others: Remembered
+    rows: NDArray[np.intp]
+
+    @property
+    def former(self) -> Array:
+        """Where the drives (n, d) stood at the arrival before."""
+        known = self.campaign.moments
+        stood = known.drives
+        own = self.others.moments.former[self.rows]
+        return np.concatenate([known.former, np.clip(own, stood.min(axis=0), stood.max(axis=0))])
+
+    def warmth(self, drive: int, tau_s: float) -> Array:
+        """How much heat of its own motion a drive holds (n,)."""
+        return self._both(self.campaign.warmth(drive, tau_s), self.others.warmth(drive, tau_s))
+
+    def lag_k(self, sensor: str, tau_s: float) -> Array:
+        """What a part of time constant tau_s lags behind a sensor (n,)."""
+        return self._both(self.campaign.lag_k(sensor, tau_s), self.others.lag_k(sensor, tau_s))
+
+    def _both(self, known: Array, own: Array) -> Array:
+        return np.concatenate([known, np.clip(own[self.rows], known.min(), known.max())])
+
+
+def remembered(own: Moments, moments: Moments) -> Remembered:
+    """The memory of moments of which `own` is what is `held`: their own time, but temperatures that are held."""
+    return Remembered(replace(moments, temperatures_c=own.temperatures_c))
+
+
+def beside(campaign: Remembered, own: Moments, others: Remembered, rows: NDArray[np.intp]) -> Joined:
+    """The campaign's moments, then rows (m,) of others, `own` as they are held; neither is the past of the other."""
+    known = campaign.moments
+    h, g = known.history, own.history
+    changed: dict[str, Any] = {n: np.concatenate([getattr(known, n), getattr(own, n)[rows]]) for n in ARRAYS}
+    changed["arrival"][len(known) :] += len(h.arrived_s)
+    return Joined(
+        history=History(np.concatenate([h.arrived_s, g.arrived_s]), np.concatenate([h.drives, g.drives])),
+        temperatures_c={n: np.concatenate([t, own.temperatures_c[n][rows]]) for n, t in known.temperatures_c.items()},
+        start_s=known.start_s,
+        campaign=campaign,
+        others=others,
+        rows=rows,
+        **changed,
+    )

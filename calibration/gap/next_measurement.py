@@ -1,19 +1,21 @@
 """What to measure next: additions to a campaign, ranked by the information on the cause that they promise a minute.
 
 Each hypothesis (nothing, an effect of the ranking as it was fitted, an effect that the campaign could not show, of a
-plausible size) predicts the readings of further visits. Calibration takes up in the old readings what it can of each,
-and carries that into the prediction. How much an addition tells is bounded from below by the distances of the
-predictions (Kolchinsky and Tracey 2017, eq. 10, with the Bhattacharyya distance).
+plausible size) predicts what further visits would see otherwise than the visit next to them that was measured: the
+rest, calibration has taken up. How much an addition tells is bounded from below by the distances of the predictions
+(Kolchinsky and Tracey 2017, eq. 10, with the Bhattacharyya distance).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration.effects.base import Effect
+from calibration.effects.base import Acts, Effect
 from calibration.gap.baseline import Baseline, Seen
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
@@ -32,13 +34,13 @@ WORTH = 0.005  # probability from which on an effect is a hypothesis
 UNTESTED = 0.4  # of the probability, for what the campaign could not show
 SUPPOSED_SIGMA = 2.0  # RMS at the platform of what it could not show
 DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-EXCHANGE_S = 300.0
+EXCHANGE_S, SET_UP_S = 300.0, 1800.0
 MOST = 6
 
 
 @dataclass(frozen=True)
 class _Idea:
-    """An addition before it is judged; exchanges: how often the payload is changed."""
+    """An addition before it is judged."""
 
     name: str
     adds: str
@@ -70,7 +72,7 @@ def _ideas(known: Baseline) -> Iterator[_Idea]:
     side = np.sign(m.direction[known.visit >= 0].mean(axis=0) + 1e-9)
     same = tuple(int(s) for s in np.where(side == 0.0, 1.0, side))
     speed = float(np.median(m.speed_m_per_s[known.visit >= 0]))
-    dwell = float(np.median(known.recording["dwell_s"][known.rows][known.visit >= 0]))
+    dwell = _usual_rest_s(known)
     payload = int(np.median(known.recording["payload"][known.rows]))
     heavy = int(np.argmax([p.mass_kg for p in known.recording.file.payloads]))
     speeds = (0.4 * speed, speed, 2.0 * speed)
@@ -105,21 +107,25 @@ def _poses(machine: Machine, rng: np.random.Generator, count: int) -> Array:
     low, high = machine.workspace.T
     unit = 0.5 - 0.5 * np.cos(np.pi * rng.uniform(0.0, 1.0, (count, len(machine.commanded))))
     out = np.repeat(machine.workspace.mean(axis=1)[None], count, axis=0)
-    out[:, machine.commanded] = (low + (high - low) * 0.0)[machine.commanded] + (high - low)[machine.commanded] * unit
+    out[:, machine.commanded] = low[machine.commanded] + (high - low)[machine.commanded] * unit
     return out
 
 
+def _usual_rest_s(known: Baseline) -> float:
+    """Median over visits of the rest before their first reading."""
+    on_pose = known.visit >= 0
+    first = np.full(int(known.visit.max()) + 1, np.inf)
+    np.minimum.at(first, known.visit[on_pose], known.moments.dwell_s[on_pose])
+    return float(np.median(first))
+
+
 def _minutes(known: Baseline, idea: _Idea) -> float:
-    """How long the visits take: the campaign's own pace, the rests that are asked for, exchanges of payload."""
+    """How long it takes: setting up, visits at the campaign's pace with their rests, exchanges of payload."""
     pace = float(np.median(np.diff(known.moments.history.arrived_s)))
-    rests = known.recording["dwell_s"][known.rows]
-    usual = float(np.median(rests[known.visit >= 0]))
-    loads = [v.payload for v in idea.visits]
-    exchanges = sum(a != b for a, b in zip(loads[:-1], loads[1:], strict=True)) + (
-        loads[0] != known.recording["payload"][known.rows][-1]
-    )
-    seconds = sum(max(pace - usual, 1.0) + v.dwell_s for v in idea.visits) + EXCHANGE_S * exchanges
-    return seconds / 60.0
+    loads = [known.recording["payload"][known.rows][-1], *(v.payload for v in idea.visits)]
+    exchanges = sum(a != b for a, b in pairwise(loads))
+    visits_s = sum(max(pace - _usual_rest_s(known), 1.0) + v.dwell_s for v in idea.visits)
+    return float(SET_UP_S + visits_s + EXCHANGE_S * exchanges) / 60.0
 
 
 class _Hypotheses:
@@ -161,37 +167,29 @@ class _Hypotheses:
         seen = self._seen(new, smrs)
         everything = self._both(after, seen)
         setting = setting_from(everything, Channels(everything), lambda *_: [], lambda *_: [])
-        channels, first = Channels(seen), len(known.smr)
+        first = len(known.smr)
         rows = np.repeat(np.arange(first, len(after)), len(smrs))
-        sigma = np.sqrt(np.median([np.linalg.eigvalsh(np.linalg.inv(w.T @ w))[0] for w in known.whiten[:50]]))
-        out = [np.zeros(len(seen.smr) * 3)]
+        distance = np.sum((new.drives[:, None] - known.moments.drives[None]) ** 2, axis=2)
+        next_to = np.repeat(np.argmin(distance, axis=1), len(smrs))
+        through = _Through(known, seen, rows, next_to)
+        nothing = np.zeros(len(seen.smr) * 3)
+        out = [nothing]
         for cause in self._fitted:
             place = cause.effect.places(known.machine).index(cause.place)
-            acts = cause.effect.forms(setting, place).acts
-            columns = cause.best.form.columns
-            if max(columns) < len(acts) and not cause.best.form.parameters.keys() & {"period_m", "onset_s"}:
-                shift = sum(
-                    c * channels.shift_m(name) * shape[rows, None]
-                    for k, c in zip(columns, cause.best.coefficients, strict=True)
-                    for name, shape in acts[k]
-                )
-                out.append(np.asarray(shift).ravel() / sigma)
-            else:
-                out.append(np.zeros(len(seen.smr) * 3))
+            acts, best = cause.effect.forms(setting, place).acts, cause.best
+            if best.form.parameters.keys() & {"period_m", "onset_s"} or max(best.form.columns) >= len(acts):
+                out.append(nothing)  # what stood out in the campaign says nothing of visits after it
+                continue
+            shifts = [c * through(acts[k]) for k, c in zip(best.form.columns, best.coefficients, strict=True)]
+            out.append(np.sum(shifts, axis=0))
         for effect, place in self._supposed:
             forms = effect.forms(setting, place)
             if not forms.forms:
-                out.append(np.zeros(len(seen.smr) * 3))
+                out.append(nothing)
                 continue
             acts = forms.acts[forms.forms[0].columns[0]]
-            shift = sum(channels.shift_m(name) * shape[rows, None] for name, shape in acts)
-            old = sum(self._readout.response(name) * shape[:first, None] for name, shape in acts)
-            # What does not differ from what the campaign has seen was taken up by its calibration.
-            usual = sum(channels.shift_m(name) * np.median(shape[:first]) for name, shape in acts)
-            left = np.asarray(shift - usual).ravel() / sigma
-            scale = SUPPOSED_SIGMA / max(float(np.sqrt(np.mean(np.asarray(old) ** 2))), 1e-300)
-            whole = SUPPOSED_SIGMA / max(float(np.sqrt(np.mean((np.asarray(shift) / sigma) ** 2))), 1e-300)
-            out.append(left * min(scale, whole))
+            whole = float(np.sqrt(np.mean(through(acts, whole=True) ** 2)))
+            out.append(through(acts) * (SUPPOSED_SIGMA / max(whole, 1e-300)))
         return np.array(out)
 
     def _moments(self, idea: _Idea) -> Moments:
@@ -225,7 +223,7 @@ class _Hypotheses:
             start_s=m.start_s,
         )
 
-    def _seen(self, moments: Moments, smrs: Array) -> Seen:
+    def _seen(self, moments: Moments, smrs: NDArray[np.intp]) -> Seen:
         known = self._known
         target = np.repeat(known.machine.workspace.mean(axis=1)[None], len(moments), axis=0)
         temperatures = {name: t for name, t in moments.temperatures_c.items() if name != "air"}
@@ -235,7 +233,7 @@ class _Hypotheses:
         n, k = len(moments), len(smrs)
         return Seen(
             known.machine, moments, np.tile(smrs, n), np.repeat(np.arange(n), k), poses, known.frame, known.mounted_m,
-            np.zeros((n * k, 3)),
+            np.repeat(known.position_m[known.visit >= 0].mean(axis=0)[None], n * k, axis=0),
         )  # fmt: skip
 
     def _both(self, after: Moments, seen: Seen) -> Seen:
@@ -251,6 +249,22 @@ class _Hypotheses:
         )
         smr = np.zeros(len(after), dtype=np.intp)
         return replace(seen, moments=after, smr=smr, visit=visit, poses=poses, position_m=position)
+
+
+class _Through:
+    """What shapes through their channels do to readings of new visits, beyond what they did to the visits next to them."""
+
+    def __init__(self, known: Baseline, seen: Seen, rows: NDArray[np.intp], next_to: NDArray[np.intp]) -> None:
+        self._channels, self._rows, self._next_to = Channels(seen), rows, next_to
+        self._sigma_m = float(np.median(1.0 / np.linalg.norm(known.whiten[:, 0], axis=1)))
+
+    def __call__(self, acts: Acts, *, whole: bool = False) -> Array:
+        """In sigma, (m,); `whole`: all they do there."""
+        shift = sum(
+            self._channels.shift_m(name) * (shape[self._rows] - (0.0 if whole else 1.0) * shape[self._next_to])[:, None]
+            for name, shape in acts
+        )
+        return np.asarray(shift).ravel() / self._sigma_m
 
 
 def _reflectors(known: Baseline) -> Iterator[Candidate]:

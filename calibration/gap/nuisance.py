@@ -21,6 +21,7 @@ LEVER_M = 3.0  # where the drift of a rig is declared
 WALK_TERMS = 14
 LOUD_M, LOUD_TERMS = 8.0e-6, 24  # a rig that wanders more is followed closer
 WAVE_TERMS = 5
+LOUD_K, LOUD_WAVE_TERMS = 0.05, 8
 
 
 def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
@@ -54,7 +55,8 @@ def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
         if declared.reversal_m > 0.0:
             add(f"travel.{drive}", m.direction[:, a : a + 1] * declared.reversal_m, "reversal")
     if declared.temperature_k > 0.0:
-        slow = waves(m.elapsed_s, 1500.0, WAVE_TERMS) * declared.temperature_k
+        pairs = WAVE_TERMS if declared.temperature_k < LOUD_K else LOUD_WAVE_TERMS
+        slow = waves(m.elapsed_s, 1500.0, pairs) * declared.temperature_k
         expansion = bare.machine.expansion_per_k
         for i, strut in enumerate(bare.machine.strut_names):
             grown = expansion["struts"] * bare.machine.nominal.length_m[i]

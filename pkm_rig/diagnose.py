@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from calibration.gap.diagnosis import diagnose, diagnose_and_add
+from calibration.gap.diagnosis import diagnose, diagnose_and_score
 from calibration.gap.result import Diagnosis
 from calibration.gap.twin import Twin
-from calibration.machine import Array
+from calibration.gap.twin_score import TwinScore
 from calibration.recording import Recording
 from calibration.toml_file import InputError
 from pkm_rig import diagnosis_pictures
@@ -62,17 +60,18 @@ def run(
     """
     catalogue = load_catalogue(tuple(effects))
     part = calibration_part(recording)
-    found, twin = _diagnosed(part, catalogue, effects, add=add)
+    found, added = _diagnosed(part, catalogue, effects, add=add)
     folder = out / part.file.campaign / PICTURES_FOLDER
     try:
         folder.mkdir(parents=True, exist_ok=True)
         files = write_candidates(by_gain(found), part.machine, part.file.payloads, found.campaign, folder)
         result = diagnosis_json(found, files)
         result["pictures"] = diagnosis_pictures.save(diagnosis_pictures.figures(found, part.machine), folder)
-        if twin is not None:
+        if added is not None:
+            twin, score = added
             place = out / part.file.campaign / TWIN_FOLDER
             write_twin(twin, part, place)
-            result["twin"] = twin_json(found, part, place)
+            result["twin"] = twin_json(twin, score, place)
     except OSError as error:
         raise InputError(f"diagnose: {error}; choose another --out") from error
     return found, result
@@ -80,9 +79,11 @@ def run(
 
 def _diagnosed(
     recording: Recording, catalogue: Catalogue, effects: Sequence[Path], *, add: bool
-) -> tuple[Diagnosis, Twin | None]:
+) -> tuple[Diagnosis, tuple[Twin, TwinScore] | None]:
     try:
-        return diagnose_and_add(recording, catalogue) if add else (diagnose(recording, catalogue), None)
+        if not add:
+            return diagnose(recording, catalogue), None
+        found, twin, score = diagnose_and_score(recording, catalogue)
     except InputError:
         raise
     except Exception as error:
@@ -90,23 +91,16 @@ def _diagnosed(
             raise
         names = ", ".join(str(path) for path in effects)
         raise InputError(f"diagnose with {names}: {type(error).__name__}: {error}; correct that effect") from error
+    return found, (twin, score)
 
 
-def twin_json(found: Diagnosis, recording: Recording, folder: Path) -> dict[str, Any]:
-    """How the campaign, simulated on the twin, agrees with the readings that were withheld from it."""
-    rows = found.withheld.rows
-    measured = recording.positions_m[rows]
-    whiten = np.linalg.inv(np.linalg.cholesky(recording.covariances_m2[rows]))
+def twin_json(twin: Twin, score: TwinScore, folder: Path) -> dict[str, Any]:
+    """How the campaign, simulated on twins of the other regions' readings, agrees with those of each region."""
     return {
         "folder": str(folder),
-        "effects": [effect.effect for effect in found.effects],
-        "readings": len(rows),
-        **gap_json(found.gap),
-        "before_sigma": _rms(np.einsum("nij,nj->ni", whiten, measured - found.withheld.before_m)),
-        "after_sigma": _rms(np.einsum("nij,nj->ni", whiten, measured - found.withheld.after_m)),
+        "effects": [added.effect for added in twin.added],
+        "readings": score.readings,
+        **gap_json(score.figures),
+        "before_sigma": score.before_sigma,
+        "after_sigma": score.after_sigma,
     }
-
-
-def _rms(errors: Array) -> float | None:
-    """Over readings and coordinates; None without any."""
-    return float(np.sqrt(np.mean(errors**2))) if errors.size else None

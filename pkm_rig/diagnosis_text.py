@@ -80,7 +80,7 @@ def text(found: Diagnosis, result: Mapping[str, Any]) -> RenderableType:
         if files:
             parts.append(_line(f"next: pkm-rig measure --rig RIG.toml --campaign {files[0][1]}"))
     if result["twin"] is not None:
-        parts += _twin(found, result["twin"])
+        parts += _twin(result["twin"])
     if result["pictures"]:
         parts.append(_line(f"\npictures: {', '.join(result['pictures'].values())}"))
     return Group(*parts)
@@ -131,22 +131,23 @@ def _gap(gap: GapFigures) -> list[RenderableType]:
     ]
 
 
-def _twin(found: Diagnosis, twin: Mapping[str, Any]) -> list[RenderableType]:
+def _twin(twin: Mapping[str, Any]) -> list[RenderableType]:
     """How the campaign comes out when it is simulated on the twin."""
     added = " and ".join(twin["effects"]) or "no effect: none was found"
-    gap = found.gap
+    shrink = twin["shrink"]
     lines = [
         f"twin: the identified model with {added}: {twin['folder']}",
-        f"the campaign simulated on it, refitted without each block: {twin['readings']} withheld readings missed by "
-        f"{length(gap.after_m)} RMS, without the effect by {length(gap.before_m)} (noise included: "
-        f"{_times(twin['after_sigma'])} and {_times(twin['before_sigma'])} sigma)",
+        f"the campaign simulated on twins made without each region's readings, held against the {twin['readings']} "
+        f"that were recorded there: missed by {_length(twin['after_m'])} RMS, without the effect by "
+        f"{_length(twin['before_m'])}, shrink {'not known' if shrink is None else percent(shrink)} (noise included: "
+        f"{twin['after_sigma']:.2f} and {twin['before_sigma']:.2f} sigma)",
         f"serve it: pkm-rig mock --rig RIG.toml --twin {twin['folder']}",
     ]
     return [_title("the rig's twin"), *(_line(line) for line in lines)]
 
 
-def _times(sigma: float | None) -> str:
-    return "not known" if sigma is None else f"{sigma:.2f}"
+def _length(value_m: float | None) -> str:
+    return length(math.nan if value_m is None else value_m)
 
 
 def _shares(where: Sequence[Share]) -> Padding:

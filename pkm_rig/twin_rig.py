@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.gap.moments import History, Moments
 from calibration.machine import Array
@@ -21,8 +22,8 @@ PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 class Places(Protocol):
     """What is asked of a twin."""
 
-    def places_m(self, moments: Moments) -> Array:
-        """All reflectors (n, smrs, 3) in the machine's frame, in the order of the machine file."""
+    def places_m(self, moments: Moments, rows: NDArray[np.intp]) -> Array:
+        """All reflectors (n, smrs, 3) in the machine's frame, in the order of the machine file, at rows (n,)."""
         ...
 
 
@@ -66,7 +67,8 @@ class LiveTwin:
     def places_m(self, look: Look) -> Array:
         """All reflectors (smrs, 3) in the machine's frame."""
         self._follow(look)
-        return np.asarray(self._twin.places_m(self.moments(look))[-1])
+        moments = self.moments(look)
+        return np.asarray(self._twin.places_m(moments, np.array([len(moments) - 1]))[0])
 
     def moments(self, look: Look) -> Moments:
         """The look as the last row; the rows before are earlier times, for what follows a temperature slowly."""

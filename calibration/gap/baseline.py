@@ -64,9 +64,9 @@ class Baseline(Seen):
     """The linearised model of a recording's readings.
 
     rows (n,): rows of the recording that are used. whiten (n, 3, 3). residual (n, 3): whitened, measured minus modelled
-    with all unknowns at nominal, by the linear model. columns (n, 3, b): by every unknown, each times its prior standard
-    deviation; names and sigma (b,) are the unknowns'. values (u,): of the model's and the station's unknowns, at which
-    it is linear. q (n, 3, r): 1 - q q' is the inverse of the readings' covariance.
+    with all unknowns at nominal, by the linear model. columns (n, 3, b): by every unknown, each times its prior
+    standard deviation; names and sigma (b,) are the unknowns'. values (u,): of the model's and the station's unknowns,
+    at which it is linear. q (n, 3, r): 1 - q q' is the inverse of the readings' covariance.
     """
 
     recording: Recording
@@ -100,9 +100,7 @@ def baseline_of(recording: Recording) -> Baseline:
     on_floor = np.array([s.on == "floor" for s in machine.smrs])[smr]
     whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2))
     seen, visit = _observations(used, smr, on_floor)
-    check_number(machine, seen.visits.target_m)
-    if len(seen.visits) < LEAST_VISITS:
-        raise InputError(f"{len(seen.visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
+    _check_number(machine, seen.visits)
     frame = _start(used, seen)
     model = Model(ParameterSet.of(machine), _systematic(used))
     accuracy = used.file.station.accuracy
@@ -217,6 +215,12 @@ def _observations(
 def _start(used: Recording, seen: Observations) -> Frame:
     entry = used.file.station
     return fit_report_frame(used.machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
+
+
+def _check_number(machine: Machine, visits: Visits) -> None:
+    check_number(machine, visits.target_m)
+    if len(visits) < LEAST_VISITS:
+        raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
 
 
 def _systematic(used: Recording) -> Systematic:

@@ -24,6 +24,7 @@ from calibration.gap.result import (
 )
 from calibration.gap.search import Cause, Explanation, explain, taken, tested
 from calibration.gap.setting import periodograms, setting_of
+from calibration.gap.solution import Joint
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore, scored
 from calibration.gap.verdict import probabilities
@@ -31,6 +32,7 @@ from calibration.machine import Array
 from calibration.recording import Recording
 
 EQUIVALENT_SIGMA = 0.3
+TOLD_APART, TOLD_APART_SHARE = 10.0, 0.05  # of log evidence, by which the data do tell an effect from the first
 COMPARED = 6  # effects that come next in the ranking are held against the first
 CLUES = 4
 SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated
@@ -44,21 +46,22 @@ def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagno
 
 def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
     """The diagnosis, and the machine's twin: the fitted model with the effects that were found."""
-    diagnosis, _, _, after, causes, setting = _diagnosed(recording, catalogue)
-    return diagnosis, Twin.of(after, causes, setting)
+    diagnosis, readout, _, causes, setting = _diagnosed(recording, catalogue)
+    return diagnosis, Twin.of(readout, causes, setting)
 
 
 def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin, TwinScore]:
     """The same, and how the campaign simulated on the twin agrees with readings withheld from it."""
-    diagnosis, readout, truth, after, causes, setting = _diagnosed(recording, catalogue)
-    twin = Twin.of(after, causes, setting)
-    return diagnosis, twin, scored(readout, after, causes, truth, twin)
+    diagnosis, readout, truth, causes, setting = _diagnosed(recording, catalogue)
+    joint = Joint(readout, causes)
+    twin = Twin.by(joint.solution, readout, causes, setting)
+    return diagnosis, twin, scored(readout, truth, joint, twin)
 
 
 def _diagnosed(
     recording: Recording, catalogue: Catalogue | None
-) -> tuple[Diagnosis, Readout, Readout, Readout, tuple[Cause, ...], Setting]:
-    """The diagnosis; the readout before, the one that stands for the truth, the one after the causes; these."""
+) -> tuple[Diagnosis, Readout, Readout, tuple[Cause, ...], Setting]:
+    """The diagnosis, and what a twin is made of: the readout before the causes, the one for the truth, the causes."""
     catalogue = catalogue or load_catalogue()
     baseline = baseline_of(recording)
     readout = Readout(baseline)
@@ -98,7 +101,7 @@ def _diagnosed(
         spectra=location.spectra(readout, periods),
         remarks=_remarks(found, verdict),
     )
-    return diagnosis, readout, truth, after, causes, setting
+    return diagnosis, readout, truth, causes, setting
 
 
 def _main_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
@@ -135,13 +138,17 @@ def _with_safeguards(found: Explanation, after: Readout) -> Readout:
 
 
 def _equivalents(found: Explanation, readout: Readout, verdict: str) -> tuple[tuple[str, ...], float]:
-    """Effects whose prediction, calibration fitted again, is that of the first to 0.3 sigma; the largest difference."""
+    """Effects that the readings do not exclude and whose prediction, calibration fitted again, is that of the first to
+    0.3 sigma; the largest difference."""
     first = next((c for c in found.causes if c.effect.name == verdict), None)
     if first is None:
         return (), 0.0
     signal = np.einsum("nwk,k->nw", readout.columns(first.acts), first.best.coefficients)
     names, most = [], 0.0
-    for other in [c for c in found.ranking if c.effect.name != verdict][:COMPARED]:
+    alone = next(c.log_evidence for c in found.ranking if c.effect.name == verdict)
+    open_still = alone - TOLD_APART - TOLD_APART_SHARE * alone
+    rivals = [c for c in found.ranking if c.effect.name != verdict and c.log_evidence > open_still]
+    for other in rivals[:COMPARED]:
         left = taken(readout, other).apply(signal[:, :, None])[:, :, 0]
         apart = _platform_rms(readout.baseline, left)
         if apart < EQUIVALENT_SIGMA:

@@ -176,7 +176,7 @@ def _shared(setting: Setting) -> dict[str, Array]:
         "load": np.stack([setting.load, setting.load**2], axis=1),
         "place": _with_load(setting, place[:, 1:]),
         "direction and place": products(sides, place),
-        "time and place": products(brownian(t, 24), place[:, :5]),
+        "time and place": products(brownian(t, 12), place[:, :5]),
     }
 
 

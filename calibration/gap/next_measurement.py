@@ -124,7 +124,8 @@ def _minutes(known: Baseline, idea: _Idea) -> float:
     pace = float(np.median(np.diff(known.moments.history.arrived_s)))
     loads = [known.recording["payload"][known.rows][-1], *(v.payload for v in idea.visits)]
     exchanges = sum(a != b for a, b in pairwise(loads))
-    visits_s = sum(max(pace - _usual_rest_s(known), 1.0) + v.dwell_s for v in idea.visits)
+    without_rest_s = max(pace - _usual_rest_s(known), 1.0)
+    visits_s = sum(without_rest_s + v.dwell_s for v in idea.visits)
     return float(SET_UP_S + visits_s + EXCHANGE_S * exchanges) / 60.0
 
 

@@ -1,14 +1,16 @@
-"""Calibration and causes found together: the solution of the joint linear model, of all readings or without a block.
+"""Calibration and causes found together, with the nonlinear model: the solution that a twin is made of.
 
-With C the readings' covariance under the whole model and w = C^-1 y, unknowns are a' w and coefficients of the causes
-d^2 h' w (a, h: their columns; d: prior standard deviations). Without a block b, w of the other readings is
-w - (C^-1)_b (C^-1)_bb^-1 w_b: no new fit.
+The diagnosis is linear at the machine that calibration alone finds. Once the causes belong to the model, geometry and
+above all stiffness move by what they had taken up of them, further than one linearisation holds: Gauss-Newton goes on
+from there, over calibration's unknowns (all of `Baseline.columns`, with their priors) and the causes' coefficients.
+The causes' own columns stay those of the diagnosis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,63 +20,160 @@ from calibration.gap.evidence import Readout
 from calibration.gap.search import Cause
 from calibration.gap.twin_parts import Fit, whole_model
 from calibration.machine import Array
-from calibration.measurements.smr_positions import Station
+from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+
+MOST_STEPS = 12
+HALVINGS = 6
+SETTLED = 0.01  # RMS of what a step still changes, in standard deviations of a reading
 
 
 @dataclass(frozen=True)
 class Solution:
-    """fit: of machine and station; ranges: range constant, scale and refraction by name; coefficients: of each cause.
+    """z (b,): unknowns of the baseline over their standard deviations; c (k,): coefficients of all causes over theirs.
 
+    fit: of machine and station; ranges: range constant, scale and refraction by name; coefficients: of each cause;
     wander (n, 3): whitened shifts of all readings by the declared nuisance.
     """
 
+    z: Array
+    c: Array
     fit: Fit
     ranges: dict[str, float]
     coefficients: tuple[Array, ...]
     wander: Array
 
 
-def solved(readout: Readout, causes: Sequence[Cause], without: NDArray[np.intp] | None = None) -> Solution:
-    """The solution of a readout to which the causes belong; without: rows (b,) of readings that it must not use."""
-    known = readout.baseline
-    weights = readout.left if without is None else _without(readout, without)
-    z = known.columns.reshape(-1, known.columns.shape[2]).T @ weights.ravel()
-    coefficients = tuple(
-        cause.deviations**2 * np.einsum("nwk,nw->k", readout.columns(cause.acts), weights) for cause in causes
-    )
-    return _solution(known, z, coefficients)
+@dataclass(frozen=True)
+class _Linear:
+    """The model at z: columns (n, 3, b) and what it misses of the readings (n, 3) there, whitened; poses (v, 6)."""
+
+    z: Array
+    columns: Array
+    missed: Array
+    rest: Array
 
 
-def _without(readout: Readout, rows: NDArray[np.intp]) -> Array:
-    flat = readout.q.reshape(-1, readout.q.shape[2])
-    q, left = readout.q[rows].reshape(-1, flat.shape[1]), readout.left[rows].ravel()
-    differences = left + q @ np.linalg.solve(np.eye(q.shape[1]) - q.T @ q, q.T @ left)
-    weights = readout.left + (flat @ (q.T @ differences)).reshape(readout.left.shape)
-    weights[rows] = 0.0
-    return np.asarray(weights)
+class Joint:
+    """The joint fit of a baseline's readings with some causes."""
 
+    def __init__(self, readout: Readout, causes: Sequence[Cause]) -> None:
+        self._known = known = readout.baseline
+        self._causes = tuple(causes)
+        deviations = [cause.deviations for cause in causes]
+        self._deviations = np.concatenate([*deviations, np.empty(0)])
+        columns = [readout.columns(cause.acts) for cause in causes]
+        self._acting = np.concatenate([*columns, np.empty((*known.residual.shape, 0))], axis=2) * self._deviations
+        self._on_pose = np.flatnonzero(known.visit >= 0)
+        count = known.sigma.size
+        self._first = known.names.index("frame.rx")
+        accuracy = known.recording.file.station.accuracy
+        smrs = tuple(sorted(set(known.smr[self._on_pose].tolist())))
+        # The frame's unknowns count from the one where the baseline is linear, not from where its fit began.
+        self._station = Station(
+            known.frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M
+        )
+        self._before = np.zeros(count)
+        self._before[self._first : self._first + 6] = known.values[self._first : self._first + 6]
+        rows = self._on_pose
+        covariances = known.recording.covariances_m2[known.rows[rows]]
+        visits = known.poses.visits
+        self._readings = SmrPositions(
+            Observations(visits, known.visit[rows], known.smr[rows], known.position_m[rows], covariances), self._station
+        )
 
-def _solution(known: Baseline, z: Array, coefficients: tuple[Array, ...]) -> Solution:
-    count = known.sigma.size
-    values = z[:count] * known.sigma
-    names = known.names
-    at = dict(zip(names[:count], values.tolist(), strict=True))
-    before = fit_before(known)
-    first = names.index("frame.rx")
-    mounted = before.mounted_m.copy()
-    nests = dict(zip(names[count:], (z[count:] * NEST_PRIOR_M).tolist(), strict=True))
-    for i, smr in enumerate(known.machine.smrs):
-        for k, c in enumerate("xyz"):
-            if f"mounting.{smr.name}.{c}" in at:
-                mounted[i, k] = smr.position_m[k] + at[f"mounting.{smr.name}.{c}"]
-            mounted[i, k] += nests.get(f"nest.{smr.name}.{c}", 0.0)
-    # Columns of the frame are its increments at the frame where it is linear, not at the one the fit began with.
-    frame = known.frame.moved(values[first : first + 6] - known.values[first : first + 6])
-    fit = Fit(_whole(known, values), frame, mounted)
-    nuisance = next((k for k, n in enumerate(names) if k >= count and not n.startswith("nest.")), len(names))
-    wander = np.einsum("nwu,u->nw", known.columns[:, :, nuisance:], z[nuisance:])
-    ranges = {name: value for name, value in at.items() if name.startswith(("range.", "refraction."))}
-    return Solution(fit, ranges, coefficients, wander)
+    @cached_property
+    def solution(self) -> Solution:
+        """Of all readings."""
+        return self._solution(
+            *self._search(self._at_baseline, np.zeros(self._deviations.size), np.ones(len(self._known.smr), dtype=bool))
+        )
+
+    def without(self, rows: NDArray[np.intp]) -> Solution:
+        """The same without some rows of readings."""
+        keep = np.ones(len(self._known.smr), dtype=bool)
+        keep[rows] = False
+        return self._solution(*self._search(self._at_solution, self.solution.c, keep))
+
+    @cached_property
+    def _at_baseline(self) -> _Linear:
+        known, count = self._known, self._known.sigma.size
+        z = np.zeros(known.columns.shape[2])
+        z[:count] = known.values / known.sigma
+        return _Linear(z, known.columns, known.residual - known.columns @ z, known.poses.rest.coordinates())
+
+    @cached_property
+    def _at_solution(self) -> _Linear:
+        return self._linear(self.solution.z, self._at_baseline.rest)
+
+    def _search(self, at: _Linear, c: Array, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Unknowns z (b,) and c (k,) by Gauss-Newton, steps that gain nothing halved."""
+        best = self._loss(at, c, keep)
+        for _ in range(MOST_STEPS):
+            z_new, c_new = self._solve(at, keep)
+            change = at.columns @ (z_new - at.z) + self._acting @ (c_new - c)
+            if float(np.sqrt(np.mean(change[keep] ** 2))) < SETTLED:
+                return z_new, c_new
+            share = 1.0
+            for _ in range(HALVINGS):
+                z, tried = at.z + share * (z_new - at.z), c + share * (c_new - c)
+                trial = self._linear(z, at.rest)
+                loss = self._loss(trial, tried, keep)
+                if loss <= best:
+                    break
+                share *= 0.5
+            else:
+                return at.z, c
+            at, c, best = trial, tried, loss
+        return at.z, c
+
+    def _loss(self, at: _Linear, c: Array, keep: NDArray[np.bool_]) -> float:
+        missed = at.missed - self._acting @ c
+        return float(np.sum(missed[keep] ** 2) + at.z @ at.z + c @ c)
+
+    def _solve(self, at: _Linear, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
+        columns = np.concatenate([at.columns, self._acting], axis=2)[keep]
+        flat = columns.reshape(-1, columns.shape[2])
+        right = (at.missed + at.columns @ at.z)[keep].ravel()
+        found = np.linalg.solve(flat.T @ flat + np.eye(flat.shape[1]), flat.T @ right)
+        return found[: at.z.size], found[at.z.size :]
+
+    def _linear(self, z: Array, start: Array) -> _Linear:
+        """The model at z, its poses searched from `start`."""
+        known, rows, count = self._known, self._on_pose, self._known.sigma.size
+        values = z[:count] * known.sigma
+        model = known.poses.model
+        with np.errstate(all="ignore"):
+            poses = model.predict(values[: len(model)], known.poses.visits, start)
+        if not np.all(poses.rest.converged):
+            return _Linear(z, known.columns, np.full_like(known.residual, 1e9), start)
+        compared = self._readings.compare(poses, known.visit[rows, None], (values - self._before)[len(model) :])
+        columns = known.columns.copy()
+        columns[rows, :, :count] = np.concatenate([compared.by_model, compared.by_own], axis=2) * known.sigma
+        missed = known.residual - known.columns @ z
+        missed[rows] = -compared.residual - columns[rows][:, :, count:] @ z[count:]
+        return _Linear(z, columns, missed, poses.rest.coordinates())
+
+    def _solution(self, z: Array, c: Array) -> Solution:
+        known, count, names = self._known, self._known.sigma.size, self._known.names
+        values = z[:count] * known.sigma
+        at = dict(zip(names[:count], values.tolist(), strict=True))
+        mounted = known.mounted_m.copy()
+        nests = dict(zip(names[count:], (z[count:] * NEST_PRIOR_M).tolist(), strict=True))
+        for i, smr in enumerate(known.machine.smrs):
+            for k, axis in enumerate("xyz"):
+                mounted[i, k] = smr.position_m[k] + at.get(f"mounting.{smr.name}.{axis}", 0.0)
+                mounted[i, k] += nests.get(f"nest.{smr.name}.{axis}", 0.0)
+        frame = self._station.frame((values - self._before)[len(known.poses.model) :])
+        nuisance = next((k for k, n in enumerate(names) if k >= count and not n.startswith("nest.")), len(names))
+        sizes = [cause.deviations.size for cause in self._causes]
+        return Solution(
+            z=z,
+            c=c,
+            fit=Fit(_whole(known, values), frame, mounted),
+            ranges={name: value for name, value in at.items() if name.startswith(("range.", "refraction."))},
+            coefficients=tuple(np.split(c * self._deviations, np.cumsum(sizes)[:-1])) if sizes else (),
+            wander=known.columns[:, :, nuisance:] @ z[nuisance:],
+        )
 
 
 def fit_before(known: Baseline) -> Fit:
@@ -84,7 +183,8 @@ def fit_before(known: Baseline) -> Fit:
 
 def _whole(known: Baseline, values: Array) -> Array:
     """Values of all unknowns of the machine's model, from those of a baseline."""
-    fitted = dict(zip([u.name for u in known.poses.model.unknowns], values.tolist(), strict=False))
+    model = known.poses.model
+    fitted = dict(zip([u.name for u in model.unknowns], values[: len(model)].tolist(), strict=True))
     return np.array([fitted.get(u.name, 0.0) for u in whole_model(known.machine).unknowns])
 
 

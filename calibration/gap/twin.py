@@ -1,8 +1,8 @@
 """The twin: the fitted model of a machine with the effects that a diagnosis found, to be simulated again.
 
 It holds the campaign's own moments, by which the effects' forms are defined; what lies outside of them is held at
-their limits. Geometry, mounting and effects are those of one solution, found together. It is data, not code: effects are
-named, and their forms built anew.
+their limits. Geometry, mounting and effects are those of one solution, found together. It is data, not code: effects
+are named, and their forms built anew.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from calibration.gap.baseline import Baseline
 from calibration.gap.evidence import Readout
 from calibration.gap.moments import Moments, beside, held, remembered
 from calibration.gap.search import Cause
-from calibration.gap.solution import Solution, fit_before, solved
+from calibration.gap.solution import Joint, Solution, fit_before
 from calibration.gap.twin_parts import Added, Asked, Campaign, Fit, Told, places_m, visits_of
 from calibration.machine import Array, Machine, parse_machine
 from calibration.toml_file import InputError
+from calibration.visits import Visits
 
 SHARE_ASKED = (
     40  # readings of the campaign a reading that is asked for: what forms take of all rows stays the campaign's
@@ -42,9 +43,14 @@ class Twin:
     catalogue: Catalogue
 
     @classmethod
-    def of(cls, after: Readout, causes: Sequence[Cause], setting: Setting) -> Twin:
-        """The twin of a diagnosed recording; after: its readout once the causes belong to the model."""
-        baseline, added = after.baseline, []
+    def of(cls, readout: Readout, causes: Sequence[Cause], setting: Setting) -> Twin:
+        """The twin of a diagnosed recording."""
+        return cls.by(Joint(readout, causes).solution, readout, causes, setting)
+
+    @classmethod
+    def by(cls, solution: Solution, readout: Readout, causes: Sequence[Cause], setting: Setting) -> Twin:
+        """The twin of a solution."""
+        baseline, added = readout.baseline, []
         for cause in causes:
             place = cause.effect.places(baseline.machine).index(cause.place)
             asked, onsets = Asked(setting.periods), Asked(setting.onsets)
@@ -53,7 +59,7 @@ class Twin:
             added.append(Added(cause.effect.name, place, columns, (), asked.answers, onsets.answers))
         catalogue = Catalogue(tuple(cause.effect for cause in causes))
         bare = cls(_campaign(baseline), fit_before(baseline), tuple(added), catalogue)
-        return bare.fitted(solved(after, causes))
+        return bare.fitted(solution)
 
     def fitted(self, solution: Solution) -> Twin:
         """The same machine and effects by another solution."""
@@ -125,8 +131,14 @@ class Twin:
             first, then = getattr(known, name), getattr(asked, name)[part]
             return np.concatenate([first, np.clip(then, first.min(axis=0), first.max(axis=0))])
 
-        names = ("tension_n", "pull_n", "moment_nm", "sight_m")
-        return replace(known, moments=moments, **{name: both(name) for name in names})
+        return replace(
+            known,
+            moments=moments,
+            tension_n=both("tension_n"),
+            pull_n=both("pull_n"),
+            moment_nm=both("moment_nm"),
+            sight_m=both("sight_m"),
+        )
 
     def _acts(self, setting: Setting, added: Added) -> list[Any]:
         effect = next(e for e in self.catalogue.effects if e.name == added.effect)

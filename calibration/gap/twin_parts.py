@@ -72,8 +72,8 @@ class Added:
 class Fit:
     """A machine as it was fitted.
 
-    values (u,): of the unknowns of `whole_model`; frame: from the machine's to the station's; mounted_m (smrs, 3): places
-    of reflectors on their parts, of nests in the machine's frame.
+    values (u,): of the unknowns of `whole_model`; frame: from the machine's to the station's; mounted_m (smrs, 3):
+    places of reflectors on their parts, of nests in the machine's frame.
     """
 
     values: Array
@@ -115,8 +115,8 @@ def places_m(machine: Machine, poses: Poses, mounted_m: Array, smr: NDArray[np.i
 class Campaign:
     """The readings (n) by which the effects' forms are defined, and the machine at which they are linear.
 
-    smr (n,); visit (n,): row of rest, -1 for nests; rest (v, 6): poses of the visits; at: parameters by which channels and
-    forces of the effects are computed, as they were when the coefficients were found.
+    smr (n,); visit (n,): row of rest, -1 for nests; rest (v, 6): poses of the visits; at: the machine by which
+    channels and forces of the effects are computed, as they were when the coefficients were found.
     """
 
     machine: Machine
@@ -155,13 +155,15 @@ class Campaign:
     def poses(self, fit: Fit, visits: Visits) -> Poses:
         """Poses of visits, searched from those of the campaign that are nearest. InputError where there is none."""
         with np.errstate(all="ignore"):
-            starts = self._starts(visits)
-            for number, trial in enumerate(starts):
-                start = trial if number == 0 else np.where(lost[:, None], trial, start)
+            start, *others = self._starts(visits)
+            poses = self.model.predict(fit.values, visits, start)
+            for other in others:
+                if np.all(poses.rest.converged):
+                    break
+                start = np.where(poses.rest.converged[:, None], start, other)
                 poses = self.model.predict(fit.values, visits, start)
-                lost = ~poses.rest.converged
-                if not np.any(lost):
-                    return poses
+        if np.all(poses.rest.converged):
+            return poses
         raise InputError("twin: the model finds no equilibrium for a moment; check the drive coordinates")
 
     def linear_at(

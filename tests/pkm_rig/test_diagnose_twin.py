@@ -17,13 +17,14 @@ MACHINE = load_machine(shipped_machine("planar4"))
 class Nominal:
     """The nominal machine: reflectors of the platform at its equilibrium. Keeps what it was asked last."""
 
-    def places_m(self, moments):
+    def places_m(self, moments, rows):
         self.asked = moments
         model = Model(ParameterSet.of(MACHINE))
         target = np.zeros((len(moments), 6))
         visits = Visits(moments.drives, target, moments.payload_kg, moments.payload_com_m, moments.temperatures_c)
         rest = model.predict(np.zeros(len(model)), visits).rest
-        return np.stack([rest.position_m + rest.rotation @ s.position_m for s in MACHINE.smrs], axis=1)
+        places = np.stack([rest.position_m + rest.rotation @ s.position_m for s in MACHINE.smrs], axis=1)
+        return places[rows]
 
 
 def look(t_s, drives_m, *, arrived_s, moving=False, speed=0.3, payload_kg=0.0):

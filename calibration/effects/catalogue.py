@@ -1,6 +1,6 @@
 """All effects by name: the shipped ones, those of installed packages, and those of files that the user names.
 
-A file is Python code of the user's own, given on the command line; nothing is ever loaded from a rig file or a recording.
+A file is Python code of the user's own, given on the command line; nothing is loaded from a rig file or a recording.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def servo_settling(s: Setting, drive: int) -> Forms:
 
 
 def _speeds(s: Setting) -> list[Array]:
-    """The speed (n,) of the last leg over the reference: a leg too short does not reach the approach's, so it is capped."""
+    """The last leg's speed (n,) over the reference: a leg too short does not reach the approach's, so it is capped."""
     m = s.moments
     caps = [np.where(m.moving, m.speed_m_per_s, np.minimum(m.speed_m_per_s, cap)) for cap in CAPS_M_PER_S]
     return [capped / REFERENCE_SPEED_M_PER_S for capped in caps]

@@ -20,7 +20,7 @@ _TAU = Parameter("tau_s", 200.0, 8000.0, "s", "time constant of the part")
 
 
 def _warming(s: Setting, sensor: str) -> tuple[list[tuple[Array, float]], list[tuple[Array, float]]]:
-    """Temperature above the sensor (n,) of parts that warm from the start, and of parts that lag, with time constants."""
+    """Temperature above the sensor (n,), with time constants: of parts that warm from the start, of parts that lag."""
     t = s.moments.elapsed_s
     rises = [(1.0 - np.exp(-t / tau), tau) for tau in TAUS_S]
     lags = [(s.moments.lag_k(sensor, tau), tau) for tau in LAGS_S] if sensor in s.moments.temperatures_c else []
@@ -32,7 +32,7 @@ def _too_short(s: Setting) -> str | None:
 
 
 def _thermal(f: Forms, acts: tuple[tuple[str, Array], ...], s: Setting, sensor: str) -> None:
-    """Forms of one geometry: one time constant, two stages, warmed once and cooling again, lagging behind the sensor."""
+    """Forms of one geometry: one time constant, two stages, warmed once and cooling again, behind the sensor."""
     rises, lags = _warming(s, sensor)
     t = s.moments.elapsed_s
 

@@ -1,7 +1,7 @@
-"""What is there to explain: readings against the machine's own model, linear in everything that calibration may move.
+"""What is to be explained: readings against the machine's own model, linear in everything that calibration may move.
 
-Geometry, stiffness, mounting and frame are unknowns with their priors all along, together with the declared nuisance, so
-that an effect is only judged by what they cannot take up. Rows are readings (n), each with three whitened numbers.
+Geometry, stiffness, mounting and frame are unknowns with their priors all along, together with the declared nuisance,
+so that an effect is only judged by what they cannot take up. Rows are readings (n), each with three whitened numbers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from calibration.visits import Visits
 NEST_PRIOR_M = 5.0e-3
 FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded poses
 REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
-OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
 FIRST_STEPS = 2
 LEAST_VISITS = 20
 HUBER, FAR_OFF = 3.0, 4.0  # in standard deviations of one number of a reading
@@ -39,9 +38,9 @@ UNSEEN = 2.0e-3  # information of a direction, over its prior's, below which rea
 class Seen:
     """Readings of reflectors (n) on a modelled machine, measured or only thought of.
 
-    smr (n,): index in the machine file. poses: of the visits; visit (n,): their rows, -1 for floor nests. frame: from the
-    machine's to the station's; mounted_m (smrs, 3): fitted places of the reflectors on their parts; position_m (n, 3):
-    station's frame.
+    smr (n,): index in the machine file. poses: of the visits; visit (n,): their rows, -1 for floor nests. frame: from
+    the machine's to the station's; mounted_m (smrs, 3): fitted places of the reflectors on their parts; position_m
+    (n, 3): station's frame.
     """
 
     machine: Machine
@@ -267,7 +266,7 @@ def _frame_columns(bare: Baseline, rows: NDArray[np.bool_]) -> Array:
 
 
 def _whole(columns: Array) -> Array:
-    """q (n, 3, b) such that 1 - q q' is the inverse of 1 + A A' for columns A; directions that priors hold are left out."""
+    """q (n, 3, b): 1 - q q' is the inverse of 1 + A A' for columns A; directions that priors hold are left out."""
     flat = columns.reshape(-1, columns.shape[2])
     values, vectors = np.linalg.eigh(flat.T @ flat)
     seen = values > UNSEEN

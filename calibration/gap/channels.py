@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.machine import COORDINATES, Array, across
 from calibration.rotation import skew
@@ -87,6 +88,7 @@ class Channels:
             yield from self.sideways(a)
             yield from self.turns(a)
         yield from (f"length.{strut}" for strut in machine.strut_names)
+        yield from (f"weight.{strut}" for strut in machine.strut_names)
         yield from self.poses()
         for i, smr in enumerate(machine.smrs):
             if smr.on == "platform":
@@ -112,8 +114,17 @@ class Channels:
         if kind == "length":
             column = known.poses.sensitivity.length(machine.strut_names.index(place))
             return self._of_pose(self._pose_of(column), out)
+        if kind == "weight":
+            return self._of_pose(self._pose_of(self._weight(machine.strut_names.index(place))), out)
         drive = machine.drive_names.index(place)
         return self._of_drive(kind, drive, direction, out)
+
+    def _weight(self, strut: int) -> Array:
+        """dG of one kilogram more at a strut's platform joint: its own weight hangs there, in part."""
+        visits = len(self.seen.poses.visits)
+        joint = self.seen.poses.geometry.platform_joint_m[strut]
+        gravity = np.repeat(self.machine.gravity_m_per_s2[:, None], visits, axis=1)
+        return self.seen.poses.sensitivity.force(gravity, np.repeat(joint[:, None], visits, axis=1))
 
     def _of_drive(self, kind: str, drive: int, direction: str, out: Array) -> Array:
         known, at = self.seen, self.seen.poses.sensitivity
@@ -133,14 +144,14 @@ class Channels:
         def shift(point: Array) -> Array:
             return np.outer(axis if kind == "sideways" else np.cross(axis, point - middle), ones)
 
-        for i in struts:
-            column += at.base_end(int(i), shift(joints[i]))
+        for strut in struts.tolist():
+            column += at.base_end(strut, shift(joints[strut]))
         out = self._of_pose(self._pose_of(column), out)
         for i, rows, visit in self._carried(drive):
             out[rows] += shift(known.mounted_m[i])[:, visit].T
         return out
 
-    def _carried(self, drive: int) -> Iterator[tuple[int, Array, Array]]:
+    def _carried(self, drive: int) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
         known = self.seen
         for i, smr in enumerate(self.machine.smrs):
             if smr.on == "slider" and smr.drive == drive:

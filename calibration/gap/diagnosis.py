@@ -36,7 +36,7 @@ TOLD_APART, TOLD_APART_SHARE = 10.0, 0.05  # of log evidence, by which the data 
 COMPARED = 6  # effects that come next in the ranking are held against the first
 CLUES = 4
 SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated
-INSIDE = {"smr_offset": "mounting.", "joint_spacing": ("platform_joint.", "base_joint."), "link_self_weight": "weight."}
+OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
 
 
 def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagnosis:
@@ -199,7 +199,7 @@ def _u_of_parameter(name: str, at: float) -> float:
 
 
 def _hidden_m(after: Readout, setting: Setting, noise_m: float) -> float:
-    """Largest RMS, per coordinate, of something at the platform in single visits that the readings still allow: 95 %."""
+    """Largest RMS, per coordinate, of something at the platform in single visits that 95 % still allow."""
     sizes = np.geomspace(0.02, 20.0, 40)
     logs = platform_hides(after, setting, sizes)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
@@ -208,14 +208,17 @@ def _hidden_m(after: Readout, setting: Setting, noise_m: float) -> float:
 
 
 def _inside_geometry(baseline: Baseline) -> dict[str, float]:
-    """RMS of the fitted deviations, by what they stand for, in m."""
+    """RMS in m of the fitted offsets, by what they stand for; of the struts' weight, RMS of what it moves."""
     flat = baseline.columns.reshape(-1, baseline.columns.shape[2])
     coefficients = flat.T @ baseline.apply(baseline.residual).ravel()
     values = coefficients[: len(baseline.sigma)] * baseline.sigma
     out = {}
-    for name, prefixes in INSIDE.items():
+    for name, prefixes in OFFSETS.items():
         rows = [i for i, unknown in enumerate(baseline.names[: len(values)]) if unknown.startswith(prefixes)]
         out[name] = float(np.sqrt(np.mean(values[rows] ** 2))) if rows else 0.0
+    rows = [i for i, unknown in enumerate(baseline.names) if unknown.startswith("inside.weight.")]
+    moved = np.linalg.solve(baseline.whiten, (baseline.columns[:, :, rows] @ coefficients[rows])[:, :, None])
+    out["link_self_weight"] = float(np.sqrt(np.mean(moved[baseline.on_platform] ** 2)))
     return out
 
 

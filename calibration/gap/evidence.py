@@ -96,8 +96,8 @@ class Readout:
         by_channel: dict[str, dict[int, Array]] = {}
         for k, act in enumerate(acts):
             for channel, shape in act:
-                shapes = by_channel.setdefault(channel, {})
-                shapes[k] = shapes[k] + shape if k in shapes else shape
+                known = by_channel.setdefault(channel, {})
+                known[k] = known[k] + shape if k in known else shape
         along = np.zeros((self._q.shape[2], count))
         score = np.zeros(count)
         information = np.zeros((count, count))
@@ -147,7 +147,7 @@ class Readout:
         along = sums @ self._projection(channel)
         information = np.bincount(arrival, np.sum(response**2, axis=1), minlength=count) - np.sum(along**2, axis=1)
         score = np.bincount(arrival, np.sum(response * self.left, axis=1), minlength=count)
-        return np.maximum(information, 0.0), score
+        return np.asarray(np.maximum(information, 0.0)), np.asarray(score, dtype=np.float64)
 
     def _projection(self, channel: str) -> Array:
         """Rows (n, b): the channel's response along q."""

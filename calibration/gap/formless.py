@@ -26,7 +26,7 @@ CHANNELS_TRIED = 4  # coordinates are tried where single visits stand out most
 class Formless:
     """Something at channels that depends on a coordinate ('time', 'place', 'direction', 'rest', 'load', 'visit').
 
-    channels: names, each with what is one sigma of it; shapes (n, k): functions of the coordinate, common to all of them.
+    channels: names, each with what is one sigma of it; shapes (n, k): functions of the coordinate, common to them.
     log_evidence: over `none`; size: the likeliest, in sigma.
     """
 

@@ -138,17 +138,17 @@ def _of_places(readout: Readout, found: Field) -> Iterator[Share]:
     moves = machine.dof[machine.dof < 3]
     visit = known.visit[found.rows]
     block = visit % BLOCKS
-    total = np.bincount(block, np.sum(found.before**2, axis=1), minlength=BLOCKS)
+    total = np.asarray(np.bincount(block, np.sum(found.before**2, axis=1), minlength=BLOCKS), dtype=np.float64)
     for strut in machine.strut_names:
         response = readout.channels.shift_m(f"length.{strut}")[found.rows][:, moves]
-        yield _share("strut", strut, _explained(response, found.before, visit, block, total))
+        yield _share("strut", strut, _explained(response, found.before, visit, total))
     for i in np.unique(known.smr[found.rows]):
         own = np.where((known.smr[found.rows] == i)[:, None], found.before, 0.0)
         mine = np.bincount(block, np.sum(own**2, axis=1), minlength=BLOCKS)
         yield _share("smr", machine.smrs[i].name, np.stack([total - mine, total], axis=1))
 
 
-def _explained(response: Array, gap: Array, visit: NDArray[np.intp], block: NDArray[np.intp], total: Array) -> Array:
+def _explained(response: Array, gap: Array, visit: NDArray[np.intp], total: Array) -> Array:
     along = np.bincount(visit, np.sum(response * gap, axis=1))
     square = np.bincount(visit, np.sum(response**2, axis=1))
     explained = along**2 / np.maximum(square, 1e-300)

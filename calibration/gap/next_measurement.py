@@ -188,9 +188,9 @@ class _Hypotheses:
             if not forms.forms:
                 out.append(nothing)
                 continue
-            acts = forms.acts[forms.forms[0].columns[0]]
-            whole = float(np.sqrt(np.mean(through(acts, whole=True) ** 2)))
-            out.append(through(acts) * (SUPPOSED_SIGMA / max(whole, 1e-300)))
+            main = forms.acts[forms.forms[0].columns[0]]
+            whole = float(np.sqrt(np.mean(through(main, whole=True) ** 2)))
+            out.append(through(main) * (SUPPOSED_SIGMA / max(whole, 1e-300)))
         return np.array(out)
 
     def _moments(self, idea: _Idea) -> Moments:
@@ -253,7 +253,7 @@ class _Hypotheses:
 
 
 class _Through:
-    """What shapes through their channels do to readings of new visits, beyond what they did to the visits next to them."""
+    """What shapes through their channels do to new visits, beyond what they did to the visits next to them."""
 
     def __init__(self, known: Baseline, seen: Seen, rows: NDArray[np.intp], next_to: NDArray[np.intp]) -> None:
         self._channels, self._rows, self._next_to = Channels(seen), rows, next_to

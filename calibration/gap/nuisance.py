@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 HOUR_S = 3600.0
 LEVER_M = 3.0  # where the drift of a rig is declared
+OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
 WALK_TERMS = 14
 LOUD_M, LOUD_TERMS = 8.0e-6, 24  # a rig that wanders more is followed closer
 WAVE_TERMS = 5
@@ -35,6 +36,9 @@ def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
         for k in range(shapes.shape[1]):
             found.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
 
+    # A strut's own weight is inside the geometry: taken up, but no cause.
+    for strut in bare.machine.strut_names:
+        add(f"weight.{strut}", np.full((len(m), 1), OVERWEIGHT * bare.machine.moving_mass_kg), "inside")
     terms = WALK_TERMS if declared.drift_m < LOUD_M else LOUD_TERMS
     walk = brownian(m.elapsed_s / HOUR_S, terms)
     per_axis = declared.drift_m / np.sqrt(2.0)

@@ -46,7 +46,7 @@ class Periodogram:
         return 1.0 / max(float(np.ptp(self.position_m)), 1e-6)
 
     def strongest(self, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        """Periods (m) of the highest peaks within limits, and each one's prior probability (uniform in its logarithm)."""
+        """Periods (m) of the highest peaks within limits, with prior probabilities (uniform in the logarithm)."""
         inside = np.flatnonzero(
             (self.frequency >= 1.0 / longest_m) & (self.frequency <= 1.0 / max(shortest_m, SHORTEST_M))
         )

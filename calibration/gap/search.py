@@ -25,8 +25,8 @@ WORTH_A_LOOK = 4.0  # of log evidence that is left: below it nothing more is sea
 class Cause:
     """An effect as far as the readings speak for it: over all its places and forms, and at its best.
 
-    log_evidence: over `none`, natural logarithm. places: probability of each, given the effect. acts: columns of the best
-    form, in the order of its coefficients.
+    log_evidence: over `none`, natural logarithm. places: probability of each, given the effect. acts: columns of the
+    best form, in the order of its coefficients.
     """
 
     effect: Effect
@@ -90,11 +90,11 @@ def tested(setting: Setting, catalogue: Catalogue) -> tuple[list[Effect], dict[s
 class Explanation:
     """What the readings are explained by.
 
-    ranking: all effects alone, the likeliest first. causes: effects of the catalogue that together explain most; readouts:
-    before any of them and after each. log_evidence: of the causes together over `none`, less what
-    more than one of them costs; excess: by how much the best
-    form-free alternative, alone or on top of them, says more. formless: what is left to form-free alternatives on top of
-    the causes; alone: form-free alternatives without any cause (empty where not needed).
+    ranking: all effects alone, the likeliest first. causes: effects of the catalogue that together explain most;
+    readouts: before any of them and after each. log_evidence: of the causes together over `none`, less what more than
+    one of them costs; excess: by how much the best form-free alternative, alone or on top of them, says more. formless:
+    what is left to form-free alternatives on top of the causes; alone: form-free alternatives without any cause (empty
+    where not needed).
     """
 
     ranking: tuple[Cause, ...]
@@ -108,9 +108,10 @@ class Explanation:
 
 
 def explain(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> Explanation:
-    """Take effects of the catalogue into the model as long as they tell more than a size alone may; then look what is left."""
+    """Take effects into the model as long as each tells more than chance; then look at what is left."""
     ranking = weigh_effects(readout, setting, effects)
-    readouts, causes, total, best = [readout], [], 0.0, 0.0
+    readouts, total, best = [readout], 0.0, 0.0
+    causes: list[Cause] = []
     left: list[Formless] = []
     candidates = ranking
     while candidates and len(causes) < MOST_CAUSES:
@@ -163,7 +164,7 @@ def _near(setting: Setting, one: Cause, other: Cause) -> bool:
 
 def _in_order(readout: Readout, setting: Setting, causes: list[Cause]) -> tuple[list[Cause], list[Readout]]:
     """Each cause in the form that is best once the others belong to the model, the strongest first."""
-    again = []
+    again: list[Cause] = []
     for number, cause in enumerate(causes):
         without = readout
         for other, there in enumerate(causes):

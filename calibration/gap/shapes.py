@@ -1,4 +1,4 @@
-"""Families of functions of one coordinate, as columns (n, k) whose random combinations are smooth, rough or periodic."""
+"""Families of functions of one coordinate: columns (n, k) whose random combinations are smooth, rough or periodic."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Field:
 
 
 def regions(baseline: Baseline) -> NDArray[np.intp]:
-    """Which region (v,) of the workspace each visit is in: equal counts, by angle about the middle, the middle apart."""
+    """Region (v,) of the workspace of each visit: equal counts, by angle about the middle, the middle apart."""
     moves = baseline.machine.commanded
     place = baseline.poses.visits.target_m[:, moves]
     span = np.ptp(place, axis=0)
@@ -75,7 +75,7 @@ def withheld(readout: Readout, region: NDArray[np.intp]) -> Array:
 
 
 def field(readout: Readout, before: Array, after: Array) -> Field:
-    """Errors of predictions, from differences (n, 3) of `withheld`; the readout explains what the truth is taken to be."""
+    """Errors of predictions, from differences (n, 3) of `withheld`; the readout says what the truth is taken to be."""
     known = readout.baseline
     rows = np.flatnonzero(known.on_platform)
     moves = known.machine.dof[known.machine.dof < 3]

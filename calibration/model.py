@@ -7,7 +7,7 @@ and of the temperature sensors. They do not average out over readings, so they a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from calibration import equilibrium
 from calibration.equilibrium import Conditions, Equilibrium
 from calibration.machine import PARTS, Array, Geometry, Machine
 from calibration.parameters import ParameterSet
+from calibration.recording_header import PayloadEntry
 from calibration.rotation import skew
 from calibration.sensitivity import Sensitivity
 from calibration.visits import Visits
@@ -44,6 +45,17 @@ class Systematic:
     payload_com_m: float = 0.0
     expansion_per_k: Mapping[str, float] = field(default_factory=dict)
     temperature_k: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def stated(cls, payloads: Sequence[PayloadEntry], machine: Machine, temperature_k: float = 0.0) -> Systematic:
+        """What is stated of payloads (the largest uncertainty of the list) and of thermal expansion."""
+        shares = [p.u_mass_kg / p.mass_kg for p in payloads if p.mass_kg > 0.0]
+        return cls(
+            payload_mass=max(shares, default=0.0),
+            payload_com_m=max(p.u_com_m for p in payloads),
+            expansion_per_k=machine.u_expansion_per_k,
+            temperature_k=dict.fromkeys(machine.sensors, temperature_k),
+        )
 
     def unknowns(self, planar: bool) -> tuple[Unknown, ...]:
         """Those that are not taken as known."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,18 +13,15 @@ from calibration.closure import MeasuredPoses
 from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
 from calibration.data_checks import check_cover
 from calibration.identification import Estimator, Fit, identify
-from calibration.machine import Array, Machine
-from calibration.measurements.smr_positions import SmrPositions, Station
+from calibration.machine import Array
+from calibration.measurements.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording
-from calibration.recording_header import PayloadEntry
 from calibration.report_frame import ReportFrame
 from calibration.visits import Visits
 from pkm_rig.figures import Figures, figures, free_axes, scale_part
 from pkm_rig.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
-
-REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ def identify_recording(
     station = Station(
         reduction.report.frame, smrs, reduction.range_constant_u_m, stated.range_scale_u, REFRACTION_U_PER_M
     )
-    model = Model(ParameterSet.of(recording.machine), systematic(recording.file.payloads, recording.machine))
+    model = Model(ParameterSet.of(recording.machine), Systematic.stated(recording.file.payloads, recording.machine))
     fit = identify(model, seen.visits, [SmrPositions(seen, station)], estimator, robust=robust)
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
@@ -96,16 +92,6 @@ def _baselines(reduction: Reduction, station: Station) -> tuple[Baseline, ...]:
 
     measured = MeasuredPoses(seen.visits, reduction.poses.coordinates[rows], reduction.poses.covariance[rows])
     return fit_baselines(reduction.recording.machine, seen.visits, fit, stated, measured)
-
-
-def systematic(payloads: Sequence[PayloadEntry], machine: Machine) -> Systematic:
-    """What is known of payloads (the largest uncertainty of the list) and of thermal expansion."""
-    shares = [p.u_mass_kg / p.mass_kg for p in payloads if p.mass_kg > 0.0]
-    return Systematic(
-        payload_mass=max(shares, default=0.0),
-        payload_com_m=max(p.u_com_m for p in payloads),
-        expansion_per_k=machine.u_expansion_per_k,
-    )
 
 
 def prediction_figures(reduction: Reduction, rows: NDArray[np.bool_], predicted: Array) -> Figures:

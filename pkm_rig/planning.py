@@ -12,7 +12,7 @@ from calibration import station as station_geometry
 from calibration.frame import station_frame
 from calibration.machine import COORDINATES, Array, Machine
 from calibration.measurements import Readings
-from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model, Systematic
 from calibration.observability import planned_observability
@@ -30,7 +30,6 @@ from calibration.pose_selection import (
 )
 from calibration.toml_file import InputError
 from calibration.visits import Visits
-from pkm_rig.analysis import REFRACTION_U_PER_M, systematic
 from pkm_rig.config import RigFile
 from pkm_rig.output import results
 
@@ -54,7 +53,7 @@ class Planner:
         """As the rig's campaign measures: without and with its payload, all reflectors of platform and drives."""
         payloads = (file.payloads[0], file.payloads[file.campaign.loaded_payload])
         return cls(
-            Model(ParameterSet.of(machine), systematic(file.payloads, machine)),
+            Model(ParameterSet.of(machine), Systematic.stated(file.payloads, machine)),
             lambda visits: [_seen_by_station(file, machine, visits)],
             tuple(Load(p.mass_kg, p.com_m) for p in payloads),
         )

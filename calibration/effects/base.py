@@ -19,6 +19,7 @@ from calibration.machine import Array, Machine
 from calibration.recording_header import NuisanceEntry
 
 Place = Literal["drive", "strut", "smr", "rig"]
+Measured = Literal["norm", "sum", "rms", "range"]
 Acts = tuple[tuple[str, Array], ...]
 
 ABOVE_DECLARED = 2.0
@@ -146,7 +147,8 @@ class Effect:
     size: its first parameter; others follow. reveals: what in a campaign shows it. confounded: names of effects that
     look alike. forms: builds the forms at a place (index among drives, struts or platform reflectors; 0 for the rig).
     untested: why a campaign cannot show it, or None. declared: what of it a recording may declare as ordinary, in the
-    size's unit: only what exceeds that twice is the effect.
+    size's unit: only what exceeds that twice is the effect. measured: what the size of several main columns together
+    is: the norm of their coefficients, their sum, or RMS or range over the readings of what they do at their channel.
     """
 
     name: str
@@ -158,6 +160,7 @@ class Effect:
     others: tuple[Parameter, ...] = ()
     untested: Callable[[Setting], str | None] = lambda setting: None
     declared: Callable[[NuisanceEntry], float] = lambda nuisance: 0.0
+    measured: Measured = "norm"
 
     def smallest(self, nuisance: NuisanceEntry) -> float:
         """The smallest size that is this effect and not the declared wander of its rig."""

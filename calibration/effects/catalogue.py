@@ -6,6 +6,7 @@ A file is Python code of the user's own, given on the command line; nothing is l
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -59,7 +60,11 @@ def load_catalogue(files: Sequence[Path] = (), *, without: Collection[str] = ())
         key=lambda e: ORDER.index(e.name),
     )
     for point in entry_points(group=ENTRY_POINTS):
-        found += _checked(point.load(), f"entry point {point.name}")
+        try:
+            loaded = point.load()
+        except (Exception, SystemExit) as error:
+            raise InputError(f"entry point {point.name}: {_one_line(error)}; repair or remove its package") from error
+        found += _checked(loaded, f"entry point {point.name}")
     for path in files:
         found += _checked(_effects_of(path), str(path))
     names = [effect.name for effect in found]
@@ -74,11 +79,16 @@ def _effects_of(path: Path) -> object:
     if spec is None or spec.loader is None or not path.is_file():
         raise InputError(f"{path}: no Python file with effects; give a file that holds EFFECTS")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses look up what late annotations name
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
-        raise InputError(f"{path}: {type(error).__name__}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{path}: {_one_line(error)}") from error
     return getattr(module, "EFFECTS", None)
+
+
+def _one_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _checked(found: object, source: str) -> list[Effect]:

@@ -19,11 +19,11 @@ def coupling(s: Setting, drive: int) -> Forms:
     mine = s.along(drive)
     for other in s.partners(drive):
         (middle, half), q = s.middle_m(other), m.drives[:, other]
-        x = (q - middle) / half * 0.5
+        x, u = q - middle, s.along(other)
         straight = f.add((travel, x))
-        curve = f.add((travel, smooth(q, 5)))
-        crossed = f.add((travel, products(np.stack([x, 2.0 * x**2], axis=1), np.stack([mine, mine**2 - 0.4], axis=1))))
-        f.form(straight, curve, share=0.5)
+        curve = f.add((travel, half * smooth(q, 5)))
+        crossed = f.add((travel, half * products(np.stack([u, u**2], axis=1), np.stack([mine, mine**2 - 0.4], axis=1))))
+        f.form(straight, curve[1:], share=0.5)
         f.form(curve)
         f.form(crossed[:1], (*straight, *crossed[1:], *curve), share=0.3)
         pushed = f.add((travel, 0.25 * m.direction[:, other]))

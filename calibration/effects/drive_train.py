@@ -68,7 +68,7 @@ EFFECTS = (
     Effect(
         "screw_cumulative_error", "drive", Parameter("amplitude_m", 1e-6, 5e-4, "m", "RMS along the travel"),
         "drive coordinate, reflectors on the sliders", ("axis_coupling", "guide_straightness"), cumulative, (),
-        _short_travel,
+        _short_travel, measured="rms",
     ),
     Effect(
         "screw_periodic_error", "drive", Parameter("amplitude_m", 5e-7, 3e-4, "m", "of the sine"),

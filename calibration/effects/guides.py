@@ -73,14 +73,16 @@ EFFECTS = (
     Effect(
         "guide_straightness", "drive", Parameter("amplitude_m", 1e-6, 4e-4, "m", "RMS sideways"),
         "drive coordinate, reflectors on the sliders", ("screw_cumulative_error",), straightness, (), _short,
+        measured="rms",
     ),
     Effect(
         "guide_angular", "drive", Parameter("amplitude_rad", 2e-6, 4e-3, "rad", "RMS rotation"),
         "drive coordinate, platform rotation; not a slider's reflector", ("joint_clearance",), angular, (), _short,
+        measured="rms",
     ),
     Effect(
         "foundation_settling", "drive", Parameter("settled_m", 1e-6, 8e-4, "m", "how far the foot sinks"),
         "time, reflectors on the sliders against the floor nests", ("column_thermal_growth", "tracker_drift"),
-        settling, (Parameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin"),), _brief,
+        settling, (Parameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin"),), _brief, measured="range",
     ),
 )  # fmt: skip

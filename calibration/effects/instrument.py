@@ -96,6 +96,6 @@ EFFECTS = (
     ),
     Effect(
         "smr_reseat", "smr", Parameter("shift_m", 1e-6, 4e-4, "m", "of one reflector"),
-        "time, one reflector against the others", (), reseat, (_ONSET,), _brief, lambda n: n.reseat_m,
+        "time, one reflector against the others", (), reseat, (_ONSET,), _brief, lambda n: n.reseat_m, "range",
     ),
 )  # fmt: skip

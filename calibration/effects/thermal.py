@@ -104,16 +104,16 @@ EFFECTS = (
     Effect(
         "link_thermal_growth", "strut", _RISE, "time, a temperature swing",
         ("joint_clearance", "column_thermal_growth"), link_growth, (_TAU,), _too_short,
-        lambda n: n.temperature_k,
+        lambda n: n.temperature_k, "sum",
     ),
     Effect(
         "column_thermal_growth", "drive", _RISE, "time, a temperature swing, reflectors on the sliders",
         ("foundation_settling", "screw_thermal_growth"), column_growth, (_TAU,), _too_short,
-        lambda n: n.temperature_k,
+        lambda n: n.temperature_k, "sum",
     ),
     Effect(
         "screw_thermal_growth", "drive", _RISE, "time and the way moved, drive coordinate, reflectors on the sliders",
         ("column_thermal_growth",), screw_growth, (_TAU,), _too_short,
-        lambda n: n.temperature_k,
+        lambda n: n.temperature_k, "sum",
     ),
 )  # fmt: skip

@@ -16,7 +16,7 @@ from calibration.frame import Frame, station_frame
 from calibration.gap.moments import Moments, moments_of
 from calibration.gap.nuisance import nuisance_columns
 from calibration.machine import Array, Machine
-from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.model import Model, Poses, Systematic
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording
@@ -26,11 +26,11 @@ from calibration.visits import Visits
 
 NEST_PRIOR_M = 5.0e-3
 FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded poses
-REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 FIRST_STEPS = 2
 LEAST_VISITS = 20
 HUBER, FAR_OFF = 3.0, 4.0  # in standard deviations of one number of a reading
 MOST_OUTLIERS = 0.025
+MOST_SIGMA = 3.0
 UNSEEN = 2.0e-3  # information of a direction, over its prior's, below which readings say nothing of it
 
 
@@ -101,7 +101,9 @@ def baseline_of(recording: Recording) -> Baseline:
     seen, visit = _observations(used, smr, on_floor)
     _check_number(machine, seen.visits)
     frame = _start(used, seen)
-    model = Model(ParameterSet.of(machine), _systematic(used))
+    model = Model(
+        ParameterSet.of(machine), Systematic.stated(used.file.payloads, machine, used.file.nuisance.temperature_k)
+    )
     accuracy = used.file.station.accuracy
     smrs = tuple(sorted(set(seen.smr.tolist())))
     station = Station(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
@@ -109,23 +111,8 @@ def baseline_of(recording: Recording) -> Baseline:
     own = station.unknowns(machine)
     sigma = np.array([u.sigma for u in (*model.unknowns, *own)])
     sigma[len(model) + station.frame_column : len(model) + station.frame_column + 6] = FRAME_PRIOR
-    values, start = np.zeros(sigma.size), seen.visits.target_m
     on_pose = np.flatnonzero(~on_floor)
-    for step in range(FIRST_STEPS + 1):
-        poses = model.predict(values[: len(model)], seen.visits, start)
-        if not np.all(poses.rest.converged):
-            raise InputError(
-                f"recording {recording.file.campaign}: the model finds no equilibrium for a visit; check units, drive "
-                "coordinates and that the machine file fits the machine"
-            )
-        compared = readings.compare(poses, seen.visit[:, None], values[len(model) :])
-        columns = np.concatenate([compared.by_model, compared.by_own], axis=2) * sigma
-        right = np.einsum("nwu,u->nw", columns, values / sigma) - compared.residual
-        if step == FIRST_STEPS:
-            break
-        flat = columns.reshape(-1, sigma.size)
-        found = np.linalg.solve(flat.T @ flat + np.eye(sigma.size), flat.T @ right.ravel())
-        values, start = found * sigma, poses.rest.coordinates()
+    values, poses, columns, right = _linearised(model, readings, sigma, recording.file.campaign)
     frame = station.frame(values[len(model) :])
     residual = np.zeros((len(smr), 3))
     residual[on_pose] = right
@@ -176,6 +163,30 @@ def _without_outliers(linear: Baseline) -> Baseline:
     )
 
 
+def _linearised(model: Model, readings: SmrPositions, sigma: Array, campaign: str) -> tuple[Array, Poses, Array, Array]:
+    """Unknowns where the model is linearised, poses, whitened columns (r, 3, u) times sigma, and readings less model."""
+    seen, soft = readings.seen, model.parameters.rows("ln_stiffness")
+    values, start = np.zeros(sigma.size), seen.visits.target_m
+    for step in range(FIRST_STEPS + 1):
+        poses = model.predict(values[: len(model)], seen.visits, start)
+        if not np.all(poses.rest.converged):
+            raise InputError(
+                f"recording {campaign}: the model finds no equilibrium for a visit; check units, drive coordinates and "
+                "that the machine file fits the machine"
+            )
+        compared = readings.compare(poses, seen.visit[:, None], values[len(model) :])
+        columns = np.concatenate([compared.by_model, compared.by_own], axis=2) * sigma
+        right = np.einsum("nwu,u->nw", columns, values / sigma) - compared.residual
+        if step == FIRST_STEPS:
+            break
+        flat = columns.reshape(-1, sigma.size)
+        found = np.linalg.solve(flat.T @ flat + np.eye(sigma.size), flat.T @ right.ravel())
+        # A strong effect may ask for any stiffness; where the model is linearised, it stays plausible.
+        found[soft] = np.clip(found[soft], -MOST_SIGMA, MOST_SIGMA)
+        values, start = found * sigma, poses.rest.coordinates()
+    return values, poses, columns, right
+
+
 def usable_rows(recording: Recording) -> NDArray[np.intp]:
     """Rows that a diagnosis uses: calibration, repeatability and nests, without the station's warnings or tables."""
     phase = np.asarray(recording["phase"])
@@ -220,17 +231,6 @@ def _check_number(machine: Machine, visits: Visits) -> None:
     check_number(machine, visits.target_m)
     if len(visits) < LEAST_VISITS:
         raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
-
-
-def _systematic(used: Recording) -> Systematic:
-    """What is known of payloads (the largest uncertainty of the list) and of thermal expansion."""
-    shares = [p.u_mass_kg / p.mass_kg for p in used.file.payloads if p.mass_kg > 0.0]
-    return Systematic(
-        payload_mass=max(shares, default=0.0),
-        payload_com_m=max(p.u_com_m for p in used.file.payloads),
-        expansion_per_k=used.machine.u_expansion_per_k,
-        temperature_k=dict.fromkeys(used.machine.sensors, used.file.nuisance.temperature_k),
-    )
 
 
 def _mounted(machine: Machine, station: Station, own: Array, smr: int) -> Array:

@@ -166,14 +166,7 @@ def _platform_rms(baseline: Baseline, whitened: Array) -> float:
 
 def _found(cause: Cause, ranking: dict[str, float], readout: Readout, after: Readout) -> FoundEffect:
     best, effect = cause.best, cause.effect
-    main = [i for i, relative in enumerate(best.form.relative) if relative >= 1.0]
-    value = float(best.coefficients[main[0]])
-    u = float(np.sqrt(best.covariance[main[0], main[0]]))
-    if len(main) > 1:  # several columns share the size: its amplitude
-        some = best.coefficients[main]
-        value = float(np.linalg.norm(some))
-        direction = some / max(value, 1e-300)
-        u = float(np.sqrt(direction @ best.covariance[np.ix_(main, main)] @ direction))
+    value, u = _size(cause)
     signal = np.einsum("nwk,k->nw", readout.columns(cause.acts), best.coefficients)
     known = {p.name: p for p in effect.others}
     others = tuple(
@@ -191,6 +184,28 @@ def _found(cause: Cause, ranking: dict[str, float], readout: Readout, after: Rea
         visible_sigma=_platform_rms(readout.baseline, readout.apply(signal[:, :, None])[:, :, 0]),
         others=others,
     )
+
+
+def _size(cause: Cause) -> tuple[float, float]:
+    """Size of a cause in its best form and its standard uncertainty, by what its effect says of several columns."""
+    best = cause.best
+    main = [i for i, relative in enumerate(best.form.relative) if relative >= 1.0]
+    some, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
+    if len(main) == 1:
+        return float(some[0]), float(np.sqrt(covariance[0, 0]))
+    norm = float(np.linalg.norm(some))
+    u = float(np.sqrt(some @ covariance @ some)) / max(norm, 1e-300)
+    if cause.effect.measured == "norm":
+        return norm, u
+    if cause.effect.measured == "sum":
+        return float(np.sum(some)), float(np.sqrt(np.sum(covariance)))
+    done: dict[str, Array] = {}
+    for i, coefficient in zip(main, some, strict=True):
+        channel, shape = cause.acts[i][0]
+        done[channel] = done.get(channel, 0.0) + coefficient * shape
+    each = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in done.values()]
+    value = float(np.linalg.norm(each))
+    return value, u * value / max(norm, 1e-300)
 
 
 def _u_of_parameter(name: str, at: float) -> float:

@@ -45,7 +45,8 @@ def _of_coordinates(
     known = readout.baseline
     rows = np.flatnonzero(known.on_platform)
     region = regions(known)[known.visit[rows]]
-    gap = readout.apply((known.residual - truth.left)[:, :, None])[rows, :, 0]
+    # What the truth has beyond calibration and declared wander, as a refit leaves it: C^-1 (H c).
+    gap = (readout.left - truth.left)[rows]
     sides: dict[str, float] = {}
     for kind, name, shapes in _coordinates(readout, periods):
         through = readout.seen_through(acting, shapes, rows)

@@ -102,8 +102,8 @@ def moments_of(recording: Recording) -> Moments:
     visit = recording["visit"]
     t, dwell, drives = recording["t_rig_s"], recording["dwell_s"], recording.drives("actual_m")
     on_pose = np.asarray(recording["phase"]) != "nests"
-    first = np.unique(visit[on_pose], return_index=True)[1]
-    head = np.flatnonzero(on_pose)[first]
+    in_time = np.flatnonzero(on_pose)[np.argsort(t[on_pose], kind="stable")]
+    head = in_time[np.unique(visit[in_time], return_index=True)[1]]
     head = head[np.argsort(t[head], kind="stable")]
     history = History(t[head] - dwell[head], drives[head])
     place = {number: row for row, number in enumerate(visit[head].tolist())}

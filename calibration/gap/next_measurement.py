@@ -163,15 +163,16 @@ class _Hypotheses:
         """Whitened readings (h, r) of the platform's and the sliders' reflectors at the visits, by hypothesis."""
         known = self._known
         smrs = np.array(sorted(set(known.smr[known.visit >= 0].tolist())), dtype=np.intp)
-        new = self._moments(idea)
+        new, pose = self._moments(idea)
         after = joined(known.moments, held(known.moments, new))
-        seen = self._seen(new, smrs)
+        seen = self._seen(new, pose, smrs)
         everything = self._both(after, seen)
         setting = setting_from(everything, Channels(everything), lambda *_: [], lambda *_: [])
         first = len(known.smr)
         rows = np.repeat(np.arange(first, len(after)), len(smrs))
-        distance = np.sum((new.drives[:, None] - known.moments.drives[None]) ** 2, axis=2)
-        next_to = np.repeat(np.argmin(distance, axis=1), len(smrs))
+        measured = np.flatnonzero(known.visit >= 0)
+        distance = np.sum((new.drives[:, None] - known.moments.drives[measured][None]) ** 2, axis=2)
+        next_to = np.repeat(measured[np.argmin(distance, axis=1)], len(smrs))
         through = _Through(known, seen, rows, next_to)
         nothing = np.zeros(len(seen.smr) * 3)
         out = [nothing]
@@ -193,8 +194,8 @@ class _Hypotheses:
             out.append(through(main) * (SUPPOSED_SIGMA / max(whole, 1e-300)))
         return np.array(out)
 
-    def _moments(self, idea: _Idea) -> Moments:
-        """Moments of the visits, one a visit, after the campaign."""
+    def _moments(self, idea: _Idea) -> tuple[Moments, Array]:
+        """Moments of the visits, one a visit, after the campaign, and rough poses (v, 6) of the platform."""
         known, machine = self._known, self._known.machine
         m, n = known.moments, len(idea.visits)
         target = np.array([v.target_m for v in idea.visits])
@@ -207,7 +208,7 @@ class _Hypotheses:
         load = np.array([payloads[v.payload].mass_kg for v in idea.visits])
         torque = np.repeat(np.median(m.torque, axis=0)[None], n, axis=0)
         direction = np.array([v.direction for v in idea.visits], dtype=np.float64)
-        return Moments(
+        moments = Moments(
             history=History(times, drives),
             t_s=times,
             arrival=np.arange(n),
@@ -223,12 +224,12 @@ class _Hypotheses:
             temperatures_c={name: np.full(n, float(np.median(t))) for name, t in m.temperatures_c.items()},
             start_s=m.start_s,
         )
+        return moments, pose
 
-    def _seen(self, moments: Moments, smrs: NDArray[np.intp]) -> Seen:
+    def _seen(self, moments: Moments, pose: Array, smrs: NDArray[np.intp]) -> Seen:
         known = self._known
-        target = np.repeat(known.machine.workspace.mean(axis=1)[None], len(moments), axis=0)
         temperatures = {name: t for name, t in moments.temperatures_c.items() if name != "air"}
-        visits = Visits(moments.drives, target, moments.payload_kg, moments.payload_com_m, temperatures)
+        visits = Visits(moments.drives, pose, moments.payload_kg, moments.payload_com_m, temperatures)
         values = known.poses.values
         poses = known.poses.model.predict(values, visits)
         n, k = len(moments), len(smrs)
@@ -265,7 +266,7 @@ class _Through:
             self._channels.shift_m(name) * (shape[self._rows] - (0.0 if whole else 1.0) * shape[self._next_to])[:, None]
             for name, shape in acts
         )
-        return np.asarray(shift).ravel() / self._sigma_m
+        return np.nan_to_num(np.asarray(shift).ravel() / self._sigma_m)  # nothing is told of what cannot be reached
 
 
 def _reflectors(known: Baseline) -> Iterator[Candidate]:

@@ -28,9 +28,9 @@ from calibration.machine import Array, Machine, parse_machine
 from calibration.toml_file import InputError
 from calibration.visits import Visits
 
-SHARE_ASKED = (
-    40  # readings of the campaign a reading that is asked for: what forms take of all rows stays the campaign's
-)
+# Readings of the campaign for each that is asked for at once: means that forms take of all rows stay the campaign's.
+FOR_EACH = 40
+MOST_TRIED = 50  # readings of the campaign on which a twin is tried when it is read
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Twin:
         channels, setting = self.campaign.linear_at(poses, own, smr, row)
         memory = remembered(own, moments)
         out = np.zeros((len(rows), 3))
-        at_once = max(1, len(self.campaign.moments) // SHARE_ASKED)
+        at_once = max(1, len(self.campaign.moments) // FOR_EACH)
         for first in range(0, len(rows), at_once):
             part = np.arange(first, min(first + at_once, len(rows)))
             together = self._together(setting, part, beside(self.campaign.memory, own, memory, rows[part]))
@@ -163,7 +163,8 @@ class Twin:
     def _try(self) -> None:
         """Use everything once: what is not fit shows here, not while the twin is served."""
         try:
-            self.readings_m(self.campaign.moments, np.arange(1), self.campaign.smr[:1])
+            rows = np.unique(np.linspace(0, len(self.campaign.smr) - 1, MOST_TRIED).astype(np.intp))
+            self.readings_m(self.campaign.moments, rows, self.campaign.smr[rows])
         except InputError:
             raise
         except Exception as error:  # an effect of one's own may raise anything

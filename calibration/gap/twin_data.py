@@ -17,9 +17,10 @@ from calibration.toml_file import InputError
 
 FORMAT = 1
 LARGEST = 1e12  # of any number
+LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
 NOT_A_ROTATION = 1e-6
-MOST_ADDED = 16
+MOST_ADDED, MOST_ANSWERS = 16, 1000
 
 
 def to_data(campaign: Campaign, fit: Fit, added: Sequence[Added]) -> dict[str, Any]:
@@ -116,7 +117,7 @@ def _rows(
     machine: Machine, data: Mapping[str, Any], moments: Moments
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """Reflector and visit of each reading, poses of the visits."""
-    rest = _numbers("rest", data["rest"], None, 6, largest=LARGEST_UNKNOWN)
+    rest = _numbers("rest", data["rest"], None, 6, largest=LARGEST_PLACE_M)
     smr = _counts("smr", data["smr"], 0, len(machine.smrs))
     visit = _counts("visit", data["visit"], -1, len(rest))
     on_floor = np.array([s.on == "floor" for s in machine.smrs])
@@ -157,7 +158,7 @@ def _added(machine: Machine, data: Mapping[str, Any], catalogue: Catalogue) -> A
 
 def _answers(answers: Any, least: float) -> tuple[tuple[float, ...], ...]:
     """What was told question by question; every answer at least so large."""
-    if not isinstance(answers, list) or len(answers) > MOST_ADDED:
+    if not isinstance(answers, list) or len(answers) > MOST_ANSWERS:
         raise ValueError("periods or onsets are no list of answers")
     out = [tuple(_numbers("answers", answer, None).tolist()) if answer != [] else () for answer in answers]
     if any(value < least for answer in out for value in answer):

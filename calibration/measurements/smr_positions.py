@@ -18,6 +18,7 @@ from calibration.visits import Visits
 
 FRAME_PRIOR_M = 10.0  # so wide that it says nothing
 FRAME_PRIOR_RAD = 1.0
+REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 
 
 @dataclass(frozen=True)

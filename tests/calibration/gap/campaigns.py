@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -29,6 +31,13 @@ NOTHING = ("t_u_s", "prism_constant_m", "ppm", "payload", "payload_mass_kg", "co
 STATION_M = (0.3, -0.2, 4.0)
 
 
+def example() -> str:
+    """The Python file in docs/effects.md."""
+    text = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    return block
+
+
 def plant(visits: int, *effects: EffectChoice, seed: int = 1, design: DesignOptions | None = None, **settings) -> Bench:
     """The mock plant with a drawn campaign; its station does not drift."""
     design = replace(design or DesignOptions(), visits=visits, poses=2 * visits // 3)
@@ -42,6 +51,12 @@ def recorded(bench: Bench) -> Recording:
     made = bench.record()
     columns = {n: c.astype(str) if c.dtype.kind in "US" else c.astype(np.float64) for n, c in made.columns.items()}
     return Recording(RecordingFile(**made.header), load_machine(PLANAR), columns)
+
+
+def noise_free_m(bench: Bench) -> np.ndarray:
+    """The same readings (n, 3) without noise: what is wrong with the station's ranges is in them."""
+    quiet = replace(bench.settings.instrument, angle_sd_rad=1e-15, range_sd_m=1e-12)
+    return recorded(Bench(PLANAR, replace(bench.settings, instrument=quiet), bench.timeline)).positions_m
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,26 @@ def test_rows_and_readings_belong_together(wandering, small):
     assert np.array_equal(small.visit < 0, np.asarray(wandering["phase"])[small.rows] == "nests")
 
 
+def shifted(recording, rows, metres):
+    """A recording with some readings off across the line of sight."""
+    x = recording["x_m"].copy()
+    x[rows] += metres
+    return changed(recording, x_m=x)
+
+
+def test_few_readings_that_are_far_off_change_little():
+    recording = recorded(plant(80))
+    on_platform = np.flatnonzero(np.char.startswith(np.asarray(recording["smr"]), "P"))
+    rows = np.random.default_rng(2).choice(on_platform, 3, replace=False)
+    assert diagnose(shifted(recording, rows, 1.5e-4)).verdict == "none"
+
+
+def test_many_readings_that_are_far_off_count_fully(wandering):
+    rows = np.flatnonzero((np.asarray(wandering["smr"]) == "P1") & (wandering["visit"] % 2 == 0))
+    plain, far = baseline_of(wandering), baseline_of(shifted(wandering, rows, 1.5e-4))
+    assert np.linalg.det(far.whiten) == pytest.approx(np.linalg.det(plain.whiten), rel=0.01)
+
+
 def test_flagged_readings_alone_are_refused(wandering):
     refused(changed(wandering, flags=np.ones(len(wandering))), "unflagged")
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from dataclasses import asdict
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,10 +17,9 @@ from calibration.gap.moments import moments_of
 from calibration.gap.result import KINDS, NONE, UNKNOWN
 from mock_devices.effects import EffectChoice
 from mock_devices.settings import Nuisance
-from tests.calibration.gap.campaigns import changed, plant, recorded, simulated
+from tests.calibration.gap.campaigns import changed, example, noise_free_m, plant, recorded, simulated
 from tests.calibration.gap.conftest import BACKLASH_M
 
-DOCS = Path(__file__).parents[3] / "docs"
 CREEP_M = 4.0e-5
 
 
@@ -131,7 +128,7 @@ def test_a_very_strong_effect_is_diagnosed_all_the_same(name, size):
 
 def test_what_was_withheld_is_predicted_better(backlash, reversing, strong):
     """Against the plant's noise-free points, in the plane that the machine moves in."""
-    clean, rows = reversing.points_m(), backlash.withheld.rows
+    clean, rows = noise_free_m(reversing), backlash.withheld.rows
     assert np.array_equal(np.unique(rows), np.sort(rows))
     on_platform = np.char.startswith(np.asarray(strong["smr"])[rows], "P")
     assert np.all(on_platform)
@@ -193,11 +190,8 @@ def test_with_its_class_removed_it_is_unknown(periodic):
 def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creeping, tmp_path):
     """The file is the example of docs/effects.md."""
     assert diagnose(creeping).verdict == UNKNOWN
-    text = (DOCS / "effects.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    assert len(blocks) == 1
     path = tmp_path / "mine.py"
-    path.write_text(blocks[0], encoding="utf-8")
+    path.write_text(example(), encoding="utf-8")
     catalogue = load_catalogue([path])
     diagnosis = diagnose(creeping, catalogue)
     check_consistent(diagnosis, catalogue)
@@ -209,9 +203,8 @@ def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creepin
 
 
 def test_the_example_says_when_it_cannot_be_tested(creeping, tmp_path):
-    text = (DOCS / "effects.md").read_text(encoding="utf-8")
     path = tmp_path / "mine.py"
-    path.write_text(re.search(r"```python\n(.*?)```", text, flags=re.DOTALL)[1], encoding="utf-8")
+    path.write_text(example(), encoding="utf-8")
     catalogue = load_catalogue([path])
     still = {f"{d}_actual_m": np.full(len(creeping), 1.0) for d in creeping.file.drives}
     setting = SimpleNamespace(moments=moments_of(changed(creeping, **still)))

@@ -63,7 +63,7 @@ def test_the_size_is_in_its_own_unit(name, departure, size, rel):
 
 
 def test_raw_and_visible_size_are_those_of_the_readings():
-    """RMS of the true change of a reading's coordinate, without noise, in stated angle deviations times the distance."""
+    """RMS of the true change of a reading's coordinate in units of the stated angle deviation times the distance."""
     true, without = (simulated("planar4", 80, d, noise=0.0) for d in (play, None))
     platform = np.char.startswith(np.asarray(true["smr"]), "P")
     change = (true.positions_m - without.positions_m)[platform][:, [0, 2]]  # the station looks along z: x and height

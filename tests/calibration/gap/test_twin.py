@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.baseline import baseline_of
-from calibration.gap.diagnosis import diagnose_and_add
+from calibration.gap.diagnosis import diagnose_and_add, diagnose_and_score
 from calibration.gap.evidence import Readout
 from calibration.gap.moments import moments_of
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
 from calibration.toml_file import InputError
 from mock_devices.effects import EffectChoice
-from tests.calibration.gap.campaigns import PLANAR, plant, recorded
+from tests.calibration.gap.campaigns import PLANAR, example, noise_free_m, plant, recorded, simulated
 
 TEXT = PLANAR.read_text(encoding="utf-8")
 NUISANCE = ("range.", "refraction.", "drift.", "reseat.", "reversal.", "temperature.")
@@ -86,7 +86,7 @@ def test_the_twin_is_the_machine_that_the_readings_speak_of(case, strong):
 
 def test_the_twin_is_nearer_to_the_plant_than_the_model(twin, reversing, strong):
     """Noise-free points of the plant; its station does not drift."""
-    baseline, clean = baseline_of(strong), reversing.points_m()
+    baseline, clean = baseline_of(strong), noise_free_m(reversing)
     with_effect, without = (rms_of_shape(t, baseline, clean) for t in (twin, replace(twin, added=())))
     assert with_effect < 5e-6
     assert with_effect < 0.4 * without
@@ -101,7 +101,7 @@ def test_calibration_and_effect_are_found_together(name, size):
     recording = recorded(bench)
     diagnosis, twin = diagnose_and_add(recording)
     assert diagnosis.verdict == name
-    assert rms_of_shape(twin, baseline_of(recording), bench.points_m()) < 6e-6
+    assert rms_of_shape(twin, baseline_of(recording), noise_free_m(bench)) < 6e-6
 
 
 def test_the_twin_of_a_sound_machine_has_no_effect():
@@ -109,7 +109,7 @@ def test_the_twin_of_a_sound_machine_has_no_effect():
     recording = recorded(bench)
     _, twin = diagnose_and_add(recording)
     assert not twin.added
-    assert rms_of_shape(twin, baseline_of(recording), bench.points_m()) < 4e-6
+    assert rms_of_shape(twin, baseline_of(recording), noise_free_m(bench)) < 4e-6
 
 
 def test_a_single_moment_gives_what_all_give(twin, strong):
@@ -135,6 +135,28 @@ def test_an_effect_that_is_not_known_is_named(twin):
         Twin.from_data(TEXT, data)
     with pytest.raises(InputError, match="backlash"):
         Twin.from_data(TEXT, twin.to_data(), load_catalogue(without=("backlash",)))
+
+
+def test_a_twin_with_an_effect_of_ones_own_needs_its_file(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(example(), encoding="utf-8")
+    recording = simulated("planar4", 60, lambda a: -1e-4 * a.way_m * np.array([1.0, 0.0]))
+    catalogue = load_catalogue([path])
+    diagnosis, twin = diagnose_and_add(recording, catalogue)
+    data = json.loads(json.dumps(twin.to_data()))
+    with pytest.raises(InputError, match=f"{diagnosis.verdict}.*--effects"):
+        Twin.from_data(TEXT, data)
+    moments, rows = moments_of(recording), np.arange(20)
+    again = Twin.from_data(TEXT, data, load_catalogue([path]))
+    assert np.array_equal(again.places_m(moments, rows), twin.places_m(moments, rows))
+
+
+def test_the_score_is_that_of_readings_that_were_withheld(strong, case):
+    diagnosis, _, score = diagnose_and_score(strong)
+    assert score.figures.shrink == pytest.approx(diagnosis.gap.shrink, abs=0.05)
+    assert score.figures.before_m == pytest.approx(case[0].gap.before_m, rel=0.05)
+    assert score.readings == len(diagnosis.withheld.rows)
+    assert 0.8 < score.after_sigma < 1.2 < score.before_sigma
 
 
 def test_the_data_of_another_machine_are_refused(twin):

@@ -164,7 +164,7 @@ def _without_outliers(linear: Baseline) -> Baseline:
 
 
 def _linearised(model: Model, readings: SmrPositions, sigma: Array, campaign: str) -> tuple[Array, Poses, Array, Array]:
-    """Unknowns where the model is linearised, poses, whitened columns (r, 3, u) times sigma, and readings less model."""
+    """Unknowns where the model is linearised, poses, whitened columns (r, 3, u) times sigma, readings less model."""
     seen, soft = readings.seen, model.parameters.rows("ln_stiffness")
     values, start = np.zeros(sigma.size), seen.visits.target_m
     for step in range(FIRST_STEPS + 1):

@@ -17,6 +17,7 @@ from calibration.gap.shapes import brownian, products, smooth
 from calibration.machine import Array
 
 WITHOUT_VISITS = ("light.", "station.", "floor.", "smr.")
+UNSEEN = 1e-9  # sigma a unit of a channel
 REST_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
 CHANNELS_TRIED = 4  # coordinates are tried where single visits stand out most
@@ -96,8 +97,9 @@ def platform_hides(readout: Readout, setting: Setting, sizes_sigma: Array) -> Ar
 
 
 def _sigma(readout: Readout, channel: str) -> float:
-    """What of a channel moves a reading by one standard deviation, RMS."""
-    return 1.0 / max(float(np.sqrt(np.mean(readout.response(channel) ** 2))), 1e-300)
+    """What of a channel moves a reading by one standard deviation, RMS; zero where nothing sees it."""
+    rms = float(np.sqrt(np.mean(readout.response(channel) ** 2)))
+    return 1.0 / rms if rms > UNSEEN else 0.0
 
 
 def _weighed(readout: Readout, group: tuple[str, ...], coordinate: str, shapes: Array) -> Formless:

@@ -14,7 +14,7 @@ from calibration.gap.formless import Formless, weigh_formless
 from calibration.machine import Array
 
 MOST_CAUSES = 3
-SEEN = 8.0  # of log evidence: below it nothing is taken into the model
+SEEN = 6.0  # of log evidence: below it nothing is taken into the model
 LEAST_SHARE = 0.006  # of what is explained already, that a further cause must add
 LEAST_SHARE_NEARBY = 0.03  # the same where it could be what the former one's form leaves
 FURTHER, FURTHER_SHARE = 10.0, 0.02  # what every further cause costs: several together mimic much that is one

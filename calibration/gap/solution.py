@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.frame import Frame
 from calibration.gap.baseline import NEST_PRIOR_M, Baseline
 from calibration.gap.evidence import Readout
 from calibration.gap.search import Cause
@@ -75,7 +76,8 @@ class Joint:
         self._before = np.zeros(count)
         self._before[self._first : self._first + 6] = known.values[self._first : self._first + 6]
         rows = self._on_pose
-        covariances = known.recording.covariances_m2[known.rows[rows]]
+        spread = np.linalg.inv(known.whiten[rows])
+        covariances = spread @ spread.transpose(0, 2, 1)  # the baseline's weights among them
         visits = known.poses.visits
         self._readings = SmrPositions(
             Observations(visits, known.visit[rows], known.smr[rows], known.position_m[rows], covariances), self._station
@@ -166,11 +168,17 @@ class Joint:
         frame = self._station.frame((values - self._before)[len(known.poses.model) :])
         nuisance = next((k for k, n in enumerate(names) if k >= count and not n.startswith("nest.")), len(names))
         sizes = [cause.deviations.size for cause in self._causes]
+        fit = Fit(_whole(known, values), frame, mounted)
+        ranges = {name: value for name, value in at.items() if name.startswith(("range.", "refraction."))}
+        for i, smr in enumerate(known.machine.smrs):
+            if smr.on == "floor":  # a nest's unknowns hold what the station states, its errors of range included
+                stated = _stated_m(known, fit.frame, ranges, mounted[i : i + 1])[0]
+                mounted[i] -= (stated - fit.frame.to_station(mounted[i : i + 1])[0]) @ fit.frame.rotation
         return Solution(
             z=z,
             c=c,
-            fit=Fit(_whole(known, values), frame, mounted),
-            ranges={name: value for name, value in at.items() if name.startswith(("range.", "refraction."))},
+            fit=fit,
+            ranges=ranges,
             coefficients=tuple(np.split(c * self._deviations, np.cumsum(sizes)[:-1])) if sizes else (),
             wander=known.columns[:, :, nuisance:] @ z[nuisance:],
         )
@@ -190,14 +198,12 @@ def _whole(known: Baseline, values: Array) -> Array:
 
 def stated_m(known: Baseline, solution: Solution, places_m: Array) -> Array:
     """Places (n, 3) of the machine's frame as the station states them."""
+    return _stated_m(known, solution.fit.frame, solution.ranges, places_m)
+
+
+def _stated_m(known: Baseline, frame: Frame, ranges: dict[str, float], places_m: Array) -> Array:
     accuracy = known.recording.file.station.accuracy
-    station = Station(
-        solution.fit.frame,
-        (),
-        accuracy.range_constant_u_m,
-        accuracy.range_scale_u,
-        REFRACTION_U_PER_M,
-        known_frame=True,
-    )
-    own = np.array([solution.ranges.get(u.name, 0.0) for u in station.unknowns(known.machine)])
+    constant_u_m, scale_u = accuracy.range_constant_u_m, accuracy.range_scale_u
+    station = Station(frame, (), constant_u_m, scale_u, REFRACTION_U_PER_M, known_frame=True)
+    own = np.array([ranges.get(u.name, 0.0) for u in station.unknowns(known.machine)])
     return station.see(known.machine, own, places_m)[0]

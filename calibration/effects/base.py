@@ -185,3 +185,9 @@ def ladder(low: float, high: float, count: int) -> list[float]:
 def varied(x: Array, least: float) -> bool:
     """Whether a coordinate takes values at least so far apart."""
     return bool(np.ptp(x) >= least)
+
+
+def strongest_onset(setting: Setting, channels: Sequence[str]) -> dict[str, float]:
+    """The parameter `onset_s` of a form that tells of no single moment: when most of it happened."""
+    found = setting.onsets(channels)
+    return {"onset_s": found[0][0]} if found else {}

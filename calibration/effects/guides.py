@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.effects.base import Effect, Forms, Parameter, Setting, varied
+from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
 from calibration.gap.shapes import brownian, smooth
 from calibration.machine import Array
 
@@ -48,7 +48,8 @@ def settling(s: Setting, drive: int) -> Forms:
         return down, [c for each in lean for c in each]
 
     end = float(t.max())
-    for onset, prior in s.onsets((travel, *s.of_drive("sideways", drive))):
+    moved = (travel, *s.of_drive("sideways", drive))
+    for onset, prior in s.onsets(moved):
         down, lean = columns((t >= onset).astype(np.float64))
         f.form(down, lean, share=0.5, onset_s=onset, weight=prior * ONSETS)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
@@ -56,8 +57,9 @@ def settling(s: Setting, drive: int) -> Forms:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau))
             f.form(down, lean, share=0.5, onset_s=float(onset))
     down, lean = columns(brownian(t / max(end, 1.0), 24))
-    f.form(down, lean, share=0.5, weight=4.0)
-    f.form(down[:6], lean[:6], share=0.5, weight=4.0)
+    most = strongest_onset(s, moved)
+    f.form(down, lean, share=0.5, weight=4.0, **most)
+    f.form(down[:6], lean[:6], share=0.5, weight=4.0, **most)
     return f
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.effects.base import Effect, Forms, Parameter, Setting, varied
+from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
 from calibration.gap.shapes import brownian, products
 from calibration.machine import Array
 
@@ -70,7 +70,7 @@ def reseat(s: Setting, smr: int) -> Forms:
     numbers = np.unique(m.exchanges)[1:]
     if numbers.size:
         f.form(shift((m.exchanges[:, None] == numbers).astype(np.float64)), weight=ONSETS / 2)
-    f.form(shift(brownian(t / max(end, 1.0), 48)), weight=ONSETS / 2)
+    f.form(shift(brownian(t / max(end, 1.0), 48)), (), weight=ONSETS / 2, **strongest_onset(s, channels))
     return f
 
 

@@ -16,7 +16,7 @@ from calibration.gap.shapes import brownian, products, smooth
 from calibration.gap.shrink import Field, regions
 from calibration.machine import COORDINATES, Array
 
-RIDGE = 1e-3  # of a column's own square
+RIDGES = (1e-3, 1e-1)  # of a column's own square: coordinates with many shapes want more
 LONGEST_M, SHORTEST_M = 0.06, 2.0e-5
 BLOCKS = 8
 MOST_CHANNELS = 4
@@ -66,12 +66,15 @@ def _learnt(columns: Array, gap: Array, region: NDArray[np.intp]) -> Array:
     parts = [(columns[region == r].reshape(-1, columns.shape[2]), gap[region == r].ravel()) for r in range(count)]
     grams, scores = [x.T @ x for x, _ in parts], [x.T @ y for x, y in parts]
     gram, score = np.sum(grams, axis=0), np.sum(scores, axis=0)
-    ridge = RIDGE * np.diag(np.diag(gram) + 1e-300)
-    out = np.zeros((count, 2))
-    for r, (x, y) in enumerate(parts):
-        c = np.linalg.solve(gram - grams[r] + ridge, score - scores[r])
-        out[r] = float(np.sum((y - x @ c) ** 2)), float(y @ y)
-    return out
+    tried = []
+    for ridge in RIDGES:
+        held = ridge * np.diag(np.diag(gram) + 1e-300)
+        out = np.zeros((count, 2))
+        for r, (x, y) in enumerate(parts):
+            c = np.linalg.solve(gram - grams[r] + held, score - scores[r])
+            out[r] = float(np.sum((y - x @ c) ** 2)), float(y @ y)
+        tried.append(out)
+    return min(tried, key=lambda out: float(out[:, 0].sum()))
 
 
 def _share(kind: str, name: str, parts: Array) -> Share:

@@ -59,7 +59,11 @@ def candidates(
     if not ideas:
         return ()
     hypotheses = _Hypotheses(readout, found, ranking, untested)
-    out = [hypotheses.judged(idea, _minutes(known, idea)) for idea in ideas]
+    # All visits at once: forms are built over the campaign only once.
+    everything = _Idea("", "", tuple(visit for idea in ideas for visit in idea.visits))
+    parts = np.split(hypotheses.predicted(everything), len(ideas), axis=1)
+    pairs = zip(ideas, parts, strict=True)
+    out = [hypotheses.judged(idea, predicted, _minutes(known, idea)) for idea, predicted in pairs]
     out.sort(key=lambda candidate: -candidate.gain_bit_per_min)
     return (*out[:MOST], *_reflectors(known))
 
@@ -146,9 +150,8 @@ class _Hypotheses:
         self.prior = np.array([*(rest * w for w in weights), *([shared] * len(self._supposed))])
         self.prior /= self.prior.sum()
 
-    def judged(self, idea: _Idea, minutes: float) -> Candidate:
-        """The idea with its gain, and the names that it would tell apart."""
-        predicted = self._predicted(idea)
+    def judged(self, idea: _Idea, predicted: Array, minutes: float) -> Candidate:
+        """The idea with its gain, and the names that it would tell apart; predicted (h, r) at its visits."""
         distance = np.sum((predicted[:, None] - predicted[None]) ** 2, axis=2) / 8.0
         entropy_left = self.prior @ np.log(np.exp(-distance) @ self.prior)
         gain = float(-entropy_left / np.log(2.0))
@@ -159,7 +162,7 @@ class _Hypotheses:
         }
         return Candidate(idea.name, idea.adds, tuple(sorted(settles)), minutes, gain, idea.visits)
 
-    def _predicted(self, idea: _Idea) -> Array:
+    def predicted(self, idea: _Idea) -> Array:
         """Whitened readings (h, r) of the platform's and the sliders' reflectors at the visits, by hypothesis."""
         known = self._known
         smrs = np.array(sorted(set(known.smr[known.visit >= 0].tolist())), dtype=np.intp)
@@ -203,7 +206,8 @@ class _Hypotheses:
         pose[:, :3] -= rotation_matrix(target[:, 3:]) @ machine.tool_point_m
         drives = rigid_drives(machine, known.poses.geometry, pose)
         drives = np.where(np.isfinite(drives), drives, np.nanmean(drives, axis=0))
-        times = float(m.t_s.max()) + np.arange(1, n + 1) * 60.0 * _minutes(known, idea) / n
+        pace = float(np.median(np.diff(m.history.arrived_s)))
+        times = np.asarray(float(m.t_s.max()) + pace * (1.0 + np.arange(n) % VISITS), dtype=np.float64)
         payloads = known.recording.file.payloads
         load = np.array([payloads[v.payload].mass_kg for v in idea.visits])
         torque = np.repeat(np.median(m.torque, axis=0)[None], n, axis=0)

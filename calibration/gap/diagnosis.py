@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from calibration.effects.base import Setting
@@ -16,24 +18,20 @@ from calibration.gap.result import (
     UNKNOWN,
     Clue,
     Diagnosis,
-    FoundEffect,
     GapFigures,
-    Quantity,
     VisitGaps,
     Withheld,
 )
 from calibration.gap.search import Cause, Explanation, explain, taken, tested
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.solution import Joint
+from calibration.gap.telling import equivalents, found_effect
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore, scored
 from calibration.gap.verdict import probabilities
 from calibration.machine import Array
 from calibration.recording import Recording
 
-EQUIVALENT_SIGMA = 0.3
-TOLD_APART, TOLD_APART_SHARE = 10.0, 0.05  # of log evidence, by which the data do tell an effect from the first
-COMPARED = 6  # effects that come next in the ranking are held against the first
 CLUES = 4
 SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated
 OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
@@ -41,27 +39,35 @@ OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "b
 
 def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagnosis:
     """Where the gap of a recording lies, which effect causes it, how far it shrinks. InputError where it is not fit."""
-    return _diagnosed(recording, catalogue)[0]
+    return _diagnosed(recording, catalogue).diagnosis
 
 
 def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
     """The diagnosis, and the machine's twin: the fitted model with the effects that were found."""
-    diagnosis, readout, _, causes, setting = _diagnosed(recording, catalogue)
-    return diagnosis, Twin.of(readout, causes, setting)
+    worked = _diagnosed(recording, catalogue)
+    return worked.diagnosis, Twin.of(worked.readout, worked.causes, worked.setting)
 
 
 def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin, TwinScore]:
     """The same, and how the campaign simulated on the twin agrees with readings withheld from it."""
-    diagnosis, readout, truth, causes, setting = _diagnosed(recording, catalogue)
-    joint = Joint(readout, causes)
-    twin = Twin.by(joint.solution, readout, causes, setting)
-    return diagnosis, twin, scored(readout, truth, joint, twin)
+    worked = _diagnosed(recording, catalogue)
+    joint = Joint(worked.readout, worked.causes)
+    twin = Twin.by(joint.solution, worked.readout, worked.causes, worked.setting)
+    return worked.diagnosis, twin, scored(worked.readout, worked.truth, joint, twin)
 
 
-def _diagnosed(
-    recording: Recording, catalogue: Catalogue | None
-) -> tuple[Diagnosis, Readout, Readout, tuple[Cause, ...], Setting]:
-    """The diagnosis, and what a twin is made of: the readout before the causes, the one for the truth, the causes."""
+@dataclass(frozen=True)
+class _Worked:
+    """A diagnosis, and what a twin is made of: the readout before the causes, the one for the truth, the causes."""
+
+    diagnosis: Diagnosis
+    readout: Readout
+    truth: Readout
+    causes: tuple[Cause, ...]
+    setting: Setting
+
+
+def _diagnosed(recording: Recording, catalogue: Catalogue | None) -> _Worked:
     catalogue = catalogue or load_catalogue()
     baseline = baseline_of(recording)
     readout = Readout(baseline)
@@ -81,13 +87,13 @@ def _diagnosed(
     truth = _with_safeguards(found, after)
     field = shrink.field(truth, before_left, after_left)
     gap = shrink.figures(field) if causes else _unchanged(shrink.figures(field))
-    equivalent, matters = _equivalents(found, readout, verdict) if named else ((), 0.0)
+    equivalent, matters = equivalents(found, readout, verdict) if named else ((), 0.0)
     diagnosis = Diagnosis(
         campaign=recording.file.campaign,
         verdict=verdict,
         equivalent=equivalent,
         matters_m=matters * field.noise_m,
-        effects=tuple(_found(cause, ranking, readout, after) for cause in causes),
+        effects=tuple(found_effect(cause, ranking, readout, main=cause.effect.name == verdict) for cause in causes),
         ranking=ranking,
         where=location.shares(readout, truth, field, _acting(found, readout, causes), periods),
         gap=gap,
@@ -96,12 +102,12 @@ def _diagnosed(
         inside_geometry=_inside_geometry(baseline),
         clues=_clues(found) if verdict == UNKNOWN else (),
         next_measurement=candidates(readout, found, ranking, untested),
-        withheld=_withheld(baseline, readout, before_left, after, after_left, field),
+        withheld=_withheld(readout, before_left, after, after_left, field),
         visits=_visits(baseline, field),
         spectra=location.spectra(readout, periods),
         remarks=_remarks(found, verdict),
     )
-    return diagnosis, readout, truth, causes, setting
+    return _Worked(diagnosis, readout, truth, causes, setting)
 
 
 def _main_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
@@ -135,82 +141,6 @@ def _with_safeguards(found: Explanation, after: Readout) -> Readout:
     for formless in pool[:SAFEGUARDS]:
         after = taken(after, formless)
     return after
-
-
-def _equivalents(found: Explanation, readout: Readout, verdict: str) -> tuple[tuple[str, ...], float]:
-    """Effects that the readings do not exclude and whose prediction, calibration fitted again, is that of the first to
-    0.3 sigma; the largest difference."""
-    first = next((c for c in found.causes if c.effect.name == verdict), None)
-    if first is None:
-        return (), 0.0
-    signal = np.einsum("nwk,k->nw", readout.columns(first.acts), first.best.coefficients)
-    names, most = [], 0.0
-    alone = next(c.log_evidence for c in found.ranking if c.effect.name == verdict)
-    open_still = alone - TOLD_APART - TOLD_APART_SHARE * alone
-    rivals = [c for c in found.ranking if c.effect.name != verdict and c.log_evidence > open_still]
-    for other in rivals[:COMPARED]:
-        left = taken(readout, other).apply(signal[:, :, None])[:, :, 0]
-        apart = _platform_rms(readout.baseline, left)
-        if apart < EQUIVALENT_SIGMA:
-            names.append(other.effect.name)
-            most = max(most, apart)
-    return tuple(names), most
-
-
-def _platform_rms(baseline: Baseline, whitened: Array) -> float:
-    """RMS in sigma over the moving coordinates of the platform's readings."""
-    moves = int(np.sum(baseline.machine.dof < 3))
-    rows = baseline.on_platform
-    return float(np.sqrt(np.sum(whitened[rows] ** 2) / (moves * max(int(rows.sum()), 1))))
-
-
-def _found(cause: Cause, ranking: dict[str, float], readout: Readout, after: Readout) -> FoundEffect:
-    best, effect = cause.best, cause.effect
-    value, u = _size(cause)
-    signal = np.einsum("nwk,k->nw", readout.columns(cause.acts), best.coefficients)
-    known = {p.name: p for p in effect.others}
-    others = tuple(
-        Quantity(name, at, _u_of_parameter(name, at), known[name].unit)
-        for name, at in best.form.parameters.items()
-        if name in known
-    )
-    return FoundEffect(
-        effect=effect.name,
-        place=cause.place,
-        size=Quantity(effect.size.name, value, u, effect.size.unit),
-        probability=ranking.get(effect.name, 0.0) if cause is not None else 0.0,
-        place_probability=cause.places[cause.place],
-        raw_sigma=_platform_rms(readout.baseline, signal),
-        visible_sigma=_platform_rms(readout.baseline, readout.apply(signal[:, :, None])[:, :, 0]),
-        others=others,
-    )
-
-
-def _size(cause: Cause) -> tuple[float, float]:
-    """Size of a cause in its best form and its standard uncertainty, by what its effect says of several columns."""
-    best = cause.best
-    main = [i for i, relative in enumerate(best.form.relative) if relative >= 1.0]
-    some, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
-    if len(main) == 1:
-        return float(some[0]), float(np.sqrt(covariance[0, 0]))
-    norm = float(np.linalg.norm(some))
-    u = float(np.sqrt(some @ covariance @ some)) / max(norm, 1e-300)
-    if cause.effect.measured == "norm":
-        return norm, u
-    if cause.effect.measured == "sum":
-        return float(np.sum(some)), float(np.sqrt(np.sum(covariance)))
-    done: dict[str, Array] = {}
-    for i, coefficient in zip(main, some, strict=True):
-        channel, shape = cause.acts[i][0]
-        done[channel] = done.get(channel, 0.0) + coefficient * shape
-    each = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in done.values()]
-    value = float(np.linalg.norm(each))
-    return value, u * value / max(norm, 1e-300)
-
-
-def _u_of_parameter(name: str, at: float) -> float:
-    """Forms are tried at steps: half a step is what is not told apart."""
-    return 0.002 * at if name == "period_m" else 0.3 * at if name == "tau_s" else 120.0
 
 
 def _hidden_m(after: Readout, setting: Setting, noise_m: float) -> float:
@@ -248,11 +178,9 @@ def _clues(found: Explanation) -> tuple[Clue, ...]:
     return tuple(seen.values())[:CLUES]
 
 
-def _withheld(
-    baseline: Baseline, readout: Readout, before: Array, after_readout: Readout, after: Array, field: shrink.Field
-) -> Withheld:
+def _withheld(readout: Readout, before: Array, after_readout: Readout, after: Array, field: shrink.Field) -> Withheld:
     return Withheld(
-        baseline.rows[field.rows],
+        readout.baseline.rows[field.rows],
         shrink.predicted_m(readout, before)[field.rows],
         shrink.predicted_m(after_readout, after)[field.rows],
     )

@@ -35,6 +35,7 @@ UNTESTED = 0.4  # of the probability, for what the campaign could not show
 SUPPOSED_SIGMA = 2.0  # RMS at the platform of what it could not show
 DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 EXCHANGE_S, SET_UP_S = 300.0, 1800.0
+LEAST_SWING_K = 1.0
 MOST = 6
 
 
@@ -65,7 +66,7 @@ def candidates(
     pairs = zip(ideas, parts, strict=True)
     out = [hypotheses.judged(idea, predicted, _minutes(known, idea)) for idea, predicted in pairs]
     out.sort(key=lambda candidate: -candidate.gain_bit_per_min)
-    return (*out[:MOST], *_reflectors(known))
+    return (*out[:MOST], *_beyond_visits(known))
 
 
 def _ideas(known: Baseline) -> Iterator[_Idea]:
@@ -273,8 +274,12 @@ class _Through:
         return np.nan_to_num(np.asarray(shift).ravel() / self._sigma_m)  # nothing is told of what cannot be reached
 
 
-def _reflectors(known: Baseline) -> Iterator[Candidate]:
-    """Reflectors that the machine file has and the campaign did not measure; what they are worth is not computed."""
+def _beyond_visits(known: Baseline) -> Iterator[Candidate]:
+    """What visits alone do not add, its worth not computed: reflectors that were not measured, a swing of temperature."""
+    swing_k = max(float(np.ptp(t)) for t in known.moments.temperatures_c.values())
+    if swing_k < LEAST_SWING_K:
+        adds = f"let the shop warm and cool by 2 K while measuring; so far it was {swing_k:.1f} K"
+        yield Candidate("temperature swing", adds, (), 120.0, 0.0, ())
     measured = set(known.smr.tolist())
     for place, adds in (("slider", "on the sliders"), ("floor", "on the floor")):
         missing = [s.name for i, s in enumerate(known.machine.smrs) if s.on == place and i not in measured]

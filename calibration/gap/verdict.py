@@ -8,12 +8,14 @@ alternatives is held against a share of it. The constants were fitted on simulat
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.special import expit
 
 from calibration.gap.evidence import log_sum
 from calibration.gap.result import NONE, UNKNOWN
-from calibration.gap.search import Explanation
+from calibration.gap.search import Cause, Explanation
 
 NOTHING = 7.0  # of log evidence: prior odds of `none`
 PLAIN_EXCESS = 12.0
@@ -41,3 +43,9 @@ def probabilities(found: Explanation) -> dict[str, float]:
         for cause, p in zip(found.ranking, something * (1.0 - unknown) * ranked, strict=True)
     }
     return out | {NONE: 1.0 - something, UNKNOWN: something * unknown}
+
+
+def presence(cause: Cause, ranking: Mapping[str, float]) -> float:
+    """Probability that a further cause is there, the others given: its evidence is over them."""
+    known = 1.0 - ranking[NONE] - ranking[UNKNOWN]
+    return float(known * expit(cause.log_evidence - NOTHING))

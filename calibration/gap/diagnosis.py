@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,6 +87,8 @@ def _diagnosed(recording: Recording, catalogue: Catalogue | None) -> _Worked:
     truth = _with_safeguards(found, after)
     field = shrink.field(truth, before_left, after_left)
     gap = shrink.figures(field) if causes else _unchanged(shrink.figures(field))
+    floor = shrink.repeated_m(baseline)
+    gap = gap if floor is None else replace(gap, noise_floor_m=floor)
     equivalent, matters = equivalents(found, readout, verdict) if named else ((), 0.0)
     diagnosis = Diagnosis(
         campaign=recording.file.campaign,
@@ -95,7 +97,9 @@ def _diagnosed(recording: Recording, catalogue: Catalogue | None) -> _Worked:
         matters_m=matters * field.noise_m,
         effects=tuple(found_effect(cause, ranking, readout, main=cause.effect.name == verdict) for cause in causes),
         ranking=ranking,
-        where=location.shares(readout, truth, field, _acting(found, readout, causes), periods),
+        where=()
+        if verdict == NONE
+        else location.shares(readout, truth, field, _acting(found, readout, causes), periods),
         gap=gap,
         not_tested=not_tested,
         hidden_m=_hidden_m(after, setting, field.noise_m),
@@ -105,7 +109,7 @@ def _diagnosed(recording: Recording, catalogue: Catalogue | None) -> _Worked:
         withheld=_withheld(readout, before_left, after, after_left, field),
         visits=_visits(baseline, field),
         spectra=location.spectra(readout, periods),
-        remarks=_remarks(found, verdict),
+        remarks=_remarks(found, verdict, floor),
     )
     return _Worked(diagnosis, readout, truth, causes, setting)
 
@@ -213,8 +217,12 @@ def _visits(baseline: Baseline, field: shrink.Field) -> VisitGaps:
     )
 
 
-def _remarks(found: Explanation, verdict: str) -> tuple[str, ...]:
+def _remarks(found: Explanation, verdict: str, floor: float | None) -> tuple[str, ...]:
     out = []
+    if floor is None:
+        out.append(
+            "no target was visited three times alike: the noise floor is what the fullest model leaves of the readings"
+        )
     if verdict not in (NONE, UNKNOWN) and found.excess > 10.0:
         f = found.formless[0]
         out.append(

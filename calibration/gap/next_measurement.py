@@ -275,7 +275,7 @@ class _Through:
 
 
 def _beyond_visits(known: Baseline) -> Iterator[Candidate]:
-    """What visits alone do not add, its worth not computed: reflectors that were not measured, a swing of temperature."""
+    """What visits alone do not add, its worth not computed: reflectors not measured, a swing of temperature."""
     swing_k = max(float(np.ptp(t)) for t in known.moments.temperatures_c.values())
     if swing_k < LEAST_SWING_K:
         adds = f"let the shop warm and cool by 2 K while measuring; so far it was {swing_k:.1f} K"

@@ -165,7 +165,7 @@ class Diagnosis:
     at most, RMS. effects: those taken to be there, strongest first, at most three (empty for NONE and UNKNOWN).
     ranking: probability by name, NONE and UNKNOWN included, adding up to one. not_tested: name to reason. hidden_m:
     RMS that an effect could have and still hide (95 %). inside_geometry: RMS in m by name of what is taken into the
-    geometry. clues: of an unknown effect.
+    geometry. where: empty for NONE, whose gap is noise. clues: of an unknown effect.
     """
 
     campaign: str

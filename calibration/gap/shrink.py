@@ -19,6 +19,7 @@ from calibration.gap.result import GapFigures
 from calibration.machine import Array
 
 REGIONS = 5
+LEAST_VISITS = 3
 SAMPLES = 400
 FORM_AFTER, FORM_BEFORE = 0.12, 0.03  # relative, standard deviations found on simulated rigs (docs/withheld.md)
 SEED = 20  # of the samples, so that a diagnosis says the same twice
@@ -120,6 +121,28 @@ def figures(found: Field) -> GapFigures:
         shrink_interval=(float(low), float(high)),
         withheld=f"{REGIONS} regions of the workspace in turn",
     )
+
+
+def repeated_m(baseline: Baseline) -> float | None:
+    """Noise floor: RMS scatter of the platform's reflectors over visits of one target, side and payload.
+
+    In the machine's frame, of a coordinate that the machine moves, at rest; None where no target was visited often
+    enough (LEAST_VISITS) alike.
+    """
+    m, moves = baseline.moments, baseline.machine.dof[baseline.machine.dof < 3]
+    rows = np.flatnonzero(baseline.on_platform & ~m.moving)
+    places = ((baseline.position_m[rows] - baseline.frame.translation_m) @ baseline.frame.rotation)[:, moves]
+    target = np.round(baseline.poses.visits.target_m[baseline.visit[rows]], 7)
+    alike = np.column_stack([target, m.direction[rows], m.payload_kg[rows], baseline.smr[rows]])
+    group = np.unique(alike, axis=0, return_inverse=True)[1].ravel()
+    visits = np.bincount(group)
+    known = visits[group] >= LEAST_VISITS
+    if not np.any(known):
+        return None
+    mean = np.stack([np.bincount(group, x) for x in places.T], axis=1) / visits[:, None]
+    square = float(np.sum((places - mean[group])[known] ** 2))
+    freedom = int(np.sum(visits[visits >= LEAST_VISITS] - 1)) * len(moves)
+    return float(np.sqrt(square / freedom))
 
 
 def predicted_m(readout: Readout, differences: Array) -> Array:

@@ -12,7 +12,7 @@ from calibration.effects.base import Effect, Forms, Parameter, Setting
 from calibration.gap.shapes import smooth
 
 LEVER_M = 0.25
-SOFT_N = (400.0, 1500.0, 5000.0)  # over which play is taken up
+SOFT_N = (300.0, 1500.0)  # over which play is taken up
 LEAST_KG = 20.0
 
 
@@ -47,15 +47,20 @@ def link_stiffness(s: Setting, strut: int) -> Forms:
     u = s.along(drive) if drive >= 0 else np.zeros(len(t))
     main = f.add((name, t))
     loaded = f.add((name, np.stack([t * s.load, s.load * size], axis=1)))
-    swung = f.add((name, np.stack([t * u, t * u**2, size * u, size * u**2], axis=1)))
+    swung = f.add((name, np.stack([t * u**k for k in (1, 2, 3, 4)], axis=1)))
+    leant = f.add((name, np.stack([size * u**k for k in (1, 2, 3, 4)], axis=1)))
     pressed = f.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
     away = t - t.mean()
     bent = f.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)))
     f.form(main, share=0.4)
     f.form(loaded[:1], (*main, *loaded[1:]), share=0.6)
-    f.form(swung[:2], (*main, *swung[2:]), share=0.6)
+    f.form(swung[:2], (*main, *leant[:2]), share=0.6)
+    # Where it bends far, the joint gives way more than in proportion, and the strut's own share of the preload with it.
+    others = [s.along(other) for other in s.partners(drive)] if drive >= 0 else []
+    beside = [c for v in others for c in f.add((name, np.stack([t * v, size * v, size * u * v, size * v**2], axis=1)))]
+    f.form((*main, *swung), (*leant, *loaded, *beside), share=0.7)
     f.form(pressed, share=0.4)
-    f.form((*main, *bent), weight=0.5)
+    f.form((*main, *bent), loaded, share=0.7)
     f.form(main, (*loaded, *swung, *bent), share=0.5)
     return f
 

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.gap.moments import Moments
+from calibration.gap.shapes import centred
 from calibration.machine import Array, Machine
 from calibration.recording_header import NuisanceEntry
 
@@ -121,8 +122,7 @@ class Setting:
 
     def along(self, index: int) -> Array:
         """A drive's coordinate (n,) on [-1, 1]."""
-        middle, half = self.middle_m(index)
-        return (self.moments.drives[:, index] - middle) / half
+        return centred(self.moments.drives[:, index])
 
     def height_m(self, index: int) -> Array:
         """Height (n,) of a slider along its axis over the floor nests, or over the lowest place it may reach."""
@@ -187,7 +187,6 @@ def varied(x: Array, least: float) -> bool:
     return bool(np.ptp(x) >= least)
 
 
-def strongest_onset(setting: Setting, channels: Sequence[str]) -> dict[str, float]:
+def strongest_onset(onsets: Sequence[tuple[float, float]]) -> dict[str, float]:
     """The parameter `onset_s` of a form that tells of no single moment: when most of it happened."""
-    found = setting.onsets(channels)
-    return {"onset_s": found[0][0]} if found else {}
+    return {"onset_s": onsets[0][0]} if onsets else {}

@@ -48,8 +48,8 @@ def settling(s: Setting, drive: int) -> Forms:
         return down, [c for each in lean for c in each]
 
     end = float(t.max())
-    moved = (travel, *s.of_drive("sideways", drive))
-    for onset, prior in s.onsets(moved):
+    onsets = s.onsets((travel, *s.of_drive("sideways", drive)))
+    for onset, prior in onsets:
         down, lean = columns((t >= onset).astype(np.float64))
         f.form(down, lean, share=0.5, onset_s=onset, weight=prior * ONSETS)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
@@ -57,7 +57,7 @@ def settling(s: Setting, drive: int) -> Forms:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau))
             f.form(down, lean, share=0.5, onset_s=float(onset))
     down, lean = columns(brownian(t / max(end, 1.0), 24))
-    most = strongest_onset(s, moved)
+    most = strongest_onset(onsets)
     f.form(down, lean, share=0.5, weight=4.0, **most)
     f.form(down[:6], lean[:6], share=0.5, weight=4.0, **most)
     return f

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
-from calibration.gap.shapes import brownian, products
+from calibration.gap.nuisance import HOUR_S, LEVER_M
+from calibration.gap.shapes import brownian, centred, products
 from calibration.machine import Array
 
-LEVER_M = 3.2
-HOUR_S = 3600.0
 ONSETS = 12
 PER_KELVIN = 0.93e-6  # change of the refractive index
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
@@ -35,7 +34,7 @@ def drift(s: Setting, _: int) -> Forms:
 def refraction(s: Setting, _: int) -> Forms:
     """Light bends towards cold air: angles go wrong with the distance, by where the light passes and as air warms."""
     f, t, p = Forms(), s.moments.elapsed_s, s.sight_m
-    across, height = _half(p[:, 0]), _half(p[:, 2])
+    across, height = centred(p[:, 0]), centred(p[:, 2])
     warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
     unit = 0.5 * PER_KELVIN
@@ -62,21 +61,16 @@ def reseat(s: Setting, smr: int) -> Forms:
     def shift(shape: Array) -> list[int]:
         return [c for channel in channels for c in f.add((channel, shape))]
 
-    end = float(t.max())
-    for onset, prior in s.onsets(channels):
+    end, onsets = float(t.max()), s.onsets(channels)
+    for onset, prior in onsets:
         f.form(shift((t >= onset).astype(np.float64)), weight=prior * ONSETS, onset_s=onset)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         f.form(shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / 900.0)), weight=0.5, onset_s=float(onset))
     numbers = np.unique(m.exchanges)[1:]
     if numbers.size:
         f.form(shift((m.exchanges[:, None] == numbers).astype(np.float64)), weight=ONSETS / 2)
-    f.form(shift(brownian(t / max(end, 1.0), 48)), (), weight=ONSETS / 2, **strongest_onset(s, channels))
+    f.form(shift(brownian(t / max(end, 1.0), 48)), (), weight=ONSETS / 2, **strongest_onset(onsets))
     return f
-
-
-def _half(x: Array) -> Array:
-    middle = 0.5 * (x.max() + x.min())
-    return np.asarray((x - middle) / max(0.5 * float(np.ptp(x)), 1e-9))
 
 
 def _brief(s: Setting) -> str | None:

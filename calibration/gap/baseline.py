@@ -80,9 +80,7 @@ class Baseline(Seen):
 
     def apply(self, whitened: Array) -> Array:
         """Inverse covariance times columns (n, 3, k) or (n, 3)."""
-        flat = whitened.reshape(self.q.shape[0] * 3, -1)
-        q = self.q.reshape(len(flat), -1)
-        return np.asarray((flat - q @ (q.T @ flat)).reshape(whitened.shape))
+        return taken_out(self.q, whitened)
 
     def whitened(self, shift_m: Array) -> Array:
         """Shifts (n, 3) in the machine's frame, whitened."""
@@ -263,6 +261,13 @@ def _frame_columns(bare: Baseline, rows: NDArray[np.bool_]) -> Array:
         out[:, :, k] = np.cross(np.eye(3)[k], turned)
         out[:, :, 3 + k] = np.eye(3)[k]
     return np.asarray(bare.whiten[rows] @ out)
+
+
+def taken_out(q: Array, columns: Array) -> Array:
+    """(1 - q q') times columns (n, 3, k) or (n, 3): what is left of them once all that q (n, 3, r) spans is fitted."""
+    flat = columns.reshape(q.shape[0] * 3, -1)
+    known = q.reshape(len(flat), -1)
+    return np.asarray((flat - known @ (known.T @ flat)).reshape(columns.shape))
 
 
 def _whole(columns: Array) -> Array:

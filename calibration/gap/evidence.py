@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from calibration.effects.base import Acts, Form
-from calibration.gap.baseline import Baseline
+from calibration.gap.baseline import Baseline, taken_out
 from calibration.gap.channels import Channels
 from calibration.machine import Array
 
@@ -43,13 +43,16 @@ class Weighed:
 
 
 class Readout:
-    """Judges columns on one baseline, and on what is left of it once some columns belong to the model."""
+    """Judges columns on one baseline, and on what is left of it once some columns belong to the model.
+
+    left (n, 3): C^-1 y; q (n, 3, b): one minus q q' is C^-1, the inverse covariance of the readings.
+    """
 
     def __init__(self, baseline: Baseline) -> None:
         self.baseline = baseline
         self.channels = Channels(baseline)
         self.left = baseline.apply(baseline.residual)
-        self._q = baseline.q
+        self.q = baseline.q
         self._projected: dict[str, Array] = {}
         self._responses: dict[str, Array] = {}
 
@@ -63,24 +66,19 @@ class Readout:
         """The readout once columns (n, 3, j), each times its prior standard deviation, belong to the model."""
         other = Readout.__new__(Readout)
         other.baseline, other.channels = self.baseline, self.channels
-        rest = columns - self._spread(self._along(columns))
+        rest = self.apply(columns)
         flat, n = rest.reshape(-1, columns.shape[2]), len(rest)
         gram = np.eye(columns.shape[2]) + columns.reshape(-1, columns.shape[2]).T @ flat
         upper = np.linalg.cholesky(gram).T
         more = np.linalg.solve(upper.T, flat.T).T
-        other._q = np.concatenate([self._q, more.reshape(n, 3, -1)], axis=2)
+        other.q = np.concatenate([self.q, more.reshape(n, 3, -1)], axis=2)
         other.left = self.left - (more @ (more.T @ self.baseline.residual.ravel())).reshape(n, 3)
         other._projected, other._responses = {}, self._responses
         return other
 
-    @property
-    def q(self) -> Array:
-        """(n, 3, b): one minus q q' is the inverse covariance of the readings."""
-        return self._q
-
     def apply(self, columns: Array) -> Array:
         """Inverse covariance times columns (n, 3, k)."""
-        return np.asarray(columns - self._spread(self._along(columns)))
+        return taken_out(self.q, columns)
 
     def columns(self, acts: Sequence[Acts]) -> Array:
         """Whitened columns (n, 3, k)."""
@@ -98,7 +96,7 @@ class Readout:
             for channel, shape in act:
                 known = by_channel.setdefault(channel, {})
                 known[k] = known[k] + shape if k in known else shape
-        along = np.zeros((self._q.shape[2], count))
+        along = np.zeros((self.q.shape[2], count))
         score = np.zeros(count)
         information = np.zeros((count, count))
         stacked = {
@@ -135,7 +133,7 @@ class Readout:
         for channel in channels:
             along = self._projection(channel).T @ shapes
             response = self.response(channel)[rows]
-            q = self._q[rows].reshape(-1, self._q.shape[2])
+            q = self.q[rows].reshape(-1, self.q.shape[2])
             out.append(response[:, :, None] * shapes[rows][:, None, :] - (q @ along).reshape(len(rows), 3, -1))
         return np.concatenate(out, axis=2)
 
@@ -153,14 +151,8 @@ class Readout:
         """Rows (n, b): the channel's response along q."""
         if channel not in self._projected:
             response = self.response(channel)
-            self._projected[channel] = np.einsum("nj,njb->nb", response, self._q)
+            self._projected[channel] = np.einsum("nj,njb->nb", response, self.q)
         return self._projected[channel]
-
-    def _along(self, columns: Array) -> Array:
-        return np.asarray(self._q.reshape(-1, self._q.shape[2]).T @ columns.reshape(-1, columns.shape[2]))
-
-    def _spread(self, along: Array) -> Array:
-        return np.asarray((self._q.reshape(-1, self._q.shape[2]) @ along).reshape(*self.left.shape, along.shape[1]))
 
 
 def log_sum(logs: Array, axis: int = 0) -> Array:

@@ -58,7 +58,7 @@ def weigh_formless(readout: Readout, setting: Setting) -> list[Formless]:
     """
     each = _each_visit(setting)
     machines = [group for group in _groups(setting, readout.channels) if not group[0].startswith(WITHOUT_VISITS)]
-    machines.sort(key=lambda group: -_roughly(readout, group[0], setting))
+    machines.sort(key=lambda group: -log_sum(_of_single_visits(readout, group[0], setting, SIZES_SIGMA)))
     tried = machines[:CHANNELS_TRIED]
     found = [_weighed(readout, group, "visit", each) for group in tried]
     found += [
@@ -73,27 +73,17 @@ def _each_visit(setting: Setting) -> Array:
     return (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
 
 
-def _roughly(readout: Readout, channel: str, setting: Setting) -> float:
-    """Evidence of single visits at a channel, as if they were independent of one another."""
+def _of_single_visits(readout: Readout, channel: str, setting: Setting, sizes_sigma: Array) -> Array:
+    """Logarithm (a,) of the evidence of single visits at a channel, as if independent of one another, by size (a,)."""
     information, score = readout.by_visit(channel, setting.moments.arrival)
-    unit = _sigma(readout, channel)
-    square = (SIZES_SIGMA[:, None] * unit) ** 2
+    square = (sizes_sigma[:, None] * _sigma(readout, channel)) ** 2
     grown = 1.0 + square * information
-    logs = np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1)
-    return float(log_sum(logs))
+    return np.asarray(np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1))
 
 
 def platform_hides(readout: Readout, setting: Setting, sizes_sigma: Array) -> Array:
-    """Logarithm (c, a) of the evidence of single visits at each coordinate of the platform, by size in sigma (a,)."""
-    out = []
-    for channel in readout.channels.poses():
-        information, score = readout.by_visit(channel, setting.moments.arrival)
-        grown = 1.0 + (sizes_sigma[:, None] * _sigma(readout, channel)) ** 2 * information
-        square = grown - 1.0
-        out.append(
-            np.sum(0.5 * square / np.maximum(information, 1e-300) * score**2 / grown - 0.5 * np.log(grown), axis=1)
-        )
-    return np.array(out)
+    """The same (c, a) at each coordinate of the platform."""
+    return np.array([_of_single_visits(readout, c, setting, sizes_sigma) for c in readout.channels.poses()])
 
 
 def _sigma(readout: Readout, channel: str) -> float:

@@ -34,8 +34,11 @@ WORTH = 0.005  # probability from which on an effect is a hypothesis
 UNTESTED = 0.4  # of the probability, for what the campaign could not show
 SUPPOSED_SIGMA = 2.0  # RMS at the platform of what it could not show
 DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-EXCHANGE_S, SET_UP_S = 300.0, 1800.0
-LEAST_SWING_K = 1.0
+SUPPOSED_FRICTION = 0.1  # of the drive's median torque, by the side of approach
+EXCHANGE_S, SET_UP_S = 300.0, 1800.0  # what people take, roughly: exchange of a payload; station, nests and warming
+READING_S = 1.0  # half of what aiming and a reading take
+LEAST_SWING_K, SWING_MIN, REFLECTORS_MIN = 1.0, 120.0, 60.0
+TOLD_APART = 2.0  # Bhattacharyya distance from which on two hypotheses are taken to be told apart
 MOST = 6
 
 
@@ -154,12 +157,11 @@ class _Hypotheses:
     def judged(self, idea: _Idea, predicted: Array, minutes: float) -> Candidate:
         """The idea with its gain, and the names that it would tell apart; predicted (h, r) at its visits."""
         distance = np.sum((predicted[:, None] - predicted[None]) ** 2, axis=2) / 8.0
-        entropy_left = self.prior @ np.log(np.exp(-distance) @ self.prior)
-        gain = float(-entropy_left / np.log(2.0))
+        gain = -float(self.prior @ np.log2(np.exp(-distance) @ self.prior))
         settles = {
             name
             for i, name in enumerate(self.names)
-            if name != NONE and np.min(np.delete(distance[i], i), initial=np.inf) > 2.0
+            if name != NONE and np.min(np.delete(distance[i], i), initial=np.inf) > TOLD_APART
         }
         return Candidate(idea.name, idea.adds, tuple(sorted(settles)), minutes, gain, idea.visits)
 
@@ -211,7 +213,7 @@ class _Hypotheses:
         times = np.asarray(float(m.t_s.max()) + pace * (1.0 + np.arange(n) % VISITS), dtype=np.float64)
         payloads = known.recording.file.payloads
         load = np.array([payloads[v.payload].mass_kg for v in idea.visits])
-        torque = np.repeat(np.median(m.torque, axis=0)[None], n, axis=0)
+        weight = (machine.moving_mass_kg + load) / (machine.moving_mass_kg + float(np.median(m.payload_kg)))
         direction = np.array([v.direction for v in idea.visits], dtype=np.float64)
         moments = Moments(
             history=History(times, drives),
@@ -220,9 +222,9 @@ class _Hypotheses:
             drives=drives,
             direction=direction,
             velocity_m_per_s=np.zeros_like(drives),
-            torque=torque * (1.0 + 0.1 * direction + (load[:, None] - np.median(m.payload_kg)) / 500.0),
+            torque=np.median(m.torque, axis=0) * (weight[:, None] + SUPPOSED_FRICTION * direction),
             speed_m_per_s=np.array([v.speed_m_per_s for v in idea.visits]),
-            dwell_s=np.array([v.dwell_s for v in idea.visits]) + 1.0,
+            dwell_s=np.array([v.dwell_s for v in idea.visits]) + READING_S,
             payload_kg=load,
             payload_com_m=np.array([payloads[v.payload].com_m for v in idea.visits]),
             exchanges=np.full(n, float(m.exchanges.max())),
@@ -279,12 +281,12 @@ def _beyond_visits(known: Baseline) -> Iterator[Candidate]:
     swing_k = max(float(np.ptp(t)) for t in known.moments.temperatures_c.values())
     if swing_k < LEAST_SWING_K:
         adds = f"let the shop warm and cool by 2 K while measuring; so far it was {swing_k:.1f} K"
-        yield Candidate("temperature swing", adds, (), 120.0, 0.0, ())
+        yield Candidate("temperature swing", adds, (), SWING_MIN, 0.0, ())
     measured = set(known.smr.tolist())
     for place, adds in (("slider", "on the sliders"), ("floor", "on the floor")):
         missing = [s.name for i, s in enumerate(known.machine.smrs) if s.on == place and i not in measured]
         if missing:
             yield Candidate(
                 f"reflectors {adds}", f"measure {', '.join(missing)} at every visit or nest check",
-                (), 60.0, 0.0, (),
+                (), REFLECTORS_MIN, 0.0, (),
             )  # fmt: skip

@@ -100,7 +100,6 @@ class Explanation:
     ranking: tuple[Cause, ...]
     causes: tuple[Cause, ...]
     readouts: tuple[Readout, ...]
-    setting: Setting
     log_evidence: float
     excess: float
     formless: tuple[Formless, ...]
@@ -140,7 +139,6 @@ def explain(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> Ex
         tuple(ranking),
         tuple(causes),
         tuple(readouts),
-        setting,
         total,
         max(best - total, 0.0),
         tuple(left),

@@ -42,5 +42,5 @@ def products(a: Array, b: Array) -> Array:
 
 
 def centred(x: Array) -> Array:
-    """A coordinate on [-1, 1]."""
-    return 2.0 * unit(x) - 1.0
+    """A coordinate on [-1, 1]; zeros where it does not vary."""
+    return 2.0 * unit(x) - 1.0 if np.ptp(x) > 0.0 else np.zeros_like(x)

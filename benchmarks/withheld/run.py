@@ -150,9 +150,11 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     options.kinds = tuple(kind for kind in options.kinds.split(",") if kind)
     if unknown := set(options.kinds) - set(FULL):
         parser.error(f"unknown kind '{min(unknown)}'; known: {', '.join(FULL)}")
-    # Small runs have small batches, so that both lanes end together.
+    if options.n < 0 or options.lanes < 1 or (options.seed or 0) < 0:
+        parser.error("--n and --seed must not be negative, --lanes not below 1")
     if options.noise and options.final:
         parser.error("--noise is no final run; give a --seed")
+    # Small runs have small batches, so that both lanes end together.
     cases = len(plan(options.n, options.kinds))
     options.batch = options.batch or max(1, min(BATCH, -(-cases // (2 * options.lanes))))
     return options

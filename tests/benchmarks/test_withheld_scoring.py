@@ -1,0 +1,138 @@
+"""How withheld cases are scored: statistics against independent computations, rows against counting by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from benchmarks.withheld.coordinates import KINDS, first_kind, true_kinds
+from benchmarks.withheld.judged import in_class, overall_right
+from benchmarks.withheld.methods import baseline_table
+from benchmarks.withheld.statistics import (
+    calibration_error,
+    excess_calibration_error,
+    paired_difference,
+    wilson,
+)
+from benchmarks.withheld.table import measures
+from calibration.gap.result import KINDS as KINDS_OF_SHARES
+from mock_devices.effects import CATALOGUE, SPECS
+
+
+@pytest.mark.parametrize(("hits", "trials"), [(0, 20), (3, 7), (95, 100), (40, 40), (996, 1000)])
+def test_wilson_is_scipys(hits, trials):
+    expected = binomtest(hits, trials).proportion_ci(0.95, method="wilson")
+    assert wilson(hits, trials) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_calibration_error_by_hand():
+    stated = np.array([0.95, 0.95, 0.91, 0.15, 1.0])
+    right = np.array([1.0, 0.0, 1.0, 1.0, 1.0])
+    in_last = abs(3.0 / 4.0 - np.mean([0.95, 0.95, 0.91, 1.0]))
+    assert calibration_error(stated, right) == pytest.approx(0.8 * in_last + 0.2 * 0.85)
+
+
+def test_a_calibrated_classifier_has_no_excess_and_an_overconfident_one_has():
+    rng = np.random.default_rng(2)
+    stated = rng.uniform(0.3, 1.0, 1500)
+    excess, low, high = excess_calibration_error(stated, (rng.random(1500) < stated).astype(float))
+    assert abs(excess) < 0.015
+    assert low < excess < high
+    excess, low, _ = excess_calibration_error(stated, (rng.random(1500) < stated - 0.1).astype(float))
+    assert excess == pytest.approx(0.08, abs=0.025)
+    assert low > 0.03
+
+
+def test_paired_difference_is_that_of_differences():
+    rng = np.random.default_rng(1)
+    a, b = rng.random(200) < 0.7, rng.random(200) < 0.5
+    found, low, high = paired_difference(a.tolist(), b.tolist())
+    d = a.astype(float) - b.astype(float)
+    assert found == pytest.approx(d.mean())
+    assert (high - low) / 2.0 == pytest.approx(1.96 * d.std() / math.sqrt(200), rel=1e-4)
+
+
+def row(kind, true, verdict, **more):
+    base = {
+        "key": f"{kind}-{true}-{verdict}", "kind": kind, "true": [true] if true else [], "variant": ["x"], "raw": 3.0,
+        "final": False, "visible": 2.0, "eligible": bool(true), "wanted_raw": [3.0], "profile": "small", "p": 0.9,
+        "verdict": verdict, "equivalent": [], "named": [verdict], "ranked": [[verdict, 0.9]], "mimics_sigma": {},
+        "seconds": 0.5, "clock_seconds": 0.6, "baselines": {"form_free": "none"}, "error": "", "first_kind": "time",
+        "shrink": 0.5, "shrink_interval": [0.4, 0.6], "achieved": 0.53,
+    }  # fmt: skip
+    return {**base, **more}
+
+
+def by_name(rows):
+    return {m.name: m for m in measures(rows)}
+
+
+def test_rows_are_counted_as_the_goals_say():
+    pair = {**row("pair", "backlash", "backlash"), "true": ["backlash", "latency"]}
+    rows = [
+        row("effect", "backlash", "backlash", true_kinds=["direction"], place_right=True, step_error_s=-200.0),
+        row("effect", "latency", "backlash", true_kinds=["time"], ranked=[["a", 0.5], ["b", 0.3], ["latency", 0.2]]),
+        row("effect", "latency", "latency", eligible=False, visible=0.2, raw=1.0),
+        row("null", "", "none"), row("null", "", "unknown"), row("null", "", "backlash"),
+        row("outside", "cable_drag", "unknown"), row("outside", "cable_drag", "backlash", wanted_raw=[1.0]),
+        row("removed", "backlash", "friction_windup", mimics_sigma={"friction_windup": 0.4}),
+        row("removed", "backlash", "latency", mimics_sigma={"friction_windup": 0.4}),
+        row("platform_only", "backlash", "latency", equivalent=["backlash"], mimics_sigma={"latency": 0.2}),
+        row("platform_only", "backlash", "backlash", equivalent=["latency"], mimics_sigma={"latency": 0.4}),
+        {**pair, "named": ["latency", "backlash"]},
+        {**pair, "named": ["backlash", "refraction"]},
+        row("next", "backlash", "none", after_chosen=True, after_random=False),
+    ]  # fmt: skip
+    found = by_name(rows)
+    for name, value, n in (
+        ("top-1, raw >= 3 and visible >= 0.5 sigma", 0.5, 2),
+        ("worst effect (latency)", 0.0, 1),
+        ("truth among the first three", 1.0, 2),
+        ("null cases called an effect", 1.0 / 3.0, 3),
+        ("null cases called unknown", 1.0 / 3.0, 3),
+        ("outside effect called unknown", 1.0, 1),
+        ("true class removed: unknown, or its mimic", 0.5, 2),
+        ("platform only: class right and its members equivalent", 0.5, 2),
+        ("platform only: mean class size", 2.0, 2),
+        ("two effects: exact pair", 0.5, 2),
+        ("two effects: at least one", 1.0, 2),
+        ("predicted minus achieved shrink within 0.05", 1.0, 2),
+        ("95 % shrink interval covers", 1.0, 2),
+        ("true coordinate first by share", 0.5, 2),
+        ("step time within 5 min", 1.0, 1),
+        ("further poses: chosen better by", 1.0, 1),
+    ):
+        assert found[name].value == pytest.approx(value), name
+        assert found[name].n == n, name
+    assert found["top-1, raw >= 3 and visible >= 0.5 sigma"].ok is False
+    assert [overall_right(r) for r in rows[3:6]] == [True, False, False]
+    assert in_class(rows[10])
+    methods = {line["method"]: line for line in baseline_table(rows)}
+    assert methods["form_free"]["null"]["value"] == 1.0
+    assert methods["diagnosis"]["effect"]["value"] == 0.5
+
+
+def test_a_run_without_cases_of_a_kind_and_one_that_failed_are_scored():
+    assert by_name([])["top-1, raw >= 3 and visible >= 0.5 sigma"].value is None
+    failed = row("effect", "backlash", "", ranked=[], named=[], error="InputError: x", p=0.0)
+    del failed["shrink"], failed["shrink_interval"], failed["achieved"]
+    found = by_name([failed])
+    assert found["diagnoses that failed"].value == 1.0
+    assert found["predicted minus achieved shrink within 0.10"].value == 0.0
+
+
+def test_every_effect_has_a_true_coordinate():
+    for name in CATALOGUE:
+        for variant in SPECS[name].variants:
+            assert set(true_kinds(name, variant)) <= set(KINDS)
+            assert true_kinds(name, variant)
+    assert set(KINDS) < set(KINDS_OF_SHARES)
+    shares = [{"kind": "smr", "share": 0.9}, {"kind": "load", "share": 0.2}, {"kind": "time", "share": 0.5}]
+    assert first_kind(shares) == "time"
+    assert first_kind(shares[:1]) == ""
+
+
+# --- what could be taken for what

@@ -19,10 +19,10 @@ from pkm_rig import calibrate as job
 from pkm_rig import diagnose as diagnosing
 from pkm_rig import diagnosis_text, interim, mock_rig, planning, stages
 from pkm_rig.calibrate import Outcome
-from pkm_rig.config import MockSection, embedded_rig_path, load_rig, with_visits
+from pkm_rig.config import embedded_rig_path, load_rig, with_visits
 from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
 from pkm_rig.measured_print import print_measured
-from pkm_rig.output import messages, outcome_json, print_json, print_outcome, progress_bar, results
+from pkm_rig.output import messages, outcome_json, print_json, print_outcome, print_result, progress_bar, results
 from pkm_rig.plans import CampaignRefused
 from pkm_rig.report import write_report
 from pkm_rig.session import find_recording, open_rig, open_store
@@ -93,10 +93,7 @@ def measure(
         if campaign_file is not None:
             connected.file = with_visits(connected.file, campaign_file)
         campaign = job.measure(connected, store, _say, tell, resume)
-    if json:
-        print_json({"campaign": campaign})
-    else:
-        results.print(f"campaign {campaign}\nnext: pkm-rig identify {campaign} --out {out}", soft_wrap=True)
+    print_result(json, {"campaign": campaign}, f"campaign {campaign}", f"next: pkm-rig identify {campaign} --out {out}")
 
 
 @app.command()
@@ -122,13 +119,7 @@ def mock(
         for line in mock_rig.fault_list():
             results.print(line, soft_wrap=True, markup=False)
         return
-    file, _ = load_rig(rig)
-    section = file.mock or MockSection()
-    if seed is not None:
-        section = section.model_copy(update={"seed": seed})
-    if effect:
-        section = section.model_copy(update={"effects": (*section.effects, *effect)})
-    file = file.model_copy(update={"mock": section})
+    file = mock_rig.with_choices(load_rig(rig)[0], seed, effect or ())
     files = None if twin is None else mock_rig.TwinFiles(find_twin(twin, out), tuple(effects or ()))
     with mock_rig.served(file, rig, fault or (), files) as served:
         for line in mock_rig.how_to_connect(file, served):
@@ -205,10 +196,7 @@ def diagnose(
     if find_measurements(campaign, out) is not None:
         raise InputError(f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/recording.md)")
     found, result = diagnosing.run(find_recording(campaign, out), out, effects or (), add=add)
-    if json:
-        print_json(result)
-    else:
-        results.print(diagnosis_text.text(found, result), soft_wrap=True)
+    print_result(json, result, diagnosis_text.text(found, result))
 
 
 @app.command()
@@ -243,10 +231,7 @@ def compensate(
 ) -> None:
     """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
     found = stages.compensate(find_recording(campaign, out), payload, out)
-    if json:
-        print_json(found)
-    else:
-        results.print(f"tables: {found['folder']}", soft_wrap=True)
+    print_result(json, found, f"tables: {found['folder']}")
 
 
 @app.command(name="list")
@@ -290,10 +275,7 @@ def report(campaign: Annotated[str, typer.Argument()], out: OutOption = Path("ru
         path = _report(outcome, out)
     except OSError as error:
         raise InputError(f"report: {error}; choose another --out") from error
-    if json:
-        print_json(outcome_json(outcome, path))
-    else:
-        results.print(f"report: {path}", soft_wrap=True)
+    print_result(json, outcome_json(outcome, path), f"report: {path}")
 
 
 @app.command(name="export")
@@ -307,10 +289,8 @@ def export_campaign(
     with open_store(out) as store:
         recording = store.recording(campaign)
     write_folder(recording, folder)
-    if json:
-        print_json({"campaign": campaign, "folder": str(folder), "readings": len(recording)})
-    else:
-        results.print(f"{len(recording)} readings: {folder}", soft_wrap=True)
+    found = {"campaign": campaign, "folder": str(folder), "readings": len(recording)}
+    print_result(json, found, f"{len(recording)} readings: {folder}")
 
 
 @app.command(name="import")
@@ -331,20 +311,14 @@ def import_folder(
     recording = read_folder(source)
     with open_store(out) as store:
         store.add_recording(recording)
-    if json:
-        print_json({"campaign": recording.file.campaign, "readings": len(recording)})
-    else:
-        results.print(f"campaign {recording.file.campaign}: {len(recording)} readings", soft_wrap=True)
+    name, count = recording.file.campaign, len(recording)
+    print_result(json, {"campaign": name, "readings": count}, f"campaign {name}: {count} readings")
 
 
 def _import_printer(source: Path, folder: Path | None, out: Path, json: bool) -> None:
     folder = folder or out / source.stem
     found = import_printer(source, folder)
-    if json:
-        print_json(found)
-    else:
-        results.print(f"{found['readings']} readings: {folder}", soft_wrap=True)
-        results.print(f"next: pkm-rig identify {folder}", soft_wrap=True)
+    print_result(json, found, f"{found['readings']} readings: {folder}", f"next: pkm-rig identify {folder}")
 
 
 class Interrupted(BaseException):

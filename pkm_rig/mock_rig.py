@@ -47,6 +47,15 @@ class Embedded:
     mock: MockRig
 
 
+def with_choices(file: RigFile, seed: int | None, effects: Sequence[str]) -> RigFile:
+    """The rig file with another mock machine, if a seed is given, and with more effects."""
+    section = file.mock or MockSection()
+    changed: dict[str, object] = {"effects": (*section.effects, *effects)}
+    if seed is not None:
+        changed["seed"] = seed
+    return file.model_copy(update={"mock": section.model_copy(update=changed)})
+
+
 def settings_of(file: RigFile, rig_path: Path | None = None) -> MockSettings:
     """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, seed and effects.
 

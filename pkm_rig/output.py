@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -33,6 +33,15 @@ results = Console(highlight=False)
 def print_json(result: dict[str, Any]) -> None:
     """One machine-readable object on stdout."""
     print(json.dumps(result, allow_nan=False))
+
+
+def print_result(as_json: bool, result: dict[str, Any], *shown: RenderableType) -> None:
+    """A result for programs, or what is shown of it to people."""
+    if as_json:
+        print_json(result)
+        return
+    for part in shown:
+        results.print(part, soft_wrap=True)
 
 
 def pooled(several: list[Figures]) -> dict[str, float]:

@@ -46,7 +46,7 @@ def refraction(s: Setting, _: int) -> Forms:
         varying = f.add((channel, unit * np.concatenate([powers, bumps, products(bumps, height[:, None])], axis=1)))
         slowly = f.add((channel, unit * warming[:, None] * powers))
         f.form(uniform, varying, share=0.5)
-        f.form(varying, share=0.5)
+        f.form(varying)
         f.form(warm, (*uniform, *slowly), share=0.5)
     return f
 

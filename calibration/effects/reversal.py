@@ -26,7 +26,7 @@ def backlash(s: Setting, drive: int) -> Forms:
     place = f.add((travel, side[:, None] * smooth(s.moments.drives[:, drive], 6, roughness=1.0)))
     load = f.add((travel, side * (s.load - 0.5)))
     resting = [f.add((travel, side * column)) for column in rest.T]
-    f.form(main, share=0.5)
+    f.form(main)
     f.form(main, place, share=0.5)
     f.form(main, load, share=0.7)
     for column in resting:
@@ -43,7 +43,7 @@ def friction_windup(s: Setting, drive: int) -> Forms:
     size = max(float(np.std(force)), 1.0)
     main = f.add((travel, -force))
     bent = f.add((travel, np.stack([force**2 / size, force**3 / size**2], axis=1)))
-    f.form(main, share=0.2)
+    f.form(main)
     f.form(main, bent, share=0.2)
     return f
 

@@ -32,7 +32,7 @@ def compliance(s: Setting, drive: int) -> Forms:
         loaded = f.add((channel, mean * (s.load - 0.5)))
         placed = f.add((channel, force[:, None] * higher))
         hard = f.add((channel, np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)))
-        f.form(main, share=0.4)
+        f.form(main)
         f.form(main, placed, share=0.6)
         f.form(main, (*placed, *hard, *loaded), share=0.2)
     return f
@@ -52,14 +52,14 @@ def link_stiffness(s: Setting, strut: int) -> Forms:
     pressed = f.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
     away = t - t.mean()
     bent = f.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)))
-    f.form(main, share=0.4)
+    f.form(main)
     f.form(loaded[:1], (*main, *loaded[1:]), share=0.6)
     f.form(swung[:2], (*main, *leant[:2]), share=0.6)
     # Where it bends far, the joint gives way more than in proportion, and the strut's own share of the preload with it.
     others = [s.along(other) for other in s.partners(drive)] if drive >= 0 else []
     beside = [c for v in others for c in f.add((name, np.stack([t * v, size * v, size * u * v, size * v**2], axis=1)))]
     f.form((*main, *swung), (*leant, *loaded, *beside), share=0.7)
-    f.form(pressed, share=0.4)
+    f.form(pressed)
     f.form((*main, *bent), loaded, share=0.7)
     f.form(main, (*loaded, *swung, *bent), share=0.5)
     return f

@@ -22,6 +22,7 @@ from calibration.recording_header import NuisanceEntry
 Place = Literal["drive", "strut", "smr", "rig"]
 Measured = Literal["norm", "sum", "rms", "range"]
 Acts = tuple[tuple[str, Array], ...]
+OnCurve = tuple[int, tuple[float, ...]]  # number of a curve, parameters
 
 ABOVE_DECLARED = 2.0
 FLEXIBLE = 0.3  # standard deviation of what a real part adds to the textbook's form, relative to the size
@@ -42,13 +43,15 @@ class Parameter:
 class Form:
     """One way in which an effect may act: numbers of its columns, standard deviations relative to the size.
 
-    parameters: values of the effect's other parameters in this form.
+    parameters: values of the effect's other parameters in this form. curve: which of the effect's curves it belongs to,
+    and where on it, if it was found by fitting again.
     """
 
     columns: tuple[int, ...]
     relative: tuple[float, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     weight: float = 1.0
+    curve: OnCurve | None = None
 
 
 class Forms:
@@ -83,18 +86,44 @@ class Forms:
 
 
 @dataclass(frozen=True)
+class Tangent:
+    """A curve near one of its points: columns (k) with standard deviations (k,) relative to the size, and by how much
+    coefficients (k,) move the point (p,)."""
+
+    acts: tuple[Acts, ...]
+    relative: tuple[float, ...]
+    step: Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Forms that are not linear in their parameters (p): fitted again and again, from several starts (m, p).
+
+    low, high (p,): limits; spread (p,): standard deviations about zero, infinite where limits are all that is known.
+    """
+
+    starts: Array
+    low: Array
+    high: Array
+    spread: Array
+    tangent: Callable[[Array], Tangent]
+
+
+@dataclass(frozen=True)
 class Setting:
     """What an effect may know: the machine, the moments of the readings, and forces of the fitted model.
 
-    tension_n (n, s): of the struts; pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle
-    of its joints; sight_m (n, 3): the measured points in the station's frame. periods: spatial periods within limits in
-    m that stand out at a drive, each with its prior probability among all that the data could tell apart; onsets: the
-    same of moments, in s since the beginning, from which on something stays changed at some channels.
+    tension_n (n, s): of the struts; answer_n_per_m (n, s, s): change of each one's with the length of each; pull_n
+    (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m (n, 3): the
+    measured points in the station's frame. periods: spatial periods within limits in m that stand out at a drive, each
+    with its prior probability among all that the data could tell apart; onsets: the same of moments, in s since the
+    beginning, from which on something stays changed at some channels.
     """
 
     machine: Machine
     moments: Moments
     tension_n: Array
+    answer_n_per_m: Array
     pull_n: Array
     moment_nm: Array
     sight_m: Array
@@ -147,7 +176,8 @@ class Effect:
     size: its first parameter; others follow. reveals: what in a campaign shows it. confounded: names of effects that
     look alike. forms: builds the forms at a place (index among drives, struts or platform reflectors; 0 for the rig).
     untested: why a campaign cannot show it, or None. declared: what of it a recording may declare as ordinary, in the
-    size's unit: only what exceeds that twice is the effect. measured: what the size of several main columns together
+    size's unit: only what exceeds that twice is the effect. curves: forms that take longer, looked at where those of
+    `forms` say something. measured: what the size of several main columns together
     is: the norm of their coefficients, their sum, or RMS or range over the readings of what they do at their channel.
     """
 
@@ -161,6 +191,15 @@ class Effect:
     untested: Callable[[Setting], str | None] = lambda setting: None
     declared: Callable[[NuisanceEntry], float] = lambda nuisance: 0.0
     measured: Measured = "norm"
+    curves: Callable[[Setting, int], Sequence[Curve]] = lambda setting, place: ()
+
+    def acts(self, setting: Setting, place: int, curve: OnCurve | None = None) -> tuple[Acts, ...]:
+        """The columns of its forms in a setting, or those of a curve's tangent."""
+        if curve is None:
+            return tuple(self.forms(setting, place).acts)
+        number, at = curve
+        chosen = self.curves(setting, place)[number]
+        return chosen.tangent(np.clip(at, chosen.low, chosen.high)).acts
 
     def smallest(self, nuisance: NuisanceEntry) -> float:
         """The smallest size that is this effect and not the declared wander of its rig."""

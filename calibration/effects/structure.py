@@ -6,14 +6,20 @@ are tried with several shares of it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from calibration.effects.base import Effect, Forms, Parameter, Setting
+from calibration.effects.base import Curve, Effect, Forms, Parameter, Setting
+from calibration.effects.strut_laws import Held, Law, curve, one_way, play, slipping, softer
 from calibration.gap.shapes import smooth
+from calibration.machine import Array
 
 LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # over which play is taken up
 LEAST_KG = 20.0
+MISFIT_UNIT_M = 2e-5
+WIDTH_N = 200.0  # over which a strut goes from tension to compression
 
 
 def compliance(s: Setting, drive: int) -> Forms:
@@ -85,6 +91,68 @@ def clearance(s: Setting, strut: int) -> Forms:
     return f
 
 
+def link_stiffness_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
+    """A strut that is softer by its angle, gives way above a tension, or is softer in tension or compression alone."""
+    held = Held.of(s, strut)
+    compliance, typical = 1.0 / held.stiffness_n_per_m, held.typical_n
+    drive = int(s.machine.strut_drive[strut])
+    u = s.along(drive) if drive >= 0 else np.zeros(len(s.moments))
+    ln, any_ratio = np.log, (np.log(0.02), np.log(50.0), np.inf)
+
+    def unit(_: Array) -> float:
+        return MISFIT_UNIT_M
+
+    def ratio(at: Array, _: Array) -> float:
+        return float(np.exp(at[0]))
+
+    def mean_ratio(_: Array, growth: Array) -> float:
+        return max(float(np.sqrt(np.mean(growth**2))) / (typical * compliance), 1e-6)
+
+    def by_angle(at: Array) -> Law:
+        return softer(compliance * np.exp(at[0] + at[1] * u + at[2] * u**2))
+
+    def above(at: Array) -> Law:
+        return slipping(compliance, float(np.exp(at[0])), float(np.exp(at[1])))
+
+    def towards(side: float) -> Callable[[Array], Law]:
+        return lambda at: one_way(compliance * float(np.exp(at[0])), side, WIDTH_N)
+
+    return (
+        curve(
+            held, by_angle, [(ln(r), g, 0.0) for r in (0.3, 1.0, 5.0) for g in (-1.5, 0.0, 1.5)],
+            [any_ratio, (-6.0, 6.0, 2.0), (-6.0, 6.0, 2.0)], ratio, unit, (), amplitude=True,
+        ),
+        curve(
+            held, above, [(ln(f * typical), ln(power)) for f in (0.15, 0.5, 1.2) for power in (1.5, 6.0)],
+            [(ln(0.02 * typical), ln(4.0 * typical), np.inf), (ln(0.5), ln(8.0), np.inf)],
+            mean_ratio, unit, (-3.0, -1.0, 0.0, 1.0, 3.0), amplitude=False,
+        ),
+        *(
+            curve(
+                held, towards(side), [(ln(r),) for r in (0.3, 3.0)], [any_ratio], ratio, unit,
+                (-2.0, -1.0, 0.0, 1.0, 2.0), amplitude=True,
+            )
+            for side in (-1.0, 1.0)
+        ),
+    )  # fmt: skip
+
+
+def clearance_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
+    """Play that the tension takes up, more of it or less under load."""
+    held, ln = Held.of(s, strut), np.log
+
+    def size(at: Array, _: Array) -> float:
+        return float(np.exp(at[0]))
+
+    def law(at: Array) -> Law:
+        return play(np.exp(at[0] + at[2] * s.load), float(np.exp(at[1])))
+
+    starts = [(ln(c), ln(w), 0.0) for c in (1e-5, 4e-5, 1.6e-4) for w in (150.0, 1500.0)]
+    limits = [(ln(1e-6), ln(4e-4), np.inf), (ln(50.0), ln(2e4), np.inf), (-3.0, 3.0, 0.7)]
+    middles = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+    return (curve(held, law, starts, limits, size, lambda at: float(np.exp(at[0])), middles, amplitude=True),)
+
+
 def _one_load(s: Setting) -> str | None:
     if float(np.ptp(s.moments.payload_kg)) >= LEAST_KG:
         return None
@@ -100,9 +168,11 @@ EFFECTS = (
     Effect(
         "link_stiffness", "strut", Parameter("compliance_ratio", 0.05, 20.0, "1", "additional over nominal compliance"),
         "payload", ("joint_clearance", "column_compliance"), link_stiffness, (), _one_load,
+        curves=link_stiffness_curves,
     ),
     Effect(
         "joint_clearance", "strut", Parameter("clearance_m", 1e-6, 4e-4, "m", "play each way"),
         "poses where the strut's force changes its sign, payload", ("link_stiffness", "link_thermal_growth"), clearance,
+        curves=clearance_curves,
     ),
 )  # fmt: skip

@@ -184,7 +184,8 @@ class _Hypotheses:
         out = [nothing]
         for cause in self._fitted:
             place = cause.effect.places(known.machine).index(cause.place)
-            acts, best = cause.effect.forms(setting, place).acts, cause.best
+            best = cause.best
+            acts = cause.effect.acts(setting, place, best.form.curve)
             if best.form.parameters.keys() & {"period_m", "onset_s"} or max(best.form.columns) >= len(acts):
                 out.append(nothing)  # what stood out in the campaign says nothing of visits after it
                 continue

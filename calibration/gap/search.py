@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from calibration.effects.base import Acts, Effect, Setting
 from calibration.effects.catalogue import Catalogue
 from calibration.gap.evidence import Readout, Weighed, log_sum, weigh
 from calibration.gap.formless import Formless, weigh_formless
+from calibration.gap.refit import refit
 from calibration.machine import Array
 
 MOST_CAUSES = 3
@@ -18,6 +19,8 @@ SEEN = 6.0  # of log evidence: below it nothing is taken into the model
 LEAST_SHARE = 0.006  # of what is explained already, that a further cause must add
 LEAST_SHARE_NEARBY = 0.03  # the same where it could be what the former one's form leaves
 FURTHER, FURTHER_SHARE = 10.0, 0.02  # what every further cause costs: several together mimic much that is one
+WORTH_REFITTING = 0.25  # of the strongest effect's log evidence: below it curves are not looked at
+WORTH_REFITTING_THERE = 0.6  # of the effect's log evidence at its best place
 WORTH_A_LOOK = 4.0  # of log evidence that is left: below it nothing more is searched for
 
 
@@ -44,14 +47,30 @@ class Cause:
 
 def weigh_effects(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> list[Cause]:
     """All effects, the likeliest first; those without any form at any place are left out."""
-    found = [cause for effect in effects if (cause := _weighed(readout, setting, effect)) is not None]
-    return sorted(found, key=lambda cause: -cause.log_evidence)
+    found = [(effect, there) for effect in effects if (there := _by_forms(readout, setting, effect))]
+    most = max((_total(there) for _, there in found), default=0.0)
+    worth = max(SEEN, WORTH_REFITTING * most)
+    causes = [
+        _cause(effect, _by_curves(readout, setting, effect, there) if _total(there) > worth else there)
+        for effect, there in found
+    ]
+    return sorted(causes, key=lambda cause: -cause.log_evidence)
 
 
-def _weighed(readout: Readout, setting: Setting, effect: Effect) -> Cause | None:
+@dataclass(frozen=True)
+class _There:
+    """An effect at one of its places: log evidence with the place's prior, the best form, its columns."""
+
+    place: str
+    log_evidence: float
+    best: Weighed
+    acts: tuple[Acts, ...]
+
+
+def _by_forms(readout: Readout, setting: Setting, effect: Effect) -> list[_There]:
     names = effect.places(setting.machine)
-    low = effect.smallest(readout.baseline.recording.file.nuisance)
-    found: list[tuple[float, str, Weighed, tuple[Acts, ...]]] = []
+    low = _smallest(readout, effect)
+    out = []
     for index, name in enumerate(names):
         forms = effect.forms(setting, index)
         if not forms.forms:
@@ -60,16 +79,45 @@ def _weighed(readout: Readout, setting: Setting, effect: Effect) -> Cause | None
         weights = np.array([w.form.weight for w in weighed])
         # Weights that add up to less than one leave the rest to forms that were not worth listing.
         weights /= max(1.0, float(weights.sum()))
-        logs = np.array([w.log_evidence for w in weighed])
-        best = weighed[int(np.argmax(logs + np.log(weights)))]
+        logs = np.array([w.log_evidence for w in weighed]) + np.log(weights)
+        best = weighed[int(np.argmax(logs))]
         acts = tuple(forms.acts[c] for c in best.form.columns)
-        found.append((float(log_sum(logs + np.log(weights))) - float(np.log(len(names))), name, best, acts))
-    if not found:
-        return None
-    total = float(log_sum(np.array([log for log, *_ in found])))
-    places = {name: float(np.exp(log - total)) for log, name, *_ in found}
-    _, name, best, acts = max(found, key=lambda entry: entry[0])
-    return Cause(effect, total, places, name, best, acts)
+        out.append(_There(name, float(log_sum(logs)) - float(np.log(len(names))), best, acts))
+    return out
+
+
+def _by_curves(readout: Readout, setting: Setting, effect: Effect, found: list[_There]) -> list[_There]:
+    """The same with the effect's curves, at the places that its forms speak for."""
+    names, low = effect.places(setting.machine), _smallest(readout, effect)
+    most = max(there.log_evidence for there in found)
+
+    def closer(there: _There) -> _There:
+        curves = effect.curves(setting, names.index(there.place))
+        fitted = refit(readout, curves, low, effect.size.high)
+        if fitted is None:
+            return there
+        value = fitted.log_evidence - float(np.log(len(names) * len(curves)))
+        both = float(np.logaddexp(value, there.log_evidence)) - float(np.log(2.0))
+        if value > there.log_evidence:
+            return _There(there.place, both, fitted.best, fitted.acts)
+        return replace(there, log_evidence=both)
+
+    worth = WORTH_REFITTING_THERE * most
+    return [closer(there) if there.log_evidence > worth else there for there in found]
+
+
+def _cause(effect: Effect, found: list[_There]) -> Cause:
+    total, best = _total(found), max(found, key=lambda there: there.log_evidence)
+    places = {there.place: float(np.exp(there.log_evidence - total)) for there in found}
+    return Cause(effect, total, places, best.place, best.best, best.acts)
+
+
+def _total(found: list[_There]) -> float:
+    return float(log_sum(np.array([there.log_evidence for there in found])))
+
+
+def _smallest(readout: Readout, effect: Effect) -> float:
+    return effect.smallest(readout.baseline.recording.file.nuisance)
 
 
 def taken(readout: Readout, cause: Cause | Formless) -> Readout:

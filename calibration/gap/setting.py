@@ -11,6 +11,8 @@ from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
+from calibration.machine import Array
+from calibration.sensitivity import Sensitivity
 
 
 def setting_of(readout: Readout, found: tuple[Periodogram, ...]) -> Setting:
@@ -53,6 +55,7 @@ def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onset
         machine=machine,
         moments=seen.moments,
         tension_n=force[visit],
+        answer_n_per_m=_answers(seen.poses.sensitivity)[visit],
         pull_n=pull,
         moment_nm=moment,
         sight_m=seen.position_m,
@@ -60,6 +63,14 @@ def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onset
         periods=periods,
         onsets=onsets,
     )
+
+
+def _answers(known: Sensitivity) -> Array:
+    """Change (v, s, s) of the tension of each strut with the length of each: dt_i = k_i (J_i dx - dl_i)."""
+    struts = len(known.geometry.length_m)
+    yielding = known.respond([known.length(j) for j in range(struts)])
+    turned = np.einsum("fin,nfj->nij", known.state.wrench[:, :struts], yielding)
+    return np.asarray(known.geometry.stiffness_n_per_m[:struts, None] * (turned - np.eye(struts)))
 
 
 def periodograms(readout: Readout) -> tuple[Periodogram, ...]:

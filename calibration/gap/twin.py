@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.effects.base import Setting
+from calibration.effects.base import Acts, Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.frame import Frame
 from calibration.gap import twin_data
@@ -55,8 +55,8 @@ class Twin:
             place = cause.effect.places(baseline.machine).index(cause.place)
             asked, onsets = Asked(setting.periods), Asked(setting.onsets)
             cause.effect.forms(replace(setting, periods=asked, onsets=onsets), place)
-            columns = cause.best.form.columns
-            added.append(Added(cause.effect.name, place, columns, (), asked.answers, onsets.answers))
+            form = cause.best.form
+            added.append(Added(cause.effect.name, place, form.columns, form.curve, (), asked.answers, onsets.answers))
         catalogue = Catalogue(tuple(cause.effect for cause in causes))
         bare = cls(_campaign(baseline), fit_before(baseline), tuple(added), catalogue)
         return bare.fitted(solution)
@@ -135,15 +135,16 @@ class Twin:
             known,
             moments=moments,
             tension_n=both("tension_n"),
+            answer_n_per_m=both("answer_n_per_m"),
             pull_n=both("pull_n"),
             moment_nm=both("moment_nm"),
             sight_m=both("sight_m"),
         )
 
-    def _acts(self, setting: Setting, added: Added) -> list[Any]:
+    def _acts(self, setting: Setting, added: Added) -> list[Acts]:
         effect = next(e for e in self.catalogue.effects if e.name == added.effect)
         told = replace(setting, periods=Told(added.periods_m), onsets=Told(added.onsets_s))
-        acts = effect.forms(told, added.place).acts
+        acts = effect.acts(told, added.place, added.curve)
         return [acts[c] for c in added.columns]
 
     def to_data(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.effects.base import OnCurve
 from calibration.effects.catalogue import Catalogue
 from calibration.frame import Frame
 from calibration.gap.moments import ARRAYS, History, Moments
@@ -15,7 +16,7 @@ from calibration.gap.twin_parts import Added, Campaign, Fit, whole_model
 from calibration.machine import Array, Machine
 from calibration.toml_file import InputError
 
-FORMAT = 1
+FORMAT = 2
 LARGEST = 1e12  # of any number
 LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
@@ -35,6 +36,7 @@ def to_data(campaign: Campaign, fit: Fit, added: Sequence[Added]) -> dict[str, A
                 "effect": a.effect,
                 "place": a.place,
                 "columns": list(a.columns),
+                "curve": None if a.curve is None else [a.curve[0], *a.curve[1]],
                 "coefficients": list(a.coefficients),
                 "periods_m": [list(p) for p in a.periods_m],
                 "onsets_s": [list(o) for o in a.onsets_s],
@@ -150,10 +152,20 @@ def _added(machine: Machine, data: Mapping[str, Any], catalogue: Catalogue) -> A
         effect.name,
         place,
         numbers,
+        _curve(data["curve"]),
         coefficients,
         _answers(data["periods_m"], 1e-9),
         _answers(data["onsets_s"], -LARGEST),
     )
+
+
+def _curve(data: Any) -> OnCurve | None:
+    if data is None:
+        return None
+    number, *at = data
+    if type(number) is not int or number < 0:
+        raise ValueError("'curve' does not begin with its number")
+    return number, tuple(_numbers("curve", at, None).tolist())
 
 
 def _answers(answers: Any, least: float) -> tuple[tuple[float, ...], ...]:

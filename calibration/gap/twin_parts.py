@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import equilibrium
-from calibration.effects.base import Setting
+from calibration.effects.base import OnCurve, Setting
 from calibration.frame import Frame
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
@@ -55,7 +55,7 @@ class Told:
 
 @dataclass(frozen=True)
 class Added:
-    """An effect of the twin: where, which columns of its forms, their coefficients.
+    """An effect of the twin: where, which columns of its forms or of which curve's tangent, their coefficients.
 
     periods_m, onsets_s: what stood out in the campaign when the forms were built, question by question.
     """
@@ -63,6 +63,7 @@ class Added:
     effect: str
     place: int
     columns: tuple[int, ...]
+    curve: OnCurve | None
     coefficients: tuple[float, ...]
     periods_m: tuple[tuple[float, ...], ...]
     onsets_s: tuple[tuple[float, ...], ...]

@@ -25,6 +25,7 @@ from pkm_rig.measured_print import print_measured
 from pkm_rig.output import messages, outcome_json, print_json, print_outcome, print_result, progress_bar, results
 from pkm_rig.plans import CampaignRefused
 from pkm_rig.report import write_report
+from pkm_rig.schedule import calibration_blocks
 from pkm_rig.session import find_recording, open_rig, open_store
 from pkm_rig.store import StoreError
 from pkm_rig.twin_files import find_twin
@@ -88,7 +89,8 @@ def measure(
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
     if campaign_file is not None:
-        with_visits(load_rig(rig or embedded_rig_path())[0], campaign_file)  # said before any device is touched
+        file, machine = load_rig(rig or embedded_rig_path())  # what is wrong is said before any device is touched
+        calibration_blocks(machine, with_visits(file, campaign_file).campaign)
     with open_store(out) as store, open_rig(rig) as connected, progress_bar() as tell:
         if campaign_file is not None:
             connected.file = with_visits(connected.file, campaign_file)

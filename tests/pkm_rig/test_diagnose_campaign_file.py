@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from calibration.toml_file import InputError
 from pkm_rig import calibrate as job
 from pkm_rig.campaign_file import campaign_text, write_candidates
+from pkm_rig.cli import app
 from pkm_rig.config import with_visits
 from pkm_rig.schedule import calibration_blocks
 from pkm_rig.store import Store
@@ -93,6 +95,16 @@ def test_an_unfit_campaign_file_is_one_line(tmp_path, text, complaint):
     with pytest.raises(InputError, match=complaint) as caught:
         calibration_blocks(machine, with_visits(file, path).campaign)
     assert "\n" not in str(caught.value)
+
+
+def test_a_visit_outside_the_workspace_is_said_before_any_device_is_touched(tmp_path):
+    """The example rig's devices are not there: nobody serves them."""
+    path = tmp_path / "visits.toml"
+    path.write_text("[campaign]\nvisits = [{target = [0.0, 0.0]}, {target = [0.0, 9.0]}]")
+    rig = str(Path(__file__).parents[2] / "examples" / "mock-rig.toml")
+    found = CliRunner().invoke(app, ["measure", "--rig", rig, "--campaign", str(path), "--out", str(tmp_path)])
+    assert isinstance(found.exception, InputError)
+    assert "visit 2 lies outside the workspace" in str(found.exception)
 
 
 def test_visits_are_measured_and_added_to_a_campaign(candidate_file, tmp_path):

@@ -44,7 +44,8 @@ class Form:
     """One way in which an effect may act: numbers of its columns, standard deviations relative to the size.
 
     parameters: values of the effect's other parameters in this form. curve: which of the effect's curves it belongs to,
-    and where on it, if it was found by fitting again.
+    and where on it, if it was found by fitting again; size: weights with which the first coefficients then add up to
+    the size.
     """
 
     columns: tuple[int, ...]
@@ -52,6 +53,7 @@ class Form:
     parameters: Mapping[str, float] = field(default_factory=dict)
     weight: float = 1.0
     curve: OnCurve | None = None
+    size: tuple[float, ...] = ()
 
 
 class Forms:
@@ -87,11 +89,17 @@ class Forms:
 
 @dataclass(frozen=True)
 class Tangent:
-    """A curve near one of its points: columns (k) with standard deviations (k,) relative to the size, and by how much
-    coefficients (k,) move the point (p,)."""
+    """A curve near one of its points: columns, the first what it does there and then one by each parameter (p).
+
+    relative (1 + p,): standard deviations, relative to the size, for which the tangent is good; units (p,): of the
+    parameters by which their coefficients over the size count. size: weights with which the first coefficients add up
+    to the size. step: by how much coefficients (1 + p,) move the point (p,).
+    """
 
     acts: tuple[Acts, ...]
     relative: tuple[float, ...]
+    units: tuple[float, ...]
+    size: tuple[float, ...]
     step: Callable[[Array], Array]
 
 
@@ -99,7 +107,8 @@ class Tangent:
 class Curve:
     """Forms that are not linear in their parameters (p): fitted again and again, from several starts (m, p).
 
-    low, high (p,): limits; spread (p,): standard deviations about zero, infinite where limits are all that is known.
+    The first parameter carries the size. low, high (p,): limits; spread (p,): standard deviations about zero, infinite
+    where limits are all that is known.
     """
 
     starts: Array
@@ -199,6 +208,8 @@ class Effect:
             return tuple(self.forms(setting, place).acts)
         number, at = curve
         chosen = self.curves(setting, place)[number]
+        if len(at) != len(chosen.low):
+            raise ValueError(f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(at)}")
         return chosen.tangent(np.clip(at, chosen.low, chosen.high)).acts
 
     def smallest(self, nuisance: NuisanceEntry) -> float:

@@ -11,15 +11,15 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.effects.base import Curve, Effect, Forms, Parameter, Setting
-from calibration.effects.strut_laws import Held, Law, curve, one_way, play, slipping, softer
+from calibration.effects.strut_laws import Held, Law, Range, curve, misfit_m, one_way, play, slipping, softer
 from calibration.gap.shapes import smooth
 from calibration.machine import Array
 
 LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # over which play is taken up
 LEAST_KG = 20.0
-MISFIT_UNIT_M = 2e-5
-WIDTH_N = 200.0  # over which a strut goes from tension to compression
+MISFIT_UNIT = 0.07  # of its standard deviation: so much a strut's misfit counts
+NARROW = 0.02  # of the typical tension: over which a strut goes from tension to compression
 
 
 def compliance(s: Setting, drive: int) -> Forms:
@@ -97,60 +97,56 @@ def link_stiffness_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
     compliance, typical = 1.0 / held.stiffness_n_per_m, held.typical_n
     drive = int(s.machine.strut_drive[strut])
     u = s.along(drive) if drive >= 0 else np.zeros(len(s.moments))
-    ln, any_ratio = np.log, (np.log(0.02), np.log(50.0), np.inf)
-
-    def unit(_: Array) -> float:
-        return MISFIT_UNIT_M
-
-    def ratio(at: Array, _: Array) -> float:
-        return float(np.exp(at[0]))
-
-    def mean_ratio(_: Array, growth: Array) -> float:
-        return max(float(np.sqrt(np.mean(growth**2))) / (typical * compliance), 1e-6)
+    ratio, bend = Range(np.log(0.02), np.log(50.0)), Range(-6.0, 6.0, 2.0)
+    threshold, power = Range(np.log(0.02), np.log(4.0)), Range(np.log(0.5), np.log(8.0))
 
     def by_angle(at: Array) -> Law:
         return softer(compliance * np.exp(at[0] + at[1] * u + at[2] * u**2))
 
     def above(at: Array) -> Law:
-        return slipping(compliance, float(np.exp(at[0])), float(np.exp(at[1])))
+        return slipping(compliance, typical * float(np.exp(at[0])), float(np.exp(at[1])))
 
     def towards(side: float) -> Callable[[Array], Law]:
-        return lambda at: one_way(compliance * float(np.exp(at[0])), side, WIDTH_N)
+        return lambda at: one_way(compliance * float(np.exp(at[0])), side, NARROW * typical)
 
+    def stated(at: Array, _: Array) -> float:
+        return float(np.exp(at[0]))
+
+    def mean(_: Array, growth: Array) -> float:
+        return max(float(np.sqrt(np.mean(growth**2))) / (typical * compliance), 1e-6)
+
+    def unit(_: Array) -> float:
+        return MISFIT_UNIT * misfit_m(s)
+
+    ratios = [np.log(r) for r in (0.3, 1.0, 5.0)]
+    thresholds = [(np.log(f), np.log(p)) for f in (0.15, 0.5, 1.2) for p in (1.5, 6.0)]
+    angles = [(r, by, 0.0) for r in ratios for by in (-1.5, 0.0, 1.5)]
+    far, near = (-3.0, -1.0, 0.0, 1.0, 3.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
     return (
-        curve(
-            held, by_angle, [(ln(r), g, 0.0) for r in (0.3, 1.0, 5.0) for g in (-1.5, 0.0, 1.5)],
-            [any_ratio, (-6.0, 6.0, 2.0), (-6.0, 6.0, 2.0)], ratio, unit, (), amplitude=True,
-        ),
-        curve(
-            held, above, [(ln(f * typical), ln(power)) for f in (0.15, 0.5, 1.2) for power in (1.5, 6.0)],
-            [(ln(0.02 * typical), ln(4.0 * typical), np.inf), (ln(0.5), ln(8.0), np.inf)],
-            mean_ratio, unit, (-3.0, -1.0, 0.0, 1.0, 3.0), amplitude=False,
-        ),
+        curve(held, by_angle, (ratio, bend, bend), angles, (), stated, unit, misfit_m(s)),
+        curve(held, above, (threshold, power), thresholds, far, mean, unit, misfit_m(s)),
         *(
-            curve(
-                held, towards(side), [(ln(r),) for r in (0.3, 3.0)], [any_ratio], ratio, unit,
-                (-2.0, -1.0, 0.0, 1.0, 2.0), amplitude=True,
-            )
+            curve(held, towards(side), (ratio,), [(r,) for r in ratios[::2]], near, stated, unit, misfit_m(s))
             for side in (-1.0, 1.0)
         ),
-    )  # fmt: skip
+    )
 
 
 def clearance_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
     """Play that the tension takes up, more of it or less under load."""
-    held, ln = Held.of(s, strut), np.log
-
-    def size(at: Array, _: Array) -> float:
-        return float(np.exp(at[0]))
+    held = Held.of(s, strut)
+    play_m, by_load = Range(np.log(1e-6), np.log(4e-4)), Range(-3.0, 3.0, 0.7)
+    width = Range(np.log(0.005), np.log(2.0))  # over the typical tension
 
     def law(at: Array) -> Law:
-        return play(np.exp(at[0] + at[2] * s.load), float(np.exp(at[1])))
+        return play(np.exp(at[0] + at[2] * s.load), held.typical_n * float(np.exp(at[1])))
 
-    starts = [(ln(c), ln(w), 0.0) for c in (1e-5, 4e-5, 1.6e-4) for w in (150.0, 1500.0)]
-    limits = [(ln(1e-6), ln(4e-4), np.inf), (ln(50.0), ln(2e4), np.inf), (-3.0, 3.0, 0.7)]
+    def stated(at: Array, _: Array | None = None) -> float:
+        return float(np.exp(at[0]))
+
+    starts = [(np.log(c), np.log(w), 0.0) for c in (1e-5, 4e-5, 1.6e-4) for w in (0.015, 0.15)]
     middles = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
-    return (curve(held, law, starts, limits, size, lambda at: float(np.exp(at[0])), middles, amplitude=True),)
+    return (curve(held, law, (play_m, width, by_load), starts, middles, stated, stated, misfit_m(s)),)
 
 
 def _one_load(s: Setting) -> str | None:

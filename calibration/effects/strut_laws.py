@@ -19,10 +19,12 @@ from calibration.machine import Array
 # Elongation in m beyond the linear spring's and its derivative, at tensions (n,); it grows with the tension from zero.
 Law = Callable[[Array], tuple[Array, Array]]
 
-MISFIT_M = 3.0e-4  # standard deviation of a strut's misfit
+MISFIT = 3.0  # standard deviation of a misfit, in tolerances of a strut's length: it sums up those of a loop
 SHARE = 0.4  # of every parameter's column, relative to the size
-ITERATIONS = 30
+ITERATIONS = 40
+LEAST_SHARE = 0.5  # that is counted on when the first parameter is to make up for a size that does not fit
 STEP = 0.02  # of a parameter of a law, for its derivative
+LEAST_RESTRAINT = 1e-3  # over the strut's stiffness: with less the strut is as good as free
 
 
 @dataclass(frozen=True)
@@ -59,79 +61,87 @@ class Held:
     def shifts_m(self, middles: Sequence[float]) -> list[float]:
         """Misfits of its own to start from: none, and what puts its mean tension at so many standard deviations."""
         restraint = float(np.mean(self.restraint_n_per_m))
-        if restraint <= 1e-3 * self.stiffness_n_per_m:
+        if restraint <= LEAST_RESTRAINT * self.stiffness_n_per_m:
             return [0.0]
         spread, mean = float(np.std(self.tension_n)), float(np.mean(self.tension_n))
         return [0.0, *((mean - middle * spread) / restraint for middle in middles)]
 
     def taken_up(self, law: Law, misfit_m: Array) -> tuple[Array, Array, Array]:
-        """Its tension T (n,), its growth g(T) (n,) and 1 / (1 + r g'(T)). NaN where no tension was found."""
+        """Its tension T (n,), g'(T) (n,) and 1 / (1 + r g'(T)): Newton's steps, halving where they do not converge."""
         free = self.tension_n + self.misfit @ misfit_m
         low, high, tension = np.minimum(free, 0.0), np.maximum(free, 0.0), 0.5 * free
+        last = high - low
         for _ in range(ITERATIONS):
             growth, slope = law(tension)
             over = tension + self.restraint_n_per_m * growth - free
             low, high = np.where(over < 0.0, tension, low), np.where(over >= 0.0, tension, high)
             newton = tension - over / (1.0 + self.restraint_n_per_m * slope)
-            tension = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
-        growth, slope = law(tension)
-        off = np.abs(tension + self.restraint_n_per_m * growth - free) > 1e-3 * (np.abs(free) + 1.0)
-        return tension, np.where(off, np.nan, growth), 1.0 / (1.0 + self.restraint_n_per_m * slope)
+            good = (newton >= low) & (newton <= high) & (np.abs(newton - tension) <= 0.5 * last)
+            then = np.where(good, newton, 0.5 * (low + high))
+            last, tension = np.abs(then - tension), then
+        slope = law(tension)[1]
+        return tension, slope, 1.0 / (1.0 + self.restraint_n_per_m * slope)
+
+
+def misfit_m(s: Setting) -> float:
+    """Standard deviation of a strut's misfit."""
+    return MISFIT * s.machine.file.tolerances.strut_length_m
+
+
+@dataclass(frozen=True)
+class Range:
+    """A parameter of a law: limits, and its standard deviation about zero (infinite if limits are all there is)."""
+
+    low: float
+    high: float
+    spread: float = np.inf
 
 
 def curve(
     held: Held,
     law: Callable[[Array], Law],
+    parameters: Sequence[Range],
     starts: Sequence[Sequence[float]],
-    limits: Sequence[tuple[float, float, float]],
+    middles: Sequence[float],
     size: Callable[[Array, Array], float],
     misfit_unit_m: Callable[[Array], float],
-    middles: Sequence[float],
-    *,
-    amplitude: bool,
+    misfit_m: float,
 ) -> Curve:
     """The curve of a law at a strut.
 
-    law: of its own parameters; starts: of those; limits: low, high and standard deviation of each. size: of the effect,
-    from parameters and growth (n,). misfit_unit_m: of misfits that count. middles: mean tensions to start from, in
-    standard deviations. amplitude: whether the first parameter is the logarithm of the size.
+    law: of its own parameters, the first of which alone says how much it grows; starts: of those. middles: mean
+    tensions to start from, in standard deviations. size: of the effect, from parameters and growth (n,).
+    misfit_unit_m: of misfits that count; misfit_m: their standard deviation.
     """
-    own, misfits = len(limits), held.misfit.shape[1]
+    own, misfits = len(parameters), held.misfit.shape[1]
 
     def tangent(at: Array) -> Tangent:
-        parameters, misfit_m = at[:own], at[own:]
-        tension, growth, kept = held.taken_up(law(parameters), misfit_m)
-        big, unit = size(parameters, growth), misfit_unit_m(parameters)
-        by = []
-        for i in range(own):
-            moved = parameters.copy()
-            moved[i] += STEP
-            by.append((law(moved)(tension)[0] - growth) / STEP * kept)
-        columns = [growth, *by]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = np.where(held.restraint_n_per_m > 0.0, (1.0 - kept) / held.restraint_n_per_m, 0.0)
-        columns += list((slope[:, None] * held.misfit * unit).T)
+        here = at[:own]
+        tension, slope, kept = held.taken_up(law(here), at[own:])
+        growth = law(here)(tension)[0]
+        by = [(law(here + STEP * np.eye(own)[i])(tension)[0] - growth) / STEP * kept for i in range(own)]
+        big, unit = size(here, growth), misfit_unit_m(here)
+        columns = [growth, *by, *((slope * kept)[:, None] * held.misfit * unit).T]
+        # By how much of itself it grows with the first parameter.
+        share = float(growth @ by[0]) / max(float(growth @ growth), 1e-300)
 
         def step(coefficients: Array) -> Array:
             main = max(float(coefficients[0]), 0.2 * big)
             out = coefficients[1:] / main
             out[own:] *= unit
-            if amplitude:
-                out[0] += np.log(main / big)
+            out[0] += np.log(main / big) / (np.sign(share) * max(abs(share), LEAST_SHARE))
             return np.asarray(out)
 
+        units = (1.0,) * own + (unit,) * misfits
         acts = tuple(((held.channel, column / big),) for column in columns)
-        return Tangent(acts, (1.0,) + (SHARE,) * (own + misfits), step)
+        return Tangent(acts, (1.0,) + (SHARE,) * len(units), units, (1.0, share), step)
 
-    shifts = held.shifts_m(middles)
+    low = np.array([*(p.low for p in parameters), *[-5.0 * misfit_m] * misfits])
+    high = np.array([*(p.high for p in parameters), *[5.0 * misfit_m] * misfits])
     rest = np.zeros(misfits - 1)
-    return Curve(
-        starts=np.array([[*start, shift, *rest] for start in starts for shift in shifts]),
-        low=np.array([*(low for low, _, _ in limits), *[-5.0 * MISFIT_M] * misfits]),
-        high=np.array([*(high for _, high, _ in limits), *[5.0 * MISFIT_M] * misfits]),
-        spread=np.array([*(spread for *_, spread in limits), *[MISFIT_M] * misfits]),
-        tangent=tangent,
-    )
+    all_starts = np.array([[*start, shift, *rest] for start in starts for shift in held.shifts_m(middles)])
+    spread = np.array([*(p.spread for p in parameters), *[misfit_m] * misfits])
+    return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent)
 
 
 def play(clearance_m: Array | float, width_n: float) -> Law:

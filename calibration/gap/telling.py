@@ -71,6 +71,9 @@ def found_effect(cause: Cause, ranking: Mapping[str, float], readout: Readout, *
 def _size(cause: Cause) -> tuple[float, float]:
     """Size of a cause in its best form and its standard uncertainty, by what its effect says of several columns."""
     best = cause.best
+    if best.form.size:
+        weights = np.array(best.form.size + (0.0,) * (len(best.coefficients) - len(best.form.size)))
+        return float(weights @ best.coefficients), float(np.sqrt(weights @ best.covariance @ weights))
     main = [i for i, relative in enumerate(best.form.relative) if relative >= 1.0]
     some, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
     if len(main) == 1:

@@ -54,8 +54,8 @@ class Twin:
         for cause in causes:
             place = cause.effect.places(baseline.machine).index(cause.place)
             asked, onsets = Asked(setting.periods), Asked(setting.onsets)
-            cause.effect.forms(replace(setting, periods=asked, onsets=onsets), place)
             form = cause.best.form
+            cause.effect.acts(replace(setting, periods=asked, onsets=onsets), place, form.curve)
             added.append(Added(cause.effect.name, place, form.columns, form.curve, (), asked.answers, onsets.answers))
         catalogue = Catalogue(tuple(cause.effect for cause in causes))
         bare = cls(_campaign(baseline), fit_before(baseline), tuple(added), catalogue)

@@ -29,10 +29,12 @@ from drivers.polar import (
 from drivers.station_setup import StationIdentity, StationSetup
 
 __all__ = [
+    "EDMModeV2",
     "LaserTracker",
     "LockState",
     "MeanReading",
     "PolarReading",
+    "Prism",
     "SettleCriterion",
     "StationIdentity",
     "average",
@@ -161,6 +163,10 @@ class LaserTracker:
         setup.set_atmosphere(self._wavelength_m, temperature_c, pressure_hpa, humidity)
         self.ppm = setup.read_ppm(temperature_c, pressure_hpa, humidity)
         return self.ppm
+
+    def require_settings(self) -> None:
+        """Raise ProtocolError if distance mode, prism type or constant are not what readings are recorded with."""
+        StationSetup(self._open()).require_settings(*self._settings, self.prism_constant_m)
 
     def point_and_aim(self, hz_rad: float, v_rad: float, window_rad: float = 0.01) -> None:
         """Turn near a direction (9027) and aim finely at the reflector in the window (9037).

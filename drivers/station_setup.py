@@ -15,6 +15,7 @@ from drivers.geocom import GeoComSession
 
 _SET_ATMOSPHERE, _SET_PRISM_CONSTANT = 2028, 2024
 _DIGITS = 15
+_CONSTANT_TOLERANCE_M = 1e-6
 _CHECK_SETTINGS = "check the station's configuration and connect again"
 
 
@@ -64,9 +65,35 @@ class StationSetup:
         """Set the distance mode (2020) unless it is None; returns the one that is on."""
         tmc = self.session.geocom.tmc
         if mode is None:
-            return int(self.session.ask(tmc.get_edm_mode_v2).value)
+            return self.read_distance_mode()
         self._set("distance mode", mode, lambda: tmc.set_edm_mode_v2(mode), tmc.get_edm_mode_v2)
         return int(mode.value)
+
+    def read_distance_mode(self) -> int:
+        """The distance mode that is on (2021), GeoCOM's number."""
+        return int(self.session.ask(self.session.geocom.tmc.get_edm_mode_v2).value)
+
+    def read_prism(self) -> tuple[int, float]:
+        """Prism type (17009), GeoCOM's number, and prism constant in metres (2023)."""
+        bap, tmc = self.session.geocom.bap, self.session.geocom.tmc
+        return int(self.session.ask(bap.get_prism_type).value), float(self.session.ask(tmc.get_prism_correction))
+
+    def require_settings(self, mode: int, prism: int, constant_m: float) -> None:
+        """Raise ProtocolError where distance mode, prism type or prism constant are others than these."""
+        mode_now = self.read_distance_mode()
+        prism_now, constant_now_m = self.read_prism()
+        for what, wanted, found in (
+            ("distance mode", mode, mode_now),
+            ("prism type", prism, prism_now),
+            ("prism constant", constant_m, constant_now_m),
+        ):
+            if not abs(found - wanted) < _CONSTANT_TOLERANCE_M:
+                raise ProtocolError(
+                    self.session.device,
+                    self.session.where,
+                    f"{what} was set to {wanted} and is now {found}",
+                    "leave the station's keyboard alone, connect again, distrust the readings of the last minutes",
+                )
 
     def set_prism(self, prism: Prism | None, constant_m: float) -> int:
         """Set prism type (17008) unless it is None and constant (2024); returns the type that is on."""
@@ -76,7 +103,7 @@ class StationSetup:
         kind = prism if prism is not None else self.session.ask(bap.get_prism_type)
         self.session.ask(self.session.call(_SET_PRISM_CONSTANT, constant_m), values=False)
         taken_m = self.session.ask(tmc.get_prism_correction)
-        if not abs(taken_m - constant_m) < 1e-6:
+        if not abs(taken_m - constant_m) < _CONSTANT_TOLERANCE_M:
             raise self._not_taken("prism constant", constant_m, taken_m)
         return int(kind.value)
 

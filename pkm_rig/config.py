@@ -20,12 +20,18 @@ MOST_VISITS, MOST_DRIVES = 2000, 12
 
 
 class StationConnection(StationEntry):
-    """The station's line: a serial port (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`."""
+    """The station's line, a serial port (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`, and what it measures with.
+
+    Distance mode and prism type by GeoCOM's names; the constant is set after the type, whose own it replaces.
+    """
 
     port: str = ""
     baudrate: int = Field(gt=0, default=115200)
     reply_timeout_s: float = Field(gt=0.0, default=5.0)
     motion_timeout_s: float = Field(gt=0.0, default=30.0)
+    edm_mode: Literal["single_standard", "single_fast", "average_ir", "precise_ir"] = "single_standard"
+    prism_type: Literal["round", "mini", "user1", "user2", "user3", "minizero", "user"] = "mini"
+    prism_constant_m: float = Field(gt=-0.2, lt=0.2, default=0.0)
 
 
 class CanConnection(Section):

@@ -15,7 +15,7 @@ from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.drive_profile import DriveProfile
 from drivers.errors import DeviceError
-from drivers.laser_tracker import LaserTracker
+from drivers.laser_tracker import EDMModeV2, LaserTracker, Prism
 from drivers.plc import Plc
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
@@ -90,6 +90,9 @@ def connected(
             baudrate=station.baudrate,
             reply_timeout_s=station.reply_timeout_s,
             motion_timeout_s=station.motion_timeout_s,
+            edm_mode=EDMModeV2[station.edm_mode.upper()],
+            prism_type=Prism[station.prism_type.upper()],
+            prism_constant_m=station.prism_constant_m,
         )
         stack.callback(tracker.close)
         tracker.connect()

@@ -17,7 +17,7 @@ import numpy as np
 from calibration import station as station_geometry
 from calibration.frame import Frame
 from calibration.machine import Array
-from calibration.recording import DRIVE_COLUMNS, TEXT_COLUMNS, column_names
+from calibration.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
 from drivers.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig import Rig
 from pkm_rig.schedule import PlannedVisit
@@ -237,7 +237,7 @@ class StationDevice:
         names = column_names([d.name for d in self._rig.file.drives], self._rig.sensors)
         return {
             name: {"source": "rig", "dtype": "string" if name in TEXT_COLUMNS else "number", "shape": []}
-            for name in names
+            for name in (*names, *OPTIONAL_COLUMNS)
             if name != "uid"
         }
 
@@ -301,6 +301,8 @@ class StationDevice:
             "face": 0.0 if settings.two_face else float(first.face),
             "prism_constant_m": first.prism_constant_m,
             "ppm": first.ppm,
+            "edm_mode": float(first.edm_mode),
+            "prism_type": float(first.prism_type),
             "samples": float(mean.n),
             "flags": float(len({flag for r in readings for flag in r.flags})),
             **{axis: float(value) for axis, value in zip(("x_m", "y_m", "z_m"), position, strict=True)},

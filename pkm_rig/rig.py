@@ -258,6 +258,10 @@ class Rig:
         }
 
     def refresh_atmosphere(self) -> None:
-        """Give the PLC's air values to the station."""
+        """Give the PLC's air values to the station, whose other settings must be what they were.
+
+        Raises what the station raises, and the supervision's trip rather than use a stale value.
+        """
         state = self.supervisor.state()
+        self.station.require_settings()
         self.station.set_atmosphere(state.temperatures_c["air"], state.pressure_hpa, state.humidity)

@@ -319,6 +319,31 @@ def test_a_simple_measurement(make: Make) -> None:
     assert (reading.edm_mode, reading.prism_type) == (2, 1)
 
 
+def _settings(n: int, mode: int = 2, prism: int = 1, constant: str = "0.0") -> list[tuple[bytes, bytes]]:
+    return [
+        (b"%%R1Q,2021,%d:" % n, b"%%R1P,0,%d:0,%d\r\n" % (n, mode)),
+        (b"%%R1Q,17009,%d:" % (n + 1), b"%%R1P,0,%d:0,%d\r\n" % (n + 1, prism)),
+        (b"%%R1Q,2023,%d:" % (n + 2), b"%%R1P,0,%d:0,%s\r\n" % (n + 2, constant.encode())),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        ({"mode": 6}, "distance mode was set to 2 and is now 6"),
+        ({"prism": 7}, "prism type was set to 1 and is now 7"),
+        ({"constant": "0.0175"}, "prism constant was set to 0.0 and is now 0.0175"),
+    ],
+)
+def test_settings_that_somebody_changes_at_the_station_are_noticed(make: Make, changed: dict, complaint: str) -> None:
+    tracker, port = make([*CONNECT, *_settings(15), *_settings(18, **changed)])
+    tracker.connect()
+    tracker.require_settings()
+    with pytest.raises(ProtocolError, match=complaint):
+        tracker.require_settings()
+    port.finished()
+
+
 def test_another_reflector_than_the_predicted_one(make: Make) -> None:
     tracker, _ = make([*CONNECT, *_reading(15)])
     tracker.connect()

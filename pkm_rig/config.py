@@ -152,13 +152,18 @@ class CampaignSettings(Section):
 
 
 class Limits(Section):
-    """When to refuse."""
+    """When to refuse, and how old or wrong what the station knows of the air may become between two points.
+
+    `atmosphere_ppm`: 0.1 ppm is what 0.1 K or 0.4 hPa do by the stations' own formula, 0.3 um in 3 m.
+    """
 
     in_plane_u_m: float = Field(gt=0.0, default=15e-6)
     heartbeat_s: float = Field(gt=0.0, default=2.0)
     drive_watchdog_s: float = Field(ge=1.0, le=60.0, default=1.5)
     poll_period_s: float = Field(ge=0.005, le=0.1, default=0.01)
     plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
+    atmosphere_age_s: float = Field(gt=0.0, default=300.0)
+    atmosphere_ppm: float = Field(gt=0.0, default=0.1)
     interlocks: tuple[str, ...] = (
         "guard closed",
         "emergency stop released",

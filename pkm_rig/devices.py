@@ -258,7 +258,7 @@ class StationDevice:
         return visit.target_m[:3] + smr.position_m
 
     def _aim(self) -> None:
-        self._rig.supervisor.require_good()
+        self._rig.keep_atmosphere()  # here, where no measurement is under way
         if self._context.aim.frame is None:
             self._context.aim.frame = self._rig.rough_frame()
         point = self._context.aim.frame.to_station(self._expected()[None])

@@ -13,6 +13,7 @@ from drivers import cia402
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
 from drivers.errors import DeviceError, MotionTimeout, Stopped
+from drivers.homing import Homing, home
 from drivers.servo_drive import DriveSample, Emergency, ServoDrive
 from drivers.sync_sampler import SyncSampler
 
@@ -104,9 +105,11 @@ class DriveGroup:
     def enable(self) -> None:
         """Enable all drives; if one fails all are disabled again.
 
-        Raises DriveFault, Stopped, MotionTimeout.
+        Raises DriveFault (NotReferenced for one that has to be homed), Stopped, MotionTimeout.
         """
         self._raise_if_stopped()
+        for drive in self.drives:
+            drive.require_reference()
         try:
             for drive in self.drives:
                 drive.check()
@@ -132,6 +135,22 @@ class DriveGroup:
         """Acknowledge the faults of all drives. Raises DriveFault if one stays."""
         for drive in self.drives:
             drive.fault_reset()
+
+    def home(self, homings: Sequence[Homing | None]) -> None:
+        """Home drives one after the other, leaving out where there is None; the others stand without power meanwhile.
+
+        All are without power afterwards. Whatever goes wrong stops all, and the stop is remembered. Raises DriveFault,
+        NotReferenced, MotionTimeout, Stopped, ConnectionFailed, NoAnswer, SdoRefused and StaleData.
+        """
+        if len(homings) != len(self.drives):
+            raise ValueError(f"{len(self.drives)} drives, {len(homings)} ways to home them")
+        with self._one_move():
+            self._raise_if_stopped()
+            self.disable()
+            with self._stopping_on_failure():
+                for drive, homing in zip(self.drives, homings, strict=True):
+                    if homing is not None:
+                        home(drive, homing, partial(self._send, drive), self._clock, self.poll_period_s)
 
     def sample(self) -> list[DriveSample]:
         """Send SYNC and return what each drive says at it, in the order of the drives.
@@ -161,6 +180,7 @@ class DriveGroup:
             self._raise_if_stopped()
             for drive in self.drives:
                 drive.check()
+                drive.require_reference()
             # Twice: a drive takes its partner's command from the SYNC before.
             self.sample()
             before = self._check_all(self.sample())
@@ -185,6 +205,8 @@ class DriveGroup:
                 drive.increments(position_m)
         with self._one_move():
             self._raise_if_stopped()
+            for drive in self.drives:
+                drive.require_reference()
             samples = self._check_all(self.sample())
             off_m = _farthest_m(samples, path_m[0])
             if off_m > self.rest.demand_m + self.rest.following_error_m:

@@ -10,7 +10,7 @@ from drivers import objects, pdo
 from drivers.can_line import NMT_PRE_OPERATIONAL, CanLine
 from drivers.drive_profile import DriveProfile
 from drivers.drive_records import DriveExpectation, DriveIdentity
-from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer, NotReferenced
+from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer
 from drivers.objects import DriveObject
 from drivers.pdo import PdoMapping
 from drivers.sdo import SdoAccess
@@ -94,13 +94,10 @@ class DriveSetup:
         if pdo.differing(self.sdo, wrong):
             raise self._mismatch("the drive does not keep the PDO mapping")
 
-    def require_reference(self) -> None:
-        """Raise NotReferenced where the drive says that it has lost its reference."""
+    def is_referenced(self) -> bool:
+        """Whether the drive says that its position is referenced; True where it cannot lose that."""
         entry, mask = self.profile.referenced, self.profile.referenced_mask
-        if entry is not None and self.sdo.read(entry) & mask != mask:
-            raise NotReferenced(
-                self.name, self.where, "the position is not referenced", "home the drive, then connect again"
-            )
+        return entry is None or self.sdo.read(entry) & mask == mask
 
     def watch_master(self, master_node_id: int, limit_ms: int) -> None:
         """Have the drive stop by itself when the master's heartbeat stays away; nothing where it cannot."""

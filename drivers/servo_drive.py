@@ -1,4 +1,4 @@
-"""One CiA 402 servo drive in profile position mode, in metres and seconds."""
+"""One CiA 402 servo drive in profile or cyclic synchronous position mode, in metres and seconds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.clock import HostClock, RigClock
 from drivers.drive_profile import DriveProfile, load_profile
 from drivers.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
 from drivers.drive_setup import DriveSetup
-from drivers.errors import DriveFault, MotionTimeout, StaleData
+from drivers.errors import DriveFault, MotionTimeout, NotReferenced, StaleData
 from drivers.objects import DriveObject
 from drivers.sdo import SdoAccess
 
@@ -72,6 +72,7 @@ class ServoDrive:
         self.emergencies: deque[Emergency] = deque(maxlen=100)
         self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
+        self.referenced = False
         self.tpdo_counts = [0, 0]
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
         self._clock = clock or HostClock()
@@ -101,19 +102,22 @@ class ServoDrive:
         """Node and line, for messages."""
         return f"node {self.node_id} on {self.line.name}"
 
-    def connect(self) -> DriveIdentity:
+    def connect(self, *, unreferenced: bool = False) -> DriveIdentity:
         """Find the drive, compare identity and units, set PDOs, heartbeat and mode, start the node.
 
-        Raises ConnectionFailed naming an absent node and IdentityMismatch for a wrong drive or wrong units.
+        Raises ConnectionFailed naming an absent node, IdentityMismatch for a wrong drive or wrong units, and
+        NotReferenced for one that has to be homed, unless it may be `unreferenced`.
         """
         self.line.check()
         self.restarted = False
-        setup = self._setup()
+        setup = self.setup()
         setup.find()
         self.identity = setup.read_identity(self.expected)
         setup.compare_factors(self.expected)
         setup.set_pdos(self._partner_node_id)
-        setup.require_reference()
+        self.referenced = setup.is_referenced()
+        if not unreferenced:
+            self.require_reference()
         setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
         if self._master_node_id is not None:
             setup.watch_master(self._master_node_id, self._master_lost_ms)
@@ -145,13 +149,26 @@ class ServoDrive:
         for that.
         """
         if mode == cia402.CYCLIC_POSITION:
-            self._setup().set_cyclic_pdo()
+            self.setup().set_cyclic_pdo()
             self.line.send_nmt(NMT_START, self.node_id)
         self.sdo.write(objects.MODE, mode)
         self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == mode, f"mode of operation {mode}")
 
-    def _setup(self) -> DriveSetup:
+    def setup(self) -> DriveSetup:
+        """What compares and sets the drive's objects."""
         return DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where, self.profile)
+
+    def read_reference(self) -> None:
+        """Ask the drive whether its position is referenced. Raises NotReferenced."""
+        self.referenced = self.setup().is_referenced()
+        self.require_reference()
+
+    def require_reference(self) -> None:
+        """Raise NotReferenced if the position was not referenced when last asked."""
+        if not self.referenced:
+            raise NotReferenced(
+                self.name, self.where, "the position is not referenced", "home the drive, then connect again"
+            )
 
     def unwatch_master(self) -> None:
         """Have the drive watch the master no more: it is about to leave."""

@@ -45,7 +45,8 @@ class DriveServer:
     """One drive at `node_id`. It owns `bus` and shuts it down in `close`.
 
     `machine_id` is that of table images, `load_kg` tells the mass that this drive carries. Positions in metres are
-    encoder positions; the drive starts under its brake at `start_m`. Many drives know no `block_transfer`.
+    true encoder positions, whatever the drive counts; it starts under its brake at `start_m`. Many drives know no
+    `block_transfer`, and many have no `absolute_encoder`.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class DriveServer:
         faults: FaultPlan = NO_FAULTS,
         block_transfer: bool = True,
         is_first: bool = True,
+        absolute_encoder: bool = True,
     ) -> None:
         self.node_id, self.axis_name = node_id, axis_name
         self._lock = threading.RLock()
@@ -76,6 +78,7 @@ class DriveServer:
             self.compensation,
             start_m / METRES_PER_INCREMENT,
             self._send_emergency,
+            absolute=absolute_encoder,
         )
         self._node = _Node(node_id, _dictionary(node_id), self._stored, faults)
         self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
@@ -110,7 +113,7 @@ class DriveServer:
     def encoder_m(self, t_s: float) -> float:
         """Where the drive stands at rig time `t_s`, compensation included, free of lag's rounding."""
         with self._lock:
-            return self.axis.encoder_inc(t_s) * METRES_PER_INCREMENT
+            return self.axis.place_inc(t_s) * METRES_PER_INCREMENT
 
     def set_point(self, t_s: float) -> SetPoint:
         """The set-point that was followed at `t_s`."""
@@ -131,11 +134,11 @@ class DriveServer:
                 Motion(
                     start_s,
                     start_s + profile.duration_s,
-                    profile.at(0.0)[0] * METRES_PER_INCREMENT,
-                    profile.target * METRES_PER_INCREMENT,
+                    (profile.at(0.0)[0] + shift_inc) * METRES_PER_INCREMENT,
+                    (profile.target + shift_inc) * METRES_PER_INCREMENT,
                     max(abs(phase.v) for phase in (*profile.phases, profile.phases[-1])) * METRES_PER_INCREMENT,
                 )
-                for start_s, profile in trail[first:]
+                for start_s, profile, shift_inc in trail[first:]
             ]
 
     # What tests and the rig may do.

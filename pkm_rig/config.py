@@ -45,6 +45,21 @@ class CanConnection(Section):
     master_node_id: int = Field(ge=1, le=127, default=127)
 
 
+class HomingEntry(Section):
+    """How a drive is homed that has lost its reference: to the next index below (33) or above (34), or where it stands.
+
+    `position_m` is the drive's position there. Other methods of CiA 402 run to switches, farther than one drive of a
+    parallel machine may go while the others stand.
+    """
+
+    method: Literal[33, 34, 35, 37]
+    position_m: float
+    speed_m_per_s: float = Field(gt=0.0, le=0.05, default=0.002)
+    acceleration_m_per_s2: float = Field(gt=0.0, le=5.0, default=0.1)
+    limit_s: float = Field(gt=0.0, default=60.0)
+    tolerance_m: float = Field(gt=0.0, le=0.01, default=1e-3)
+
+
 class DriveEntry(Section):
     """One servo drive; its name is that of a drive in the machine file.
 
@@ -57,6 +72,7 @@ class DriveEntry(Section):
     vendor_id: int
     product_code: int
     metres_per_increment: float = Field(gt=0.0)
+    homing: HomingEntry | None = None
 
 
 class RegisterEntry(Section):
@@ -176,8 +192,8 @@ class MockSection(Section):
     """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise, and what is wrong with it.
 
     `effects` are texts as of `pkm-rig mock --effect` (docs/mock-effects.md); `nuisance` is the wander that it really
-    has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise. The
-    certificate and key are the PLC's, where it is reached by TLS.
+    has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise. Drives with
+    incremental encoders have to be homed first. The certificate and key are the PLC's, where it is reached by TLS.
     """
 
     seed: int = Field(ge=0, default=1)
@@ -187,6 +203,7 @@ class MockSection(Section):
     noise_tails: float = Field(ge=0.0, default=0.0)
     temperature_sensor_bias_k: float = Field(ge=0.0, default=0.0)
     temperature_programme: tuple[tuple[float, float], ...] = Field(default=(), max_length=100)
+    encoders: Literal["absolute", "incremental"] = "absolute"
     plc_certificate_file: str | None = None
     plc_key_file: str | None = None
 

@@ -42,11 +42,13 @@ def connected(
     *,
     rig_path: Path = Path("rig.toml"),
     guard_s: float | None = None,
+    homing: bool = False,
 ) -> Iterator[Rig]:
     """Connect all devices, supervise them while in use, leave them stopped and without power.
 
     `bus_factory` replaces the bus of the rig file (embedded rig, tests); profiles of drives are looked for beside
     `rig_path`; `guard_s` is the host time in which every answer has to come (default: by the kind of rig).
+    For `homing` drives may have lost their reference; they are then refused any other motion.
     """
     slow = file.time_scale or 1.0
     station, real = file.station, guard_s is None and file.can.interface != "embedded"
@@ -78,7 +80,7 @@ def connected(
         drives = [_drive(file, i, line, clock, slow, guard_s, profiles[i]) for i in range(len(file.drives))]
         for drive in drives:
             stack.callback(drive.close)
-            drive.connect()
+            drive.connect(unreferenced=homing)
         group = DriveGroup(
             drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
         )

@@ -30,6 +30,8 @@ def same_rig(then: RigFile, now: RigFile, *, adds: bool) -> bool:
 def _compared(rig_file: RigFile, key: str, adds: bool) -> object:
     """A section of the rig file as far as it must be the same to go on with a campaign."""
     section = rig_file[key]
+    if key == "drives":  # how one is homed changes nothing that was measured
+        return [{name: value for name, value in drive.items() if name != "homing"} for drive in section]
     if key != "campaign":
         return section
     section = {**section, "visits": section.get("visits") or []}

@@ -15,7 +15,8 @@ import pytest
 from drivers.can_line import CanLine
 from drivers.cia402 import State
 from drivers.drive_group import DriveGroup
-from drivers.errors import ConnectionFailed, DeviceError, DriveFault, SdoRefused
+from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
+from drivers.homing import Homing
 from drivers.objects import DriveObject
 from drivers.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.socketcand import open_bus
@@ -135,6 +136,22 @@ def test_refusals_are_typed(bench: Bench) -> None:
         bench.drives[0].sdo.read(DriveObject(0x5555, 0, "<I", "nothing"))
     with pytest.raises(SdoRefused, match="outside"):
         bench.drives[0].write_target(0.9)
+
+
+def test_a_drive_without_reference_is_homed_first(bench: Bench) -> None:
+    server, drive = bench.servers[0], bench.drives[0]
+    server.axis.absolute = False
+    server.power_cycle()
+    with pytest.raises(NotReferenced):
+        drive.connect()
+    drive.connect(unreferenced=True)
+    bench.group.home([Homing(34, 0.010, speed_m_per_s=0.01, limit_s=30.0 * SLOW), None])
+    assert server.encoder_m(bench.clock.now_s()) == pytest.approx(0.010, abs=1e-8)
+    drive.connect()
+    bench.group.enable()
+    samples = bench.group.move_to([0.0, 0.0], 0.2, 2.0)
+    assert [s.position_m for s in samples] == pytest.approx([0.0, 0.0], abs=1e-6)
+    bench.group.disable()
 
 
 def test_one_fault_stops_both(bench: Bench) -> None:

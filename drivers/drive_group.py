@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, repeat
 
 from drivers import cia402
 from drivers.cia402 import State
@@ -20,6 +21,7 @@ from drivers.sync_sampler import SyncSampler
 _FEWEST_SAMPLES_AT_REST = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
 _CLOCK_GRAIN_S = 1e-9
+_SYNCS_TO_ARRIVE = 10
 _FAULTY = (State.FAULT, State.FAULT_REACTION)
 
 
@@ -195,8 +197,11 @@ class DriveGroup:
         """Lead all drives along a path in cyclic synchronous position mode, a row a SYNC, a SYNC every `period_s`.
 
         The drives are enabled and in `cia402.CYCLIC_POSITION`; each row is a position a drive, the first one where they
-        stand, no step farther than the one before it could be reached. Returns the samples of the last SYNC.
-        Whatever goes wrong stops all. Raises Stopped, DriveFault, NoAnswer, ConnectionFailed, StaleData, ValueError.
+        stand, no step farther than the drives can go in a period. SYNC goes on until all demands are on the end of the
+        path, so that none is left under way; returns the samples of the last one, at which the drives may still lag.
+        Whatever goes wrong stops all.
+        A drive that hears no SYNC, or cannot follow, faults by itself. Raises Stopped, DriveFault, NotReferenced,
+        MotionTimeout, NoAnswer, ConnectionFailed, StaleData, ValueError.
         """
         if not path_m or any(len(row) != len(self.drives) for row in path_m):
             raise ValueError(f"a path is rows of {len(self.drives)} positions")
@@ -207,19 +212,29 @@ class DriveGroup:
             self._raise_if_stopped()
             for drive in self.drives:
                 drive.require_reference()
+                drive.require_mode(cia402.CYCLIC_POSITION)
+                drive.setup().set_interpolation_period(period_s)
             samples = self._check_all(self.sample())
             off_m = _farthest_m(samples, path_m[0])
             if off_m > self.rest.demand_m + self.rest.following_error_m:
                 raise ValueError(f"the path begins {off_m * 1e6:.0f} um from where the drives stand")
             with self._stopping_on_failure():
-                for row in [*path_m, path_m[-1]]:
-                    self._raise_if_stopped()
-                    for drive, position_m in zip(self.drives, row, strict=True):
-                        drive.check()
-                        drive.send_target(position_m)
-                    samples = self._check_all(self.sample())
-                    self._clock.sleep_s(period_s)
-        return samples
+                due_s = self._clock.now_s()
+                for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNCS_TO_ARRIVE)), start=1):
+                    samples = self._lead(row)
+                    if step >= len(path_m) and _farthest_m(samples, row) <= self.rest.demand_m:
+                        return samples
+                    due_s = max(due_s + period_s, self._clock.now_s())
+                    self._clock.sleep_s(due_s - self._clock.now_s())
+                raise _too_late(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNCS_TO_ARRIVE)
+
+    def _lead(self, row: Sequence[float]) -> list[DriveSample]:
+        """Send a target to each drive, then the SYNC at which they take it; what they said at that SYNC."""
+        self._raise_if_stopped()
+        for drive, position_m in zip(self.drives, row, strict=True):
+            drive.check()
+            drive.send_target(position_m)
+        return self._check_all(self.sample())
 
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
         pairs = list(zip(self.drives, samples, strict=True))

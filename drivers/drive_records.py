@@ -17,6 +17,7 @@ _EMERGENCY_TEXTS = {
     0x8120: "CAN passive",
     0x8130: "heartbeat lost",
     0x8611: "following error",
+    0x8700: "no SYNC",
     0xFF10: "partner's command unknown, stale or outside the table's grid",
 }
 

@@ -73,6 +73,7 @@ class ServoDrive:
         self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
         self.referenced = False
+        self.mode: int | None = None
         self.tpdo_counts = [0, 0]
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
         self._clock = clock or HostClock()
@@ -151,8 +152,15 @@ class ServoDrive:
         if mode == cia402.CYCLIC_POSITION:
             self.setup().set_cyclic_pdo()
             self.line.send_nmt(NMT_START, self.node_id)
+        self.mode = None
         self.sdo.write(objects.MODE, mode)
         self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == mode, f"mode of operation {mode}")
+        self.mode = mode
+
+    def require_mode(self, mode: int) -> None:
+        """Raise ValueError unless this mode of operation was set last."""
+        if self.mode != mode:
+            raise ValueError(f"{self.name}: mode of operation {mode} is needed, {self.mode} is set")
 
     def setup(self) -> DriveSetup:
         """What compares and sets the drive's objects."""

@@ -1,10 +1,10 @@
 """The drive without its bus: power states, set-point handshake, motion and compensation.
 
-In cyclic synchronous position mode the target of each SYNC is reached at the next one, at constant speed.
+A following error beyond its window (0x6065) is a fault at the next SYNC.
 The encoder is absolute unless it is said to be incremental: then a restart makes the drive count from zero and its
 position is not referenced before it was homed; until then it moves as it is told, which the master has to refuse.
-Not modelled: other modes, quick stop options (it stops and waits), limits of torque and current, the limits of
-acceleration in cyclic mode; a homing that was halted is begun anew.
+Not modelled: other modes, quick stop options (it stops and waits), limits of torque and current, the time-out of the
+following error (0x6066); a homing that was halted is begun anew.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ from mock_devices import cia402
 from mock_devices.axis_motion import AxisMotion, Dynamics, command_for
 from mock_devices.cia402 import State
 from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Compensation, Refused
+from mock_devices.cyclic_position import FASTEST_INC_PER_S, CyclicPosition
 from mock_devices.homing import Homing
 
 WINDOW_TIME_S = 0.050
 EMCY_COMPENSATION = 0xFF10
 EMCY_HEARTBEAT = 0x8130
+EMCY_FOLLOWING_ERROR = 0x8611
+EMCY_SYNC = 0x8700
 PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
-_STEEP_PER_S2 = 1e8
 
 
 @dataclass
@@ -36,6 +38,7 @@ class AxisLimits:
     deceleration: int = 100_000_000
     quick_stop_deceleration: int = 500_000_000
     following_error_window_inc: int = 100_000
+    position_window_inc: int = 100
 
 
 class DriveAxis:
@@ -69,7 +72,7 @@ class DriveAxis:
         self._halted = False
         self.mode = PROFILE_POSITION
         self.abort_connection_option = 1
-        self._synced_s: float | None = None
+        self.cyclic = CyclicPosition()
 
     @property
     def controlword(self) -> int:
@@ -104,7 +107,7 @@ class DriveAxis:
         if mode not in (PROFILE_POSITION, HOMING, CYCLIC_POSITION):
             raise Refused(VALUE_RANGE)
         self._break_homing_off()
-        self.mode, self._synced_s = mode, None
+        self.mode, self.cyclic.under_way = mode, False
         if mode == CYCLIC_POSITION:
             self.target_inc = round(self.demand_inc())
 
@@ -130,7 +133,7 @@ class DriveAxis:
             self.state,
             target_reached=t_s >= self.motion.end_s + WINDOW_TIME_S,
             set_point_acknowledged=self._acknowledged or self._waiting(t_s),
-            following_error=abs(self.motion.lag(t_s)) > self.limits.following_error_window_inc,
+            following_error=self.error_code == EMCY_FOLLOWING_ERROR or self._lags(),
         )
 
     def actual_inc(self) -> float:
@@ -155,20 +158,32 @@ class DriveAxis:
     def sync(self) -> None:
         """A SYNC: take over the partner's command; stop where motion is not permitted any more."""
         self.compensation.partner.sync()
+        if self.state is State.OPERATION_ENABLED and self._lags():
+            self.fault(EMCY_FOLLOWING_ERROR)
         self._follow()
         self.watch_motion()
 
+    def sync_lost(self) -> None:
+        """No SYNC has come for too long while the axis was led by it."""
+        if self.mode == CYCLIC_POSITION and self.state is State.OPERATION_ENABLED:
+            self.fault(EMCY_SYNC)
+
     def _follow(self) -> None:
-        """Cyclic mode: go to the target within the time that passed since the SYNC before."""
-        t_s, before_s = self._now_s(), self._synced_s
-        self._synced_s = t_s
-        if self.mode != CYCLIC_POSITION or self.state is not State.OPERATION_ENABLED or before_s is None:
+        """Cyclic mode: go to the target that has come since the SYNC before."""
+        self.cyclic.under_way = False
+        if self.mode != CYCLIC_POSITION or self.state is not State.OPERATION_ENABLED:
             return
-        way_inc = abs(self.target_inc - self.motion.command(t_s)[0])
-        if way_inc < 0.5 or t_s <= before_s:
+        t_s = self._now_s()
+        step = self.cyclic.step(self.target_inc - self.motion.command(t_s)[0], self.limits.position_window_inc)
+        if step is None:
             return
-        steep = way_inc * _STEEP_PER_S2
-        self.motion.go(t_s, self.target_inc, Dynamics(way_inc / (t_s - before_s), steep, steep), at_once=True)
+        if step.speed > FASTEST_INC_PER_S:
+            self.fault(EMCY_FOLLOWING_ERROR)
+            return
+        self.motion.go(t_s, self.target_inc, step, at_once=True)
+
+    def _lags(self) -> bool:
+        return abs(self.motion.lag(self._now_s())) > self.limits.following_error_window_inc
 
     def abort_connection(self) -> None:
         """The master is gone (0x6007): nothing, fault, power off or quick stop."""
@@ -225,6 +240,7 @@ class DriveAxis:
         self.error_code = 0
         self._controlword, self._acknowledged, self._halted = 0, False, False
         self.mode, self.abort_connection_option = PROFILE_POSITION, 1
+        self.cyclic.under_way = False
         self.compensation.boot()
 
     def refresh(self) -> None:

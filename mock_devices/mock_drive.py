@@ -28,7 +28,7 @@ from mock_devices.drive_axis import AxisLimits, DriveAxis
 from mock_devices.drive_objects import METRES_PER_INCREMENT, DriveObjects
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.node_services import Heartbeat, NmtSlave, NmtState
-from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
+from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
 from mock_devices.pdo import Mapping, read_mapping
 from mock_devices.plant import Motion, SetPoint
 from mock_devices.sdo_server import SdoServer, SegmentServer
@@ -87,6 +87,7 @@ class DriveServer:
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
         self._heartbeat = Heartbeat(clock, self._send_state)
         self._watch = HeartbeatConsumer(clock, self._master_lost, self._master_found)
+        self._sync_watch = Watchdog(clock, self._sync_lost)
         self._history = ErrorHistory()
         self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start, self._watch, self._history)
         self._defaults = deepcopy(self._node.data_store)
@@ -161,6 +162,7 @@ class DriveServer:
             self._closed = True
         self._heartbeat.stop()
         self._watch.close()
+        self._sync_watch.set_limit(0.0)
         self._stop_timers()
         self._network.disconnect()
 
@@ -194,6 +196,10 @@ class DriveServer:
         with self._lock:
             self.axis.connection_is_back()
 
+    def _sync_lost(self) -> None:
+        with self._lock:
+            self.axis.sync_lost()
+
     def _on_nmt(self, data: bytes) -> None:
         with self._lock:
             self._nmt.on_command(data)
@@ -203,6 +209,9 @@ class DriveServer:
             if self.is_first and self.faults.strikes("drive-emergency"):
                 self.axis.fault(_OVER_CURRENT)
             self.axis.sync()
+            if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
+                self._sync_watch.set_limit(self.axis.cyclic.patience_s)
+            self._sync_watch.feed()
             self._syncs += 1
             if self._nmt.state is not NmtState.OPERATIONAL:
                 return

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 
 import pytest
 from drive_bench import Open
 
-from drivers.cia402 import CYCLIC_POSITION, PROFILE_POSITION, State
+from drivers.cia402 import State
 from drivers.drive_profile import load_profile
 from drivers.errors import DriveFault, IdentityMismatch, NoAnswer, NotReferenced, ProtocolError, SdoRefused, TableError
 from drivers.objects import DriveObject
@@ -165,31 +164,3 @@ def test_a_lost_controlword_or_sync_does_not_end_a_move(opened: Open, cob_id: in
         samples = bench.group.move_to([0.02, -0.02], 0.1)
         assert [s.position_m for s in samples] == pytest.approx([0.02, -0.02], abs=1e-6)
         assert bench.drives[0].state() is State.OPERATION_ENABLED
-
-
-def test_cyclic_motion_along_a_path(opened: Open) -> None:
-    bench = opened()
-    for drive in bench.drives:
-        drive.set_mode(CYCLIC_POSITION)
-    bench.group.enable()
-    path = [[0.01 * (1.0 - math.cos(0.1 * k)), -0.001 * k] for k in range(60)]
-    bench.group.follow(path, 0.02)
-    bench.clock.sleep_s(0.1)
-    samples = bench.group.sample()
-    assert [s.position_m for s in samples] == pytest.approx(path[-1], abs=1e-6)
-    with pytest.raises(ValueError, match="begins 10000 um"):
-        bench.group.follow([[path[-1][0] + 0.01, path[-1][1]]], 0.02)
-    with pytest.raises(ValueError, match="rows of 2"):
-        bench.group.follow([[0.0]], 0.02)
-    bench.clock.call_at(bench.clock.now_s() + 0.2, bench.servers[0].inject_fault)
-    back = [[path[-1][0] * (1 - k / 100), path[-1][1]] for k in range(100)]
-    with pytest.raises(DriveFault, match="0x2310"):
-        bench.group.follow(back, 0.02)
-    assert bench.group.stop_reason is not None
-    bench.group.clear_stop()
-    bench.group.disable()
-    bench.group.fault_reset()
-    for drive in bench.drives:
-        drive.set_mode(PROFILE_POSITION)
-    bench.group.enable()
-    bench.group.move_to([0.0, 0.0], 0.1)

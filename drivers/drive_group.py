@@ -183,6 +183,7 @@ class DriveGroup:
             for drive in self.drives:
                 drive.check()
                 drive.require_reference()
+                drive.require_mode(cia402.PROFILE_POSITION)
             # Twice: a drive takes its partner's command from the SYNC before.
             self.sample()
             before = self._check_all(self.sample())

@@ -64,6 +64,8 @@ def test_what_cannot_be_followed_is_refused_before_anything_moves(opened: Open) 
     ):
         with pytest.raises(ValueError, match=complaint):
             bench.group.follow(path, period_s)
+    with pytest.raises(ValueError, match="q1: mode of operation 1 is needed"):
+        bench.group.move_to([0.0, 0.0], 0.1)
     bench.group.disable()
     bench.drives[1].set_mode(PROFILE_POSITION)
     bench.group.enable()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from dataclasses import replace
 
@@ -10,8 +11,9 @@ import pytest
 from drive_bench import Bench, Open
 
 from drivers.cia402 import State
-from drivers.errors import DriveFault, MotionTimeout, NotReferenced, SdoRefused, Stopped
+from drivers.errors import DeviceError, DriveFault, MotionTimeout, NotReferenced, SdoRefused, Stopped
 from drivers.homing import Homing
+from mock_devices.faults import Fault, FaultPlan
 
 UP = Homing(34, 0.25, speed_m_per_s=0.004)
 HERE = Homing(37, 0.125)
@@ -142,6 +144,32 @@ def test_a_fault_of_any_drive_ends_it_and_leaves_no_reference(opened: Open) -> N
         bench.group.fault_reset()
         bench.group.home([UP, UP])
         assert positions_m(bench) == pytest.approx([0.25, 0.25], abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["sdo-abort", "drive-reboot"])
+def test_a_fault_at_any_frame_ends_right_or_leaves_no_reference(opened: Open, name: str) -> None:
+    for number in itertools.count(1):
+        plan = FaultPlan()
+        bench = opened(plan, absolute=False)
+        plan.arm([Fault(name, number)])
+        with contextlib.suppress(DeviceError):
+            bench.group.home([UP, None])
+        struck = bool(plan.struck)
+        plan.clear()
+        bench.clock.sleep_s(1.0)
+        server, drive = bench.servers[0], bench.drives[0]
+        assert not server.is_moving(bench.clock.now_s())
+        if drive.referenced:
+            assert places_m(bench)[0] == pytest.approx(0.010, abs=1e-8)
+            assert server.axis.actual_inc() == pytest.approx(25_000_000, abs=1.0)
+        if not struck:
+            assert drive.referenced
+            return
+        bench.group.clear_stop()
+        drive.connect(unreferenced=True)
+        bench.group.fault_reset()
+        bench.group.home([HERE, None])
+        assert positions_m(bench)[0] == pytest.approx(0.125, abs=1e-8)
 
 
 def test_a_stop_by_somebody_else_ends_it(opened: Open) -> None:

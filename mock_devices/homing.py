@@ -38,11 +38,11 @@ class Homing:
         self.method = method
 
     def way_inc(self, place_inc: float) -> float:
-        """How far the mark is from a true position; not zero where an index is looked for."""
+        """How far the mark is from a true position; an index on which the axis stands is not looked for."""
         if self.method == TO_INDEX_ABOVE:
-            return INDEX_INC * (math.floor(place_inc / INDEX_INC) + 1) - place_inc
+            return INDEX_INC * (math.floor(round(place_inc) / INDEX_INC) + 1) - place_inc
         if self.method == TO_INDEX_BELOW:
-            return INDEX_INC * (math.ceil(place_inc / INDEX_INC) - 1) - place_inc
+            return INDEX_INC * (math.ceil(round(place_inc) / INDEX_INC) - 1) - place_inc
         return 0.0
 
     def begin(self, t_s: float) -> None:

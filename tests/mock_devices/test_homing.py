@@ -141,12 +141,18 @@ def test_a_restart_in_motion_is_no_jump_and_loses_the_reference(axis):
     assert not axis.drive.homing.referenced
 
 
+@pytest.mark.parametrize("off", [-1e-6, 0.0, 1e-6])
+def test_an_axis_that_stands_on_an_index_goes_to_the_next(off):
+    for method, sign in ((33, -1), (34, 1)):
+        assert Homing(method=method).way_inc(3 * INDEX_INC + off) == pytest.approx(sign * INDEX_INC, abs=1e-3)
+
+
 @given(place=st.floats(-1e9, 1e9), method=st.sampled_from([33, 34, 35, 37]))
 def test_the_mark_is_within_a_revolution_and_on_the_right_side(place, method):
     homing = Homing()
     homing.set_method(method)
     way = homing.way_inc(place)
-    assert abs(way) <= INDEX_INC
+    assert abs(way) <= INDEX_INC + 0.5
     if method in (33, 34):
         assert way * (1 if method == 34 else -1) > 0.0
         assert (place + way) / INDEX_INC == pytest.approx(round((place + way) / INDEX_INC), abs=1e-6)

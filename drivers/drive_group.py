@@ -14,7 +14,7 @@ from drivers import cia402
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
 from drivers.errors import DeviceError, MotionTimeout, Stopped
-from drivers.homing import Homing, home
+from drivers.homing import DriveHoming, Homing
 from drivers.servo_drive import DriveSample, Emergency, ServoDrive
 from drivers.sync_sampler import SyncSampler
 
@@ -73,6 +73,7 @@ class DriveGroup:
         self._command_lock = threading.Lock()
         self._move_lock = threading.Lock()
         self._stop_reason: str | None = None
+        self._guilty: ServoDrive | None = None  # whose EMCY has stopped the motion under way
         self._moving = False
         for drive in self.drives:
             drive.on_emergency = partial(self._on_emergency, drive)
@@ -107,11 +108,12 @@ class DriveGroup:
     def enable(self) -> None:
         """Enable all drives; if one fails all are disabled again.
 
+        Each is asked whether it is still referenced, which it may have lost since it was connected.
         Raises DriveFault (NotReferenced for one that has to be homed), Stopped, MotionTimeout.
         """
         self._raise_if_stopped()
         for drive in self.drives:
-            drive.require_reference()
+            drive.read_reference()
         try:
             for drive in self.drives:
                 drive.check()
@@ -134,25 +136,39 @@ class DriveGroup:
             raise failures[0]
 
     def fault_reset(self) -> None:
-        """Acknowledge the faults of all drives. Raises DriveFault if one stays."""
+        """Acknowledge the faults of all drives and ask which are still referenced. Raises DriveFault if one stays."""
         for drive in self.drives:
             drive.fault_reset()
+            drive.ask_reference()
 
     def home(self, homings: Sequence[Homing | None]) -> None:
         """Home drives one after the other, leaving out where there is None; the others stand without power meanwhile.
 
         All are without power afterwards. Whatever goes wrong stops all, and the stop is remembered. Raises DriveFault,
-        NotReferenced, MotionTimeout, Stopped, ConnectionFailed, NoAnswer, SdoRefused and StaleData.
+        NotReferenced, MotionTimeout, Stopped, ConnectionFailed, NoAnswer, SdoRefused and StaleData; before anything
+        is written ValueError for numbers that do not fit and drives that cannot say whether they are referenced.
         """
         if len(homings) != len(self.drives):
             raise ValueError(f"{len(self.drives)} drives, {len(homings)} ways to home them")
+        runs = [
+            DriveHoming(
+                drive,
+                homing,
+                partial(self._send, drive),
+                partial(self._require_good, drive),
+                self._clock,
+                self.poll_period_s,
+            )
+            for drive, homing in zip(self.drives, homings, strict=True)
+            if homing is not None
+        ]
         with self._one_move():
             self._raise_if_stopped()
-            self.disable()
             with self._stopping_on_failure():
-                for drive, homing in zip(self.drives, homings, strict=True):
-                    if homing is not None:
-                        home(drive, homing, partial(self._send, drive), self._clock, self.poll_period_s)
+                self.disable()
+                for run in runs:
+                    run.home()
+                    self._raise_if_stopped()
 
     def sample(self) -> list[DriveSample]:
         """Send SYNC and return what each drive says at it, in the order of the drives.
@@ -353,7 +369,19 @@ class DriveGroup:
             for drive in self.drives:
                 drive.send_controlword(controlword)
 
+    def _require_good(self, homed: ServoDrive) -> None:
+        """Raise if the drives were stopped, one cannot be reached or another one than that being homed is in fault."""
+        self._raise_if_stopped()
+        for drive in self.drives:
+            drive.check()
+            if drive is not homed and drive.state() in _FAULTY:
+                self._raise_if_stopped()  # by its EMCY, which says more
+                raise drive.fault("the drive is in fault")
+
     def _raise_if_stopped(self) -> None:
+        guilty = self._guilty
+        if guilty is not None and self._moving:
+            raise guilty.fault("its emergency has stopped all drives")
         if self._stop_reason is not None:
             raise Stopped(
                 "drives",
@@ -374,7 +402,7 @@ class DriveGroup:
     @contextmanager
     def _stopping_on_failure(self) -> Iterator[None]:
         """Whatever ends a move early stops all drives."""
-        self._moving = True
+        self._guilty, self._moving = None, True
         try:
             yield
         except BaseException as error:
@@ -385,8 +413,13 @@ class DriveGroup:
             self._moving = False
 
     def _on_emergency(self, drive: ServoDrive, emergency: Emergency) -> None:
-        """Called from the line's receiving thread: sending controlwords is all that is done here."""
+        """Called from the line's receiving thread: all that is done here is to remember the stop, then to send it.
+
+        Remembered first: whoever polls the drives meanwhile must not send what enables one of them again.
+        """
         if self._moving and emergency.is_error:
+            if self._stop_reason is None:
+                self._guilty, self._stop_reason = drive, f"{drive.name} ({drive.where}): {emergency}"
             with self._command_lock, suppress(DeviceError):
                 for each in self.drives:
                     each.quick_stop()

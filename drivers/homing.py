@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers import cia402, objects
 from drivers.cia402 import State
 from drivers.clock import RigClock
-from drivers.errors import DriveFault, MotionTimeout
+from drivers.errors import DeviceError, DriveFault, MotionTimeout
+from drivers.objects import DriveObject
 
 if TYPE_CHECKING:
     from drivers.servo_drive import ServoDrive
 
-_POLLS_ATTAINED = 3  # drives may tell of the homing before until they have taken the start
+_POLLS_ATTAINED = 3
+_FEWEST_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer
+_WHERE_IT_STANDS = (35, 37)  # methods that end as they begin: their attained bit may fall and rise between two polls
 
 
 @dataclass(frozen=True)
@@ -42,66 +47,134 @@ class Homing:
             raise ValueError(f"homing: there is no method {self.method}")
 
 
-def home(drive: ServoDrive, homing: Homing, send: Callable[[int], None], clock: RigClock, poll_period_s: float) -> None:
-    """Home one drive and leave it without power, in profile position mode.
+class DriveHoming:
+    """One homing of one drive, its numbers converted beforehand.
 
-    `send` sends its controlwords and raises when the drives were stopped. Raises DriveFault for a homing that failed,
-    a drive that dropped out or a position that cannot be, NotReferenced, MotionTimeout, and what talking raises.
+    `send` sends its controlwords and raises when the drives were stopped, `require_good` raises then as well, and when
+    anything is wrong with any of them. Raises ValueError for numbers that do not fit, and for a drive that cannot say
+    whether it is referenced: a homing that broke off would pass for one that went well.
     """
-    drive.referenced = False
-    _write(drive, homing)
-    drive.set_mode(cia402.HOMING)
-    drive.enable(send)
-    _run(drive, homing, send, clock, poll_period_s)
-    send(cia402.ENABLE_OPERATION)
-    drive.set_mode(cia402.PROFILE_POSITION)
-    drive.disable()
-    step_m = drive.metres_per_increment
-    found_m = drive.sdo.read(objects.POSITION_ACTUAL) * step_m
-    if not abs(found_m - homing.position_m) <= homing.tolerance_m:
+
+    def __init__(
+        self,
+        drive: ServoDrive,
+        homing: Homing,
+        send: Callable[[int], None],
+        require_good: Callable[[], None],
+        clock: RigClock,
+        poll_period_s: float,
+    ) -> None:
+        if drive.profile.referenced is None:
+            raise ValueError(f"{drive.name}: its profile does not say how to tell whether it is referenced")
+        self._drive, self._homing = drive, homing
+        self._send, self._require_good = send, require_good
+        self._clock, self._poll_period_s = clock, poll_period_s
+        self._settings = _settings(drive, homing)
+
+    def home(self) -> None:
+        """Home the drive and leave it without power, in profile position mode.
+
+        Raises DriveFault for a homing that failed, a drive that dropped out or a position that cannot be,
+        NotReferenced, MotionTimeout, and what talking raises.
+        """
+        drive, setup = self._drive, self._drive.setup()
+        for entry, value in self._settings:
+            setup.set_and_compare(entry, value)
+        drive.set_mode(cia402.HOMING)
+        drive.enable(self._send)
+        drive.distrust("its homing has not come to a good end")
+        self._run()
+        drive.disable()
+        drive.set_mode(cia402.PROFILE_POSITION)
+        self._compare_position()
+        drive.target_m = drive.sdo.read(objects.TARGET_POSITION) * drive.metres_per_increment
+        drive.trust()
+
+    def _run(self) -> None:
+        end_s = self._clock.now_s() + self._homing.limit_s
+        before = self._statusword()
+        old = bool(before & cia402.HOMING_ATTAINED) and self._homing.method not in _WHERE_IT_STANDS
+        begun, attained, polls = False, 0, 0
+        while attained < _POLLS_ATTAINED:
+            if not begun:
+                self._send(cia402.START_HOMING)  # again: only the edge of bit 4 counts, and a frame may be lost
+            self._clock.sleep_s(self._poll_period_s)
+            word = self._statusword()
+            if word & cia402.HOMING_ERROR:
+                raise self._drive.fault("homing failed")
+            begun = begun or not word & cia402.TARGET_REACHED
+            old = old and bool(word & cia402.HOMING_ATTAINED)  # what the homing before has left must fall first
+            done = not old and word & cia402.TARGET_REACHED and word & cia402.HOMING_ATTAINED
+            attained = attained + 1 if done else 0
+            polls += 1
+            if not done and polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
+                raise MotionTimeout(
+                    self._drive.name,
+                    self._drive.where,
+                    f"not homed in {self._homing.limit_s:g} s",
+                    "check method, speed and what marks its home",
+                )
+
+    def _statusword(self) -> int:
+        """The statusword of a drive that is still enabled: nothing may be sent that would enable it again."""
+        self._require_good()
+        word = self._drive.sdo.read(objects.STATUSWORD)
+        state = cia402.state_of(word)
+        if state is not State.OPERATION_ENABLED:
+            self._require_good()  # raises where it was stopped: that is the cause then
+            raise self._drive.fault(f"homing ended in {state.value}")
+        return word
+
+    def _compare_position(self) -> None:
+        drive, wanted_m = self._drive, self._homing.position_m
+        found_m = drive.position_actual_m()
+        if abs(found_m - wanted_m) <= self._homing.tolerance_m:
+            return
+        left = "" if self._lose_reference() else " and goes on saying that it is referenced"
         raise DriveFault(
             drive.name,
             drive.where,
-            f"after homing it stands at {found_m:.6f} m, not at {homing.position_m:.6f} m",
-            "check home offset and its sign (profile), and home it again before it moves",
+            f"after homing it stands at {found_m:.6f} m, not at {wanted_m:.6f} m{left}",
+            "check home offset and its sign (profile), then `pkm-rig home --rig RIG.toml --again` before it moves",
         )
-    drive.target_m = drive.sdo.read(objects.TARGET_POSITION) * step_m
-    drive.read_reference()
+
+    def _lose_reference(self) -> bool:
+        """Begin homing again and break it off, after which a drive knows no more where it is; whether it says so.
+
+        Not where it would only take the place where it stands once more.
+        """
+        drive = self._drive
+        with suppress(DeviceError):
+            try:
+                if self._homing.method not in _WHERE_IT_STANDS:
+                    drive.set_mode(cia402.HOMING)
+                    drive.enable(self._send)
+                    self._send(cia402.START_HOMING)
+                    self._clock.sleep_s(self._poll_period_s)
+            finally:
+                drive.disable()
+            drive.set_mode(cia402.PROFILE_POSITION)
+            return not drive.setup().is_referenced()
+        return False
 
 
-def _write(drive: ServoDrive, homing: Homing) -> None:
+def _settings(drive: ServoDrive, homing: Homing) -> list[tuple[DriveObject, int]]:
+    """What is written before homing, in increments. Raises ValueError for what an object cannot hold."""
+
     def increments(value: float) -> int:
         return max(1, round(value / drive.metres_per_increment))
 
-    setup = drive.setup()
     speed = increments(homing.speed_m_per_s)
-    setup.set_and_compare(objects.HOMING_METHOD, homing.method)
-    setup.set_and_compare(objects.HOME_OFFSET, drive.profile.home_offset_sign * drive.increments(homing.position_m))
-    setup.set_and_compare(objects.HOMING_SPEED_SWITCH, speed)
-    setup.set_and_compare(objects.HOMING_SPEED_ZERO, speed)
-    setup.set_and_compare(objects.HOMING_ACCELERATION, increments(homing.acceleration_m_per_s2))
-
-
-def _run(drive: ServoDrive, homing: Homing, send: Callable[[int], None], clock: RigClock, poll_period_s: float) -> None:
-    end_s = clock.now_s() + homing.limit_s
-    attained = 0
-    while attained < _POLLS_ATTAINED:
-        send(cia402.START_HOMING)  # again and again: only the edge of bit 4 counts, and a frame may be lost
-        clock.sleep_s(poll_period_s)
-        drive.check()
-        word = drive.sdo.read(objects.STATUSWORD)
-        state = cia402.state_of(word)
-        if state is not State.OPERATION_ENABLED:
-            send(cia402.ENABLE_OPERATION)  # raises where it was stopped: that is the cause then
-            raise drive.fault(f"homing ended in {state.value}")
-        if word & cia402.HOMING_ERROR:
-            raise drive.fault("homing failed")
-        done = word & cia402.TARGET_REACHED and word & cia402.HOMING_ATTAINED
-        attained = attained + 1 if done else 0
-        if not done and clock.now_s() >= end_s:
-            raise MotionTimeout(
-                drive.name,
-                drive.where,
-                f"not homed in {homing.limit_s:g} s",
-                "check method, speed and what marks its home",
-            )
+    settings = [
+        (objects.HOMING_METHOD, homing.method),
+        (objects.HOME_OFFSET, drive.profile.home_offset_sign * drive.increments(homing.position_m)),
+        (objects.HOMING_SPEED_SWITCH, speed),
+        (objects.HOMING_SPEED_ZERO, speed),
+        (objects.HOMING_ACCELERATION, increments(homing.acceleration_m_per_s2)),
+    ]
+    for entry, value in settings:
+        try:
+            struct.pack(entry.format, value)
+        except struct.error as error:
+            raise ValueError(f"{drive.name}: {entry}: {value} increments do not fit") from error
+    return settings

@@ -23,6 +23,7 @@ __all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Hea
 
 _OPERATIONAL = 5
 _FEWEST_POLLS = 10  # however fast rig time runs
+_BEYOND_M = 1e-3  # how far a drive that was stopped may stand outside its travel
 _TPDO1 = struct.Struct("<Hih")
 _TPDO2 = struct.Struct("<ii")
 _EMERGENCY = struct.Struct("<HB")
@@ -73,6 +74,7 @@ class ServoDrive:
         self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
         self.referenced = False
+        self._distrusted: str | None = None
         self.mode: int | None = None
         self.tpdo_counts = [0, 0]
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
@@ -107,7 +109,7 @@ class ServoDrive:
         """Find the drive, compare identity and units, set PDOs, heartbeat and mode, start the node.
 
         Raises ConnectionFailed naming an absent node, IdentityMismatch for a wrong drive or wrong units, and
-        NotReferenced for one that has to be homed, unless it may be `unreferenced`.
+        NotReferenced for one that has to be homed or stands where it cannot, unless it may be `unreferenced`.
         """
         self.line.check()
         self.restarted = False
@@ -116,16 +118,15 @@ class ServoDrive:
         self.identity = setup.read_identity(self.expected)
         setup.compare_factors(self.expected)
         setup.set_pdos(self._partner_node_id)
-        self.referenced = setup.is_referenced()
+        self._read_limits()
+        self._distrust_outside_travel()
+        self.ask_reference()
         if not unreferenced:
             self.require_reference()
         setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
         if self._master_node_id is not None:
             setup.watch_master(self._master_node_id, self._master_lost_ms)
         self.set_mode(cia402.PROFILE_POSITION)
-        low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
-        if low < high:
-            self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
@@ -166,17 +167,53 @@ class ServoDrive:
         """What compares and sets the drive's objects."""
         return DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where, self.profile)
 
+    def position_actual_m(self) -> float:
+        """Where the drive says that it stands, read by SDO."""
+        return self.sdo.read(objects.POSITION_ACTUAL) * self.metres_per_increment
+
+    def _read_limits(self) -> None:
+        low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
+        if low < high:
+            self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
+
+    def _distrust_outside_travel(self) -> None:
+        """A reference by which the drive stands outside its software limits or its travel cannot be right."""
+        low_m, high_m = (
+            max(self.limits_m[0], self.expected.travel_m[0]),
+            min(self.limits_m[1], self.expected.travel_m[1]),
+        )
+        stands_m = self.position_actual_m()
+        if not low_m - _BEYOND_M <= stands_m <= high_m + _BEYOND_M:
+            self.distrust(f"it stands at {stands_m:.6f} m, outside its travel of {low_m:.6f} m to {high_m:.6f} m")
+
+    def ask_reference(self) -> None:
+        """Ask the drive whether its position is referenced; one that is distrusted is not."""
+        self.referenced = self.setup().is_referenced() and self._distrusted is None
+
     def read_reference(self) -> None:
-        """Ask the drive whether its position is referenced. Raises NotReferenced."""
-        self.referenced = self.setup().is_referenced()
+        """The same. Raises NotReferenced."""
+        self.ask_reference()
         self.require_reference()
 
     def require_reference(self) -> None:
         """Raise NotReferenced if the position was not referenced when last asked."""
         if not self.referenced:
+            remedy = "home the drive (pkm-rig home --rig RIG.toml)"
+            if self.profile.referenced is None:
+                remedy = "set its zero by its own means, or correct the travel in the machine file"
+            what = "the position is not referenced"
             raise NotReferenced(
-                self.name, self.where, "the position is not referenced", "home the drive, then connect again"
+                self.name, self.where, f"{what}: {self._distrusted}" if self._distrusted else what, remedy
             )
+
+    def distrust(self, why: str) -> None:
+        """Take the drive for not referenced, whatever it says, until it is trusted again."""
+        self._distrusted, self.referenced = why, False
+
+    def trust(self) -> None:
+        """Homing has ended where it should: believe what the drive says. Raises NotReferenced."""
+        self._distrusted = None
+        self.read_reference()
 
     def unwatch_master(self) -> None:
         """Have the drive watch the master no more: it is about to leave."""

@@ -18,15 +18,21 @@ from pkm_rig.clock import VirtualClock
 from pkm_rig.embedded_bus import EmbeddedBus
 
 MASTER = 127
+GUARD_S = 0.25  # host time: a computer that is busy for a moment is no lost frame
 _channels = itertools.count()
 
 
 class LossyBus(EmbeddedBus):
-    """Loses the frames that the test names, or has one come late; keeps those that the host sends."""
+    """Loses the frames of the host that the test names, or has one come late; keeps those that the host sends.
+
+    `misses` is asked of each frame that comes, and `overtaken`: where that says yes, what it has had sent comes first.
+    """
 
     def __init__(self, channel: str, clock: VirtualClock) -> None:
         super().__init__(channel, clock)
         self.loses: Callable[[can.Message], bool] = lambda _frame: False
+        self.misses: Callable[[can.Message], bool] = lambda _frame: False
+        self.overtaken: Callable[[can.Message], bool] = lambda _frame: False
         self.sent: list[can.Message] = []
         self.late = -1  # the first frame with this identifier comes only with the second
         self._held: list[can.Message] = []
@@ -36,7 +42,12 @@ class LossyBus(EmbeddedBus):
         if self._due:
             return self._due.pop()
         frame = super().recv(timeout)
-        if frame is not None and frame.arbitration_id == self.late:
+        if frame is None or self.misses(frame):
+            return None
+        if self.overtaken(frame):
+            self._due.append(frame)
+            return super().recv(timeout)
+        if frame.arbitration_id == self.late:
             if not self._held:
                 self._held.append(frame)
                 return None
@@ -70,10 +81,11 @@ Open = Callable[..., Bench]
 
 
 def benches() -> Iterator[Open]:
-    """What opens benches, and closes them in the end; its pieces are the mock drives and our own drivers."""
+    """What opens benches one at a time, closing that before; its pieces are the mock drives and our own drivers."""
     with ExitStack() as stack:
 
         def make(faults: FaultPlan | None = None, *, blocks: bool = True, absolute: bool = True) -> Bench:
+            stack.close()
             channel, clock = f"supervision {next(_channels)}", VirtualClock()
             stack.callback(clock.close)
             servers = []
@@ -106,12 +118,12 @@ def benches() -> Iterator[Open]:
                     DriveExpectation(),
                     partner_node_id=3 - n,
                     master_node_id=MASTER,
-                    sdo_timeout_s=0.1,
+                    sdo_timeout_s=GUARD_S,
                 )
                 for n in (1, 2)
             ]
             stack.enter_context(clock.activity())
-            bench = Bench(clock, bus, line, servers, drives, DriveGroup(drives, clock, pdo_timeout_s=0.1))
+            bench = Bench(clock, bus, line, servers, drives, DriveGroup(drives, clock, pdo_timeout_s=GUARD_S))
             for drive in drives:
                 drive.connect(unreferenced=not absolute)
             bench.beat()

@@ -12,6 +12,7 @@ from calibration.machine import Machine, load_machine, shipped_machine
 from calibration.recording_header import LengthEntry, Name, NuisanceEntry, PayloadEntry, StationEntry
 from calibration.toml_file import InputError, Section, read_toml
 from drivers.drive_profile import DriveProfile, load_profile
+from drivers.homing import Homing
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
@@ -54,10 +55,10 @@ class HomingEntry(Section):
 
     method: Literal[33, 34, 35, 37]
     position_m: float
-    speed_m_per_s: float = Field(gt=0.0, le=0.05, default=0.002)
-    acceleration_m_per_s2: float = Field(gt=0.0, le=5.0, default=0.1)
-    limit_s: float = Field(gt=0.0, default=60.0)
-    tolerance_m: float = Field(gt=0.0, le=0.01, default=1e-3)
+    speed_m_per_s: float = Field(gt=0.0, le=0.05, default=Homing.speed_m_per_s)
+    acceleration_m_per_s2: float = Field(gt=0.0, le=5.0, default=Homing.acceleration_m_per_s2)
+    limit_s: float = Field(gt=0.0, default=Homing.limit_s)
+    tolerance_m: float = Field(gt=0.0, le=0.01, default=Homing.tolerance_m)
 
 
 class DriveEntry(Section):
@@ -282,11 +283,29 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
     profiles = [drive_profile(d, path) for d in rig.drives]
     if len({p.compensation is None for p in profiles}) > 1:
         raise InputError(f"{path}: drives: a machine is compensated by all of its drives or by none")
+    for drive, profile, (low_m, high_m) in zip(rig.drives, profiles, machine.travel, strict=True):
+        if drive.homing is not None:
+            _check_homing(drive.name, drive.homing.position_m, profile, (low_m, high_m), path)
     if rig.nest_length is not None:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
                 raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
     return rig, machine
+
+
+def _check_homing(
+    name: str, position_m: float, profile: DriveProfile, travel_m: tuple[float, float], path: Path
+) -> None:
+    if profile.referenced is None:
+        raise InputError(
+            f"{path}: drives: {name}: [drives.homing] needs a profile with [referenced]; without it a homing that "
+            "broke off would pass for one that went well"
+        )
+    if not travel_m[0] <= position_m <= travel_m[1]:
+        raise InputError(
+            f"{path}: drives: {name}: homing.position_m = {position_m:g} is outside the machine's travel of "
+            f"{travel_m[0]:g} m to {travel_m[1]:g} m; correct it"
+        )
 
 
 def drive_profile(drive: DriveEntry, rig_path: Path) -> DriveProfile:

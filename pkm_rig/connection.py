@@ -77,7 +77,10 @@ def connected(
         line = CanLine(bus)
         stack.callback(line.close)
         profiles = [drive_profile(entry, rig_path) for entry in file.drives]
-        drives = [_drive(file, i, line, clock, slow, guard_s, profiles[i]) for i in range(len(file.drives))]
+        travels_m = [(float(low), float(high)) for low, high in machine.travel]
+        drives = [
+            _drive(file, i, line, clock, slow, guard_s, profiles[i], travels_m[i]) for i in range(len(file.drives))
+        ]
         for drive in drives:
             stack.callback(drive.close)
             drive.connect(unreferenced=homing)
@@ -120,12 +123,22 @@ def _leave_safe(rig: Rig) -> None:
 
 
 def _drive(
-    file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float, guard_s: float, profile: DriveProfile
+    file: RigFile,
+    index: int,
+    line: CanLine,
+    clock: RigClock,
+    slow: float,
+    guard_s: float,
+    profile: DriveProfile,
+    travel_m: tuple[float, float],
 ) -> ServoDrive:
     entry = file.drives[index]
     partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
     expected = DriveExpectation(
-        vendor=entry.vendor_id, product=entry.product_code, metres_per_increment=entry.metres_per_increment
+        vendor=entry.vendor_id,
+        product=entry.product_code,
+        metres_per_increment=entry.metres_per_increment,
+        travel_m=travel_m,
     )
     return ServoDrive(
         line,

@@ -13,8 +13,8 @@ from pkm_rig.rig import Rig
 def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
     """Home the drives that are not referenced, or all with `again`; tells of each where it stands (docs/json.md).
 
-    One after the other, the others under their brakes, compensation off. InputError, before anything moves, where the
-    rig file does not say how; raises what a motion raises.
+    One after the other, the others under their brakes; compensation is switched off and stays off. InputError, before
+    anything moves, where the rig file does not say how; raises what a motion raises.
     """
     homings = [
         _homing(rig, number) if again or not drive.referenced else None
@@ -29,7 +29,8 @@ def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
         "drives": {
             drive.name: {"homed": homing is not None, "position_m": float(position_m)}
             for drive, homing, position_m in zip(rig.drives.drives, homings, positions_m, strict=True)
-        }
+        },
+        "compensation_switched_off": any(homings),
     }
 
 
@@ -38,6 +39,8 @@ def show(found: dict[str, Any]) -> None:
     for name, drive in found["drives"].items():
         what = "homed" if drive["homed"] else "is referenced, not homed"
         results.print(f"drive {name}: {what}, stands at {drive['position_m']:.6f} m")
+    if found["compensation_switched_off"]:
+        results.print("compensation is off and stays off until tables are activated (verify, calibrate)")
 
 
 def _homing(rig: Rig, number: int) -> Homing:

@@ -9,8 +9,9 @@ import pytest
 
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
+from drivers.homing import Homing
 from pkm_rig import homing
-from pkm_rig.config import HomingEntry, embedded_rig_path
+from pkm_rig.config import HomingEntry, embedded_rig_path, load_rig
 from pkm_rig.connection import connected
 from pkm_rig.further_visits import same_rig
 from pkm_rig.mock_rig import embedded
@@ -45,6 +46,7 @@ def test_other_commands_refuse_such_drives():
 def test_they_are_homed_and_then_stand_where_the_rig_file_says():
     with lost() as (mock, rig):
         found = homing.run(rig)
+        assert found["compensation_switched_off"]
         for name in ("left", "right"):
             assert found["drives"][name]["homed"]
             assert found["drives"][name]["position_m"] == pytest.approx(INDEX_M, abs=1e-7)
@@ -63,6 +65,38 @@ def test_a_rig_file_that_does_not_say_how_moves_nothing():
         with pytest.raises(InputError, match=r"left is to be homed and has no \[drives.homing\]"):
             homing.run(rig)
         assert [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives] == before
+
+
+def test_a_rig_file_whose_homing_cannot_be_is_refused(tmp_path):
+    text = embedded_rig_path().read_text()
+
+    def with_homing(position, profile="pkm-mock"):
+        path = tmp_path / "rig.toml"
+        section = f"[drives.homing]\nmethod = 34\nposition_m = {position}\n"
+        before, left, right = text.replace("node_id", f'profile = "{profile}"\nnode_id').split("[[drives]]")
+        path.write_text("[[drives]]".join([before, left + section, right]))
+        return path
+
+    assert load_rig(with_homing(INDEX_M))[0].drives[0].homing == HomingEntry(method=34, position_m=INDEX_M)
+    with pytest.raises(InputError, match=r"left: homing.position_m = 1120 is outside the machine's travel of"):
+        load_rig(with_homing(1120))
+    with pytest.raises(InputError, match=r"left: \[drives.homing\] needs a profile with \[referenced\]"):
+        load_rig(with_homing(INDEX_M, "plain-402"))
+
+
+def test_the_defaults_are_those_of_the_driver():
+    entry = HomingEntry(method=34, position_m=INDEX_M)
+    assert Homing(**entry.model_dump()) == Homing(34, INDEX_M)
+
+
+def test_a_drive_that_stands_where_the_machine_cannot_is_refused_and_homed_on_request():
+    with lost() as (mock, rig):
+        drive = rig.drives.drives[0]
+        mock.drives[0].axis.homing.referenced = True  # counting from zero, outside the travel
+        with pytest.raises(NotReferenced, match=r"left .*stands at 0.000000 m, outside its travel"):
+            drive.connect()
+        assert homing.run(rig)["drives"]["left"]["homed"]
+        drive.connect()
 
 
 def test_an_open_interlock_stops_it_and_one_that_is_open_forbids_it():

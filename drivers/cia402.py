@@ -48,6 +48,7 @@ FOLLOWING_ERROR = 1 << 13
 
 HOMING_ATTAINED = 1 << 12  # the same bits in homing mode
 HOMING_ERROR = 1 << 13
+FOLLOWS_TARGET = 1 << 12  # in cyclic synchronous position mode
 
 PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -13,10 +14,12 @@ from itertools import chain, repeat
 from drivers import cia402
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
+from drivers.cyclic_path import Row, check_path, require_on_path
+from drivers.drive_setup import interpolation_period
 from drivers.errors import DeviceError, MotionTimeout, Stopped
 from drivers.homing import DriveHoming, Homing
 from drivers.servo_drive import DriveSample, Emergency, ServoDrive
-from drivers.sync_sampler import SyncSampler
+from drivers.sync_sampler import Lead, SyncSampler
 
 _FEWEST_SAMPLES_AT_REST = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
@@ -171,7 +174,7 @@ class DriveGroup:
                     self._raise_if_stopped()
 
     def sample(self) -> list[DriveSample]:
-        """Send SYNC and return what each drive says at it, in the order of the drives.
+        """Send SYNC and return what each drive says at it, in the order of the drives; what they last said in `follow`.
 
         Raises NoAnswer naming the drive that is silent, ConnectionFailed.
         """
@@ -210,48 +213,62 @@ class DriveGroup:
                 self._start(positions_m)
                 return self._wait_for_rest(positions_m, velocity_m_per_s, limit_s)
 
-    def follow(self, path_m: Sequence[Sequence[float]], period_s: float) -> list[DriveSample]:
-        """Lead all drives along a path in cyclic synchronous position mode, a row a SYNC, a SYNC every `period_s`.
+    def set_cyclic_position(self, period_s: float) -> None:
+        """Cyclic synchronous position mode with a SYNC every `period_s` for all drives, which are without power.
 
-        The drives are enabled and in `cia402.CYCLIC_POSITION`; each row is a position a drive, the first one where they
-        stand, no step farther than the drives can go in a period. SYNC goes on until all demands are on the end of the
+        Raises ValueError for drives with power and for a period that cannot be told; what setting raises.
+        """
+        interpolation_period(period_s)
+        for drive in self.drives:
+            drive.require_no_power()
+        for drive in self.drives:
+            drive.set_cyclic_position(period_s)
+
+    def follow(self, path_m: Sequence[Row], velocity_m_per_s: float) -> list[DriveSample]:
+        """Lead all drives along a path by SYNC, a row a SYNC, at the period of `set_cyclic_position`.
+
+        The drives are enabled; each row is a position a drive, the first one where they stand, all within the software
+        limits, no step longer than `velocity_m_per_s` permits. SYNC goes on until all demands are on the end of the
         path, so that none is left under way; returns the samples of the last one, at which the drives may still lag.
-        Whatever goes wrong stops all.
+        Whatever goes wrong stops all, also a demand that is not on the path.
         A drive that hears no SYNC, or cannot follow, faults by itself. Raises Stopped, DriveFault, NotReferenced,
         MotionTimeout, NoAnswer, ConnectionFailed, StaleData, ValueError.
         """
-        if not path_m or any(len(row) != len(self.drives) for row in path_m):
-            raise ValueError(f"a path is rows of {len(self.drives)} positions")
-        for row in path_m:
-            for drive, position_m in zip(self.drives, row, strict=True):
-                drive.increments(position_m)
         with self._one_move():
             self._raise_if_stopped()
             for drive in self.drives:
                 drive.require_reference()
                 drive.require_mode(cia402.CYCLIC_POSITION)
-                drive.setup().set_interpolation_period(period_s)
+            period_s = self.drives[0].sync_period_s
+            if any(drive.sync_period_s != period_s for drive in self.drives):
+                raise ValueError("the drives wait for SYNC at different periods: set the mode of all together")
+            check_path(self.drives, path_m, velocity_m_per_s * period_s)
             samples = self._check_all(self.sample())
             off_m = _farthest_m(samples, path_m[0])
             if off_m > self.rest.demand_m + self.rest.following_error_m:
                 raise ValueError(f"the path begins {off_m * 1e6:.0f} um from where the drives stand")
-            with self._stopping_on_failure():
-                due_s = self._clock.now_s()
-                for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNCS_TO_ARRIVE)), start=1):
-                    samples = self._lead(row)
-                    if step >= len(path_m) and _farthest_m(samples, row) <= self.rest.demand_m:
-                        return samples
-                    due_s = max(due_s + period_s, self._clock.now_s())
-                    self._clock.sleep_s(due_s - self._clock.now_s())
-                raise _too_late(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNCS_TO_ARRIVE)
+            with self._stopping_on_failure(), self._sampler.leading(samples, period_s) as lead:
+                return self._lead_along(path_m, period_s, [sample.demand_m for sample in samples], lead)
 
-    def _lead(self, row: Sequence[float]) -> list[DriveSample]:
-        """Send a target to each drive, then the SYNC at which they take it; what they said at that SYNC."""
+    def _lead_along(self, path_m: Sequence[Row], period_s: float, start_m: Row, lead: Lead) -> list[DriveSample]:
+        last_rows = deque[Row]([start_m, start_m], maxlen=3)
+        due_s = self._clock.now_s()
+        for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNCS_TO_ARRIVE)), start=1):
+            last_rows.append(row)
+            samples = self._check_all(lead(partial(self._send_targets, row)))
+            require_on_path(self.drives, samples, last_rows, self.rest.demand_m)
+            if step >= len(path_m) and _farthest_m(samples, row) <= self.rest.demand_m:
+                return samples
+            late_s = samples[0].t_rig_s - due_s
+            due_s += period_s + (late_s if late_s > 0.5 * period_s else 0.0)  # a SYNC sent again begins a period anew
+            self._clock.sleep_s(due_s - self._clock.now_s())
+        raise _too_late(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNCS_TO_ARRIVE)
+
+    def _send_targets(self, row: Row) -> None:
         self._raise_if_stopped()
         for drive, position_m in zip(self.drives, row, strict=True):
             drive.check()
             drive.send_target(position_m)
-        return self._check_all(self.sample())
 
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
         pairs = list(zip(self.drives, samples, strict=True))

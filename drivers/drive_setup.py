@@ -88,8 +88,8 @@ class DriveSetup:
     def set_interpolation_period(self, period_s: float) -> None:
         """Tell the time from SYNC to SYNC in cyclic mode (0x60C2). Raises ValueError if it cannot be told."""
         units, exponent = interpolation_period(period_s)
-        self.set_and_compare(objects.INTERPOLATION_EXPONENT, exponent)
         self.set_and_compare(objects.INTERPOLATION_UNITS, units)
+        self.set_and_compare(objects.INTERPOLATION_EXPONENT, exponent)
 
     def _set_mappings(self, required: Sequence[PdoMapping]) -> None:
         wrong = pdo.differing(self.sdo, required)

@@ -76,6 +76,7 @@ class ServoDrive:
         self.referenced = False
         self._distrusted: str | None = None
         self.mode: int | None = None
+        self.sync_period_s = math.nan
         self.tpdo_counts = [0, 0]
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
         self._clock = clock or HostClock()
@@ -145,18 +146,31 @@ class ServoDrive:
             self.sdo.close()
 
     def set_mode(self, mode: int) -> None:
-        """Write the mode of operation and wait until the drive shows it. Raises MotionTimeout.
-
-        For `cia402.CYCLIC_POSITION` the drive gets a PDO for its target, and is started again where it was stopped
-        for that.
-        """
-        if mode == cia402.CYCLIC_POSITION:
-            self.setup().set_cyclic_pdo()
-            self.line.send_nmt(NMT_START, self.node_id)
+        """Write the mode of operation and wait until the drive shows it. Raises MotionTimeout."""
         self.mode = None
         self.sdo.write(objects.MODE, mode)
         self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == mode, f"mode of operation {mode}")
         self.mode = mode
+
+    def set_cyclic_position(self, period_s: float) -> None:
+        """Cyclic synchronous position mode with a SYNC every `period_s`, set before the drive is powered.
+
+        It gets a PDO for its target, and is started again where it was stopped for that. Raises ValueError for a drive
+        with power or a period that cannot be told, IdentityMismatch, MotionTimeout.
+        """
+        self.require_no_power()
+        setup = self.setup()
+        setup.set_interpolation_period(period_s)
+        setup.set_cyclic_pdo()
+        self.line.send_nmt(NMT_START, self.node_id)
+        self.set_mode(cia402.CYCLIC_POSITION)
+        self.sync_period_s = period_s
+
+    def require_no_power(self) -> None:
+        """Raise ValueError for a drive that holds its axis or moves it."""
+        state = self.state()
+        if state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
+            raise ValueError(f"{self.name}: it is in {state.value}, this is set without power")
 
     def require_mode(self, mode: int) -> None:
         """Raise ValueError unless this mode of operation was set last."""
@@ -227,7 +241,8 @@ class ServoDrive:
     def enable(self, send: Callable[[int], None] | None = None) -> None:
         """Go to operation enabled. Raises DriveFault in fault and MotionTimeout.
 
-        `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped.
+        `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped. In cyclic
+        synchronous position mode the target is first set to where the drive stands.
         """
 
         def arrived() -> bool:
@@ -235,11 +250,19 @@ class ServoDrive:
             if state in (State.FAULT, State.FAULT_REACTION):
                 raise self.fault(f"the drive is in {state.value}")
             controlword = cia402.controlword_to_enable(state)
+            if controlword == cia402.ENABLE_OPERATION and self.mode == cia402.CYCLIC_POSITION:
+                self._target_where_it_stands()
             if controlword is not None:
                 (send or self.send_controlword)(controlword)
             return state is State.OPERATION_ENABLED
 
         self._wait(arrived, State.OPERATION_ENABLED.value)
+
+    def _target_where_it_stands(self) -> None:
+        """Any SYNC would have the drive go to the target of before, without any set-point being signalled."""
+        stands = self.sdo.read(objects.POSITION_ACTUAL)
+        self.setup().set_and_compare(objects.TARGET_POSITION, stands)
+        self.target_m = stands * self.metres_per_increment
 
     def disable(self) -> None:
         """Take the power off; a drive in fault has none. Raises MotionTimeout."""

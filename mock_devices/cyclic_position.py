@@ -1,9 +1,10 @@
 """Cyclic synchronous position mode (CiA 402, mode 8) of a mock drive: how it gets from SYNC to SYNC.
 
-The target that is there at a SYNC is reached one interpolation time period (0x60C2) later, at constant speed, whenever
-the next SYNC comes; the axis waits there. A step that the motor cannot make in that time is a following error. An axis
+The target that is there at a SYNC, however old, is reached one interpolation time period (0x60C2) later, at constant
+speed, whenever the next SYNC comes; the axis waits there. A step that the motor cannot make in that time is a following error. An axis
 that a SYNC found away from its target and that hears none for three periods has lost its master: a fault. One that
 stands on its target misses nothing; other makes may want SYNC for as long as they are enabled in this mode.
+Statusword bit 12: the axis is enabled and the last target was one that it can take.
 Not modelled: limits of acceleration, extrapolation over a SYNC that is missing, targets that come too late for theirs.
 """
 
@@ -22,11 +23,15 @@ _STEEP_INC_PER_S2 = 1e14
 
 @dataclass
 class CyclicPosition:
-    """Object 0x60C2 as units times a power of ten of a second, and whether the last SYNC found the axis under way."""
+    """Object 0x60C2 as units times a power of ten of a second, and how the axis is led.
+
+    `under_way`: the last SYNC found it away from its target. `ignores`: the last target was refused.
+    """
 
     units: int = 50
     exponent: int = -3
     under_way: bool = False
+    ignores: bool = False
 
     @property
     def period_s(self) -> float:

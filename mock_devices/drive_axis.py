@@ -108,15 +108,14 @@ class DriveAxis:
             raise Refused(VALUE_RANGE)
         self._break_homing_off()
         self.mode, self.cyclic.under_way = mode, False
-        if mode == CYCLIC_POSITION:
-            self.target_inc = round(self.demand_inc())
 
     def set_target(self, target_inc: int) -> None:
         """Object 0x607A. Raises Refused."""
+        self.cyclic.ignores = True
         if not self.limits.low_inc <= target_inc <= self.limits.high_inc:
             raise Refused(VALUE_RANGE)
         self.compensation.check_target(target_inc)
-        self.target_inc = target_inc
+        self.target_inc, self.cyclic.ignores = target_inc, False
 
     def statusword(self) -> int:
         """Object 0x6041."""
@@ -129,10 +128,13 @@ class DriveAxis:
                 set_point_acknowledged=self.homing.attained,
                 following_error=self.homing.failed,
             )
+        acknowledged = self._acknowledged or self._waiting(t_s)
+        if self.mode == CYCLIC_POSITION:
+            acknowledged = self.state is State.OPERATION_ENABLED and not self.cyclic.ignores
         return cia402.statusword(
             self.state,
             target_reached=t_s >= self.motion.end_s + WINDOW_TIME_S,
-            set_point_acknowledged=self._acknowledged or self._waiting(t_s),
+            set_point_acknowledged=acknowledged,
             following_error=self.error_code == EMCY_FOLLOWING_ERROR or self._lags(),
         )
 

@@ -13,7 +13,7 @@ import can
 import pytest
 
 from drivers.can_line import CanLine
-from drivers.cia402 import CYCLIC_POSITION, PROFILE_POSITION, State
+from drivers.cia402 import PROFILE_POSITION, State
 from drivers.drive_group import DriveGroup
 from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
 from drivers.homing import Homing
@@ -156,11 +156,10 @@ def test_a_drive_without_reference_is_homed_first(bench: Bench) -> None:
 
 def test_targets_at_sync_in_cyclic_position_mode(bench: Bench) -> None:
     period_s = 0.2 * SLOW  # three of them without a SYNC are a fault, and this computer may be busy for a moment
-    for drive in bench.drives:
-        drive.set_mode(CYCLIC_POSITION)
+    bench.group.set_cyclic_position(period_s)
     bench.group.enable()
     path = [[0.001 * k, -0.0005 * k] for k in range(5)]
-    samples = bench.group.follow(path, period_s)
+    samples = bench.group.follow(path, 0.0011 / period_s)
     assert [s.demand_m for s in samples] == pytest.approx(path[-1], abs=2e-6)
     for drive, position_m in zip(bench.drives, (0.005, -0.0025), strict=True):
         drive.send_target(position_m)

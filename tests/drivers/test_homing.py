@@ -36,7 +36,7 @@ def test_unreferenced_drives_are_refused_until_they_are_homed(opened: Open) -> N
         bench.drives[0].connect,
         bench.group.enable,
         lambda: bench.group.move_to([0.1, 0.1], 0.1),
-        lambda: bench.group.follow([[0.0, 0.0]], 0.02),
+        lambda: bench.group.follow([[0.0, 0.0]], 0.1),
     ):
         with pytest.raises(NotReferenced, match="home the drive"):
             refused()

@@ -82,6 +82,29 @@ def test_a_target_alone_moves_nothing_before_its_sync(master, clock):
     assert master[0x6062].raw == 0
 
 
+def test_a_target_of_before_is_gone_to_at_any_sync(master, drive, clock):
+    master[0x607A].raw = 10_000
+    master.prepare(10)
+    assert master[0x607A].raw == 10_000
+    master.network.send_message(SYNC, b"")
+    clock.sleep_s(0.010)
+    assert drive.encoder_m(clock.now_s()) == pytest.approx(1e-4, abs=1e-5)
+
+
+def test_it_says_whether_it_follows_its_targets(master):
+    follows = 1 << 12
+    assert not master[0x6041].raw & follows
+    master.prepare(10)
+    assert master[0x6041].raw & follows
+    with pytest.raises(canopen.SdoAbortedError):
+        master[0x607A].raw = 110_000_000
+    assert not master[0x6041].raw & follows
+    master[0x607A].raw = 0
+    assert master[0x6041].raw & follows
+    master[0x6040].raw = 0x07
+    assert not master[0x6041].raw & follows
+
+
 def test_a_sync_that_stays_away_in_motion_is_a_fault(master, drive, clock):
     master.prepare(10)
     master.lead(10_000)

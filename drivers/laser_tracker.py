@@ -26,7 +26,7 @@ from drivers.polar import (
     to_face_one,
     unrest,
 )
-from drivers.station_setup import StationIdentity, StationSetup
+from drivers.station_setup import Air, StationIdentity, StationSetup
 
 __all__ = [
     "EDMModeV2",
@@ -99,6 +99,7 @@ class LaserTracker:
         self._prism_type = prism_type
         self._checksums = checksums
         self._settings = (-1, -1)
+        self._air: Air | None = None
         self._wavelength_m = 0.0
         self._next_transaction = 0
 
@@ -108,6 +109,7 @@ class LaserTracker:
         Raises ConnectionFailed, NoAnswer, ProtocolError (nonsense), IdentityMismatch, StationError.
         """
         self.close()
+        self._air = None
         session = self._session = GeoComSession(
             self.name,
             self.port_url,
@@ -160,13 +162,14 @@ class LaserTracker:
         if not plausible:
             raise ValueError(f"no such air: {temperature_c} degC, {pressure_hpa} hPa, humidity {humidity}")
         setup = StationSetup(self._open())
-        setup.set_atmosphere(self._wavelength_m, temperature_c, pressure_hpa, humidity)
+        self._air = None  # in doubt until it has been read back
+        self._air = setup.set_atmosphere(self._wavelength_m, temperature_c, pressure_hpa, humidity)
         self.ppm = setup.read_ppm(temperature_c, pressure_hpa, humidity)
         return self.ppm
 
     def require_settings(self) -> None:
-        """Raise ProtocolError if distance mode, prism type or constant are not what readings are recorded with."""
-        StationSetup(self._open()).require_settings(*self._settings, self.prism_constant_m)
+        """Raise SettingsChanged if distance mode, prism type, constant or air are not those that readings tell."""
+        StationSetup(self._open()).require_settings(*self._settings, self.prism_constant_m, self._air)
 
     def point_and_aim(self, hz_rad: float, v_rad: float, window_rad: float = 0.01) -> None:
         """Turn near a direction (9027) and aim finely at the reflector in the window (9037).

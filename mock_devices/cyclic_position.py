@@ -1,9 +1,9 @@
 """Cyclic synchronous position mode (CiA 402, mode 8) of a mock drive: how it gets from SYNC to SYNC.
 
 The target that is there at a SYNC, however old, is reached one interpolation time period (0x60C2) later, at constant
-speed, whenever the next SYNC comes; the axis waits there. A step that the motor cannot make in that time is a following error. An axis
-that a SYNC found away from its target and that hears none for three periods has lost its master: a fault. One that
-stands on its target misses nothing; other makes may want SYNC for as long as they are enabled in this mode.
+speed, whenever the next SYNC comes; the axis waits there. A step that the motor cannot make in that time is a following
+error. An axis that a SYNC found away from its target and that hears none for three periods has lost its master: a
+fault. One that stands on its target misses nothing; other makes may want SYNC for as long as they are enabled.
 Statusword bit 12: the axis is enabled and the last target was one that it can take.
 Not modelled: limits of acceleration, extrapolation over a SYNC that is missing, targets that come too late for theirs.
 """

@@ -107,7 +107,7 @@ def test_a_prism_type_that_is_chosen_at_the_station_brings_its_constant_and_is_n
     tracker.require_settings()
     bench.mock.tracker._station.respond(b"%R1Q,17008,0:2")
     assert tracker.measure_averaged(4).slope_distance_m - before.slope_distance_m == pytest.approx(0.0344, abs=5e-4)
-    with pytest.raises(ProtocolError, match="prism type was set to 1 and is now 2"):
+    with pytest.raises(ProtocolError, match="prism_type was set to mini and is now tape"):
         tracker.require_settings()
 
 

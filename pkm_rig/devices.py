@@ -275,6 +275,8 @@ class StationDevice:
         on_floor = rig.machine.smr(self._smr).on == "floor"
         count = settings.readings_per_nest if on_floor else settings.readings_per_smr
         readings = rig.station.measure(count, two_face=settings.two_face, settle=settle)
+        if on_floor:  # a nest that is stored vouches for the settings of all readings since the one before
+            rig.station.require_settings()
         context.fresh_arrival = False
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))

@@ -133,16 +133,18 @@ def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
     return checks, shifts
 
 
-def between_good_checks(recording: Recording) -> NDArray[np.bool_]:
+def between_good_checks(recording: Recording, next_check: int | None = None) -> NDArray[np.bool_]:
     """Readings that lie between two good nest checks (r,); those next to a failed closing check are not used.
 
-    `nest_check` of a reading is the number of the last check before it. With no nests in the
-    recording everything is used.
+    `nest_check` of a reading is the number of the last check before it; `next_check` is one that is still to come and
+    taken for good. With no nests in the recording everything is used.
     """
     checks, shifts = nest_shift(recording)
     if checks.size == 0:
         return np.ones(len(recording), dtype=bool)
     good = {int(c) for c, s in zip(checks, shifts, strict=True) if s <= recording.file.nest_limit_m}
+    if next_check is not None:
+        good.add(next_check)
     number = recording["nest_check"].astype(int)
     is_nest = np.asarray(recording["phase"]) == "nests"
     opened = np.isin(number, list(good))

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import bluesky.preprocessors as bpp
+import numpy as np
 from bluesky import RunEngine
 
 import pkm_rig
@@ -20,9 +21,11 @@ from calibration.recording_header import RecordingFile, StationEntry
 from drivers.errors import DeviceError
 from pkm_rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
 from pkm_rig.plans import CampaignRefused, Plan, Stage
+from pkm_rig.reduction import CALIBRATION, between_good_checks
 from pkm_rig.rig import Rig
 from pkm_rig.store import Store, StoreError
 
+SETTINGS_HELD = "settings_held"
 EXPECTED = (DeviceError, CampaignRefused, StoreError)
 
 
@@ -58,17 +61,24 @@ class Runner:
             loop.close()
 
     def resume(self, recording: Recording) -> None:
-        """Go on with a stored campaign: its numbers, first nest check as the reference, calibration readings kept."""
+        """Go on with a stored campaign: its numbers, first nest check as the reference, what can be used is kept.
+
+        The next nest check closes what has been measured since the last one, but only where the station was found with
+        the settings that it was given when the campaign broke off: else it leaves out the number that those readings
+        would need, so that they are never used.
+        """
         context = self.stage.context
         context.sequence = int(recording["sequence"].max()) + 1
         context.visit_number = int(recording["visit"].max())
-        context.nest_check = int(recording["nest_check"].max())
+        last = int(recording["nest_check"].max())
+        held = any(event.data.get(SETTINGS_HELD) == last for event in self.store.events(self.campaign, "failed"))
+        context.nest_check = last if held else last + 1
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
             self.stage.first_nests.setdefault(str(name), position)
-        done = recording.rows("calibration")
-        for pose, pass_, smr in zip(done["pose"], done["pass"], done["smr"], strict=True):
-            self.stage.stored.add(("calibration", int(pose), int(pass_), str(smr)))
+        done = between_good_checks(recording, context.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
+        for pose, pass_, smr in zip(*(recording[name][done] for name in ("pose", "pass", "smr")), strict=True):
+            self.stage.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
 
     def run(self, plan: Plan, purpose: str) -> None:
         """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""
@@ -85,11 +95,21 @@ class Runner:
             with contextlib.suppress(StoreError):
                 reason = str(cause) or type(cause).__name__
                 failed = {"plan": purpose, "reason": reason, "emergencies": emergency_log(self.rig)}
-                self.store.add_event(self.campaign, "failed", failed)
+                self.store.add_event(self.campaign, "failed", failed | {SETTINGS_HELD: self._settings_held()})
             if cause is error:
                 raise
             raise cause from error
         self.store.add_event(self.campaign, "finished", {"plan": purpose})
+
+    def _settings_held(self) -> int | None:
+        """Number of the nest check since which the station has kept its settings; None where that is not known."""
+        try:
+            self.rig.station.require_settings()
+        except (DeviceError, RuntimeError):
+            return None
+        if not self.store.has_readings(self.campaign):
+            return None
+        return int(self.store.recording(self.campaign)["nest_check"].max())
 
     def _end_plan(self) -> None:
         """An interrupt reaches this thread while the engine's loop goes on: end its plan before anything else."""

@@ -24,7 +24,7 @@ class StationAir:
     def set(self, state: PlcState) -> None:
         """Give this air to the station, whose other settings must be what they were.
 
-        Raises ProtocolError where they are not, and what the station raises.
+        Raises SettingsChanged where they are not, and what the station raises.
         """
         self._set_s = -math.inf  # what the station holds is in doubt until it has answered
         self._station.require_settings()

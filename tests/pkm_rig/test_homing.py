@@ -112,6 +112,13 @@ def test_an_open_interlock_stops_it_and_one_that_is_open_forbids_it():
 
 
 def test_how_drives_are_homed_does_not_make_a_campaign_another_one():
-    then = {"machine": "m", "campaign": {}, "drives": [{"name": "a"}], "payloads": [], "nest_length": None}
+    then = {
+        "machine": "m",
+        "station": {},
+        "campaign": {},
+        "drives": [{"name": "a"}],
+        "payloads": [],
+        "nest_length": None,
+    }
     assert same_rig(then, {**then, "drives": [{"name": "a", "homing": {"method": 37}}]}, adds=False)
     assert not same_rig(then, {**then, "drives": [{"name": "b", "homing": None}]}, adds=False)

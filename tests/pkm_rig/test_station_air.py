@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.atmosphere import atmospheric_ppm
-from drivers.errors import ProtocolError, StaleData
+from drivers.errors import SettingsChanged, StaleData
 from mock_devices.faults import Fault, FaultPlan
 from pkm_rig.config import embedded_rig_path
 from pkm_rig.connection import connected
@@ -28,8 +28,12 @@ def held(mock):
     return air.pressure_hpa, air.dry_c
 
 
-def spoil(mock):
-    mock.tracker._station.telescope.air.dry_c = -30.0
+def counted(mock):
+    """A list that grows with each time that the station is given its air."""
+    station, given = mock.tracker._station, []
+    kinds, set_air = station._calls[2028]
+    station._calls[2028] = (kinds, lambda *air: (given.append(air), set_air(*air))[1])
+    return given
 
 
 def test_what_is_old_is_set_anew_and_what_is_not_is_left_alone():
@@ -37,12 +41,13 @@ def test_what_is_old_is_set_anew_and_what_is_not_is_left_alone():
         rig.keep_atmosphere()
         state = rig.supervisor.state()
         assert held(mock) == pytest.approx((state.pressure_hpa, state.temperatures_c["air"]), abs=1e-3)
-        spoil(mock)
+        given = counted(mock)
         rig.clock.sleep_s(250.0)
         rig.keep_atmosphere()
-        assert held(mock)[1] == -30.0
+        assert given == []
         rig.clock.sleep_s(60.0)
         rig.keep_atmosphere()
+        assert len(given) == 1
         assert held(mock)[1] == pytest.approx(rig.supervisor.state().temperatures_c["air"], abs=1e-3)
 
 
@@ -69,12 +74,12 @@ def test_a_stale_plc_gives_no_air():
         connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):
         rig.keep_atmosphere()
-        spoil(mock.mock)
+        given = counted(mock.mock)
         plan.arm([Fault("modbus-stale-heartbeat", 1)])
         rig.clock.sleep_s(400.0)
         with pytest.raises(StaleData):
             rig.keep_atmosphere()
-        assert held(mock.mock)[1] == -30.0
+        assert given == []
 
 
 def test_after_a_failure_the_next_point_sets_it_again():
@@ -82,13 +87,21 @@ def test_after_a_failure_the_next_point_sets_it_again():
         rig.keep_atmosphere()
         station = mock.tracker._station
         station.respond(b"%R1Q,17008,0:2")
-        with pytest.raises(ProtocolError, match="prism type"):
+        with pytest.raises(SettingsChanged, match="prism_type"):
             rig.refresh_atmosphere()
         station.respond(b"%R1Q,17008,0:1")
         station.respond(b"%R1Q,2024,0:0.0")
-        spoil(mock)
+        given = counted(mock)
         rig.keep_atmosphere()
-        assert held(mock)[1] > 0.0
+        assert len(given) == 1
+
+
+def test_air_that_somebody_sets_at_the_station_is_noticed():
+    with mock_and_rig(*rig_file()) as (mock, rig):
+        rig.keep_atmosphere()
+        mock.tracker._station.telescope.air.dry_c = -30.0
+        with pytest.raises(SettingsChanged, match="air"):
+            rig.refresh_atmosphere()
 
 
 def test_a_campaign_keeps_it_between_its_points():

@@ -7,7 +7,7 @@ filter gates outliers and turns reflectors into poses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +150,19 @@ def between_good_checks(recording: Recording, next_check: int | None = None) -> 
     opened = np.isin(number, list(good))
     closed = np.isin(number + 1, list(good))
     return np.where(is_nest, opened, opened & closed)
+
+
+def without_left_open(recording: Recording) -> Recording:
+    """A recording without the readings whose closing nest check was left out, though later ones were made.
+
+    The station may have had other settings at them than it was given (`Runner.resume`): unlike those next to a failed
+    check they tell nothing of the machine.
+    """
+    checks, _ = nest_shift(recording)
+    is_nest = np.asarray(recording["phase"]) == "nests"
+    closing = recording["nest_check"].astype(int) + 1
+    keep = is_nest | np.isin(closing, checks) | (closing > checks.max(initial=-1))
+    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
 
 
 def last_calibration_check(recording: Recording) -> float:

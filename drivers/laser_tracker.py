@@ -98,6 +98,7 @@ class LaserTracker:
         self._edm_mode = edm_mode
         self._prism_type = prism_type
         self._checksums = checksums
+        self.found_as_given = False
         self._settings = (-1, -1)
         self._air: Air | None = None
         self._wavelength_m = 0.0
@@ -106,6 +107,7 @@ class LaserTracker:
     def connect(self) -> StationIdentity:
         """Open the port, learn who answers, set precision, distance mode and prism, read all back.
 
+        `found_as_given` then tells whether distance mode and prism were already those that are wanted.
         Raises ConnectionFailed, NoAnswer, ProtocolError (nonsense), IdentityMismatch, StationError.
         """
         self.close()
@@ -127,6 +129,7 @@ class LaserTracker:
             setup = StationSetup(session)
             setup.set_precision()
             self.identity = setup.read_identity(self._expected_serial)
+            self.found_as_given = setup.has_settings(self._edm_mode, self._prism_type, self.prism_constant_m)
             mode = setup.set_distance_mode(self._edm_mode)
             self._settings = (mode, setup.set_prism(self._prism_type, self.prism_constant_m))
             self._wavelength_m = setup.read_atmosphere()[0]

@@ -82,6 +82,16 @@ class StationSetup:
         bap, tmc = self.session.geocom.bap, self.session.geocom.tmc
         return int(self.session.ask(bap.get_prism_type).value), float(self.session.ask(tmc.get_prism_correction))
 
+    def has_settings(self, mode: EDMModeV2 | None, prism: Prism | None, constant_m: float) -> bool:
+        """Whether the station has these settings; None for one that does not matter."""
+        mode_now = self.read_distance_mode()
+        prism_now, constant_now_m = self.read_prism()
+        return (
+            (mode is None or mode_now == mode.value)
+            and (prism is None or prism_now == prism.value)
+            and _same_constant(constant_now_m, constant_m)
+        )
+
     def require_settings(self, mode: int, prism: int, constant_m: float, air: Air | None) -> None:
         """Raise SettingsChanged where distance mode, prism type, prism constant or air (None: not set) are others."""
         mode_now = self.read_distance_mode()

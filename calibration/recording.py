@@ -61,6 +61,8 @@ COLUMNS: tuple[str, ...] = (
     "compensation",
     "flags",
 )
+OPTIONAL_COLUMNS = ("edm_mode", "prism_type")  # settings of the station, which earlier recordings do not tell
+NOT_KNOWN = -1.0
 DRIVE_COLUMNS = (
     "commanded_m",
     "actual_m",
@@ -140,13 +142,16 @@ class Recording:
 
 
 def column_names(drives: Sequence[str], sensors: Sequence[str]) -> tuple[str, ...]:
-    """All columns of a rig, in order."""
+    """All columns that a recording of a rig must have, in order."""
     by_drive = tuple(f"{drive}_{quantity}" for drive in drives for quantity in DRIVE_COLUMNS)
     return (*COLUMNS, *by_drive, *(f"{sensor}_temperature_c" for sensor in sensors))
 
 
 def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping[str, float | str]]) -> Recording:
-    """A recording from row dictionaries; InputError if a column is missing or a value is not fit."""
+    """A recording from row dictionaries; InputError if a column is missing or a value is not fit.
+
+    It has those of OPTIONAL_COLUMNS that some row has; rows without them count as not known.
+    """
     if file.drives != machine.drive_names:
         raise InputError(
             f"recording {file.campaign}: drives {', '.join(file.drives)} are not the machine's "
@@ -160,6 +165,9 @@ def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping
         except KeyError:
             raise InputError(f"recording {file.campaign}: a row lacks '{name}'") from None
         columns[name] = np.array(values, dtype=str if name in TEXT_COLUMNS else np.float64)
+    for name in OPTIONAL_COLUMNS:
+        if any(name in row for row in rows):
+            columns[name] = np.array([row.get(name, NOT_KNOWN) for row in rows], dtype=np.float64)
     recording = Recording(file, machine, columns)
     for check in (_check_numbers, _check_counts, _check_geometry, _check_names):
         check(recording)
@@ -191,7 +199,7 @@ def _check_numbers(recording: Recording) -> None:
 
 def _check_counts(recording: Recording) -> None:
     """Whole numbers where something is counted."""
-    for column in COUNTS:
+    for column in (*COUNTS, *(name for name in OPTIONAL_COLUMNS if name in recording.columns)):
         wrong = np.flatnonzero((np.abs(recording[column]) > LARGEST_COUNT) | (recording[column] % 1.0 != 0.0))
         if wrong.size:
             raise _complaint(recording, f"row {wrong[0] + 1}, column '{column}' is not a count")

@@ -37,6 +37,7 @@ SHUTDOWN = 0x0006
 SWITCH_ON = 0x0007
 ENABLE_OPERATION = 0x000F
 NEW_SET_POINT = 0x001F  # enable operation with bit 4; bit 5 (at once) and bit 6 (relative) stay 0
+START_HOMING = 0x001F  # the same bit in homing mode
 FAULT_RESET = 0x0080
 
 # statusword bits
@@ -45,7 +46,11 @@ LIMIT_ACTIVE = 1 << 11
 SET_POINT_ACKNOWLEDGED = 1 << 12
 FOLLOWING_ERROR = 1 << 13
 
-PROFILE_POSITION, CYCLIC_POSITION = 1, 8
+HOMING_ATTAINED = 1 << 12  # the same bits in homing mode
+HOMING_ERROR = 1 << 13
+FOLLOWS_TARGET = 1 << 12  # in cyclic synchronous position mode
+
+PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
 
 _TOWARDS_OPERATION = {
     State.SWITCH_ON_DISABLED: SHUTDOWN,

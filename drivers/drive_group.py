@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, repeat
 
 from drivers import cia402
 from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
+from drivers.cyclic_path import Row, check_path, require_on_path
+from drivers.drive_setup import interpolation_period
 from drivers.errors import DeviceError, MotionTimeout, Stopped
+from drivers.homing import DriveHoming, Homing
 from drivers.servo_drive import DriveSample, Emergency, ServoDrive
-from drivers.sync_sampler import SyncSampler
+from drivers.sync_sampler import Lead, SyncSampler
 
 _FEWEST_SAMPLES_AT_REST = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
 _CLOCK_GRAIN_S = 1e-9
+_SYNCS_TO_ARRIVE = 10
 _FAULTY = (State.FAULT, State.FAULT_REACTION)
 
 
@@ -70,6 +76,7 @@ class DriveGroup:
         self._command_lock = threading.Lock()
         self._move_lock = threading.Lock()
         self._stop_reason: str | None = None
+        self._guilty: ServoDrive | None = None  # whose EMCY has stopped the motion under way
         self._moving = False
         for drive in self.drives:
             drive.on_emergency = partial(self._on_emergency, drive)
@@ -104,9 +111,12 @@ class DriveGroup:
     def enable(self) -> None:
         """Enable all drives; if one fails all are disabled again.
 
-        Raises DriveFault, Stopped, MotionTimeout.
+        Each is asked whether it is still referenced, which it may have lost since it was connected.
+        Raises DriveFault (NotReferenced for one that has to be homed), Stopped, MotionTimeout.
         """
         self._raise_if_stopped()
+        for drive in self.drives:
+            drive.read_reference()
         try:
             for drive in self.drives:
                 drive.check()
@@ -129,12 +139,42 @@ class DriveGroup:
             raise failures[0]
 
     def fault_reset(self) -> None:
-        """Acknowledge the faults of all drives. Raises DriveFault if one stays."""
+        """Acknowledge the faults of all drives and ask which are still referenced. Raises DriveFault if one stays."""
         for drive in self.drives:
             drive.fault_reset()
+            drive.ask_reference()
+
+    def home(self, homings: Sequence[Homing | None]) -> None:
+        """Home drives one after the other, leaving out where there is None; the others stand without power meanwhile.
+
+        All are without power afterwards. Whatever goes wrong stops all, and the stop is remembered. Raises DriveFault,
+        NotReferenced, MotionTimeout, Stopped, ConnectionFailed, NoAnswer, SdoRefused and StaleData; before anything
+        is written ValueError for numbers that do not fit and drives that cannot say whether they are referenced.
+        """
+        if len(homings) != len(self.drives):
+            raise ValueError(f"{len(self.drives)} drives, {len(homings)} ways to home them")
+        runs = [
+            DriveHoming(
+                drive,
+                homing,
+                partial(self._send, drive),
+                partial(self._require_good, drive),
+                self._clock,
+                self.poll_period_s,
+            )
+            for drive, homing in zip(self.drives, homings, strict=True)
+            if homing is not None
+        ]
+        with self._one_move():
+            self._raise_if_stopped()
+            with self._stopping_on_failure():
+                self.disable()
+                for run in runs:
+                    run.home()
+                    self._raise_if_stopped()
 
     def sample(self) -> list[DriveSample]:
-        """Send SYNC and return what each drive says at it, in the order of the drives.
+        """Send SYNC and return what each drive says at it, in the order of the drives; what they last said in `follow`.
 
         Raises NoAnswer naming the drive that is silent, ConnectionFailed.
         """
@@ -161,6 +201,8 @@ class DriveGroup:
             self._raise_if_stopped()
             for drive in self.drives:
                 drive.check()
+                drive.require_reference()
+                drive.require_mode(cia402.PROFILE_POSITION)
             # Twice: a drive takes its partner's command from the SYNC before.
             self.sample()
             before = self._check_all(self.sample())
@@ -171,33 +213,62 @@ class DriveGroup:
                 self._start(positions_m)
                 return self._wait_for_rest(positions_m, velocity_m_per_s, limit_s)
 
-    def follow(self, path_m: Sequence[Sequence[float]], period_s: float) -> list[DriveSample]:
-        """Lead all drives along a path in cyclic synchronous position mode, a row a SYNC, a SYNC every `period_s`.
+    def set_cyclic_position(self, period_s: float) -> None:
+        """Cyclic synchronous position mode with a SYNC every `period_s` for all drives, which are without power.
 
-        The drives are enabled and in `cia402.CYCLIC_POSITION`; each row is a position a drive, the first one where they
-        stand, no step farther than the one before it could be reached. Returns the samples of the last SYNC.
-        Whatever goes wrong stops all. Raises Stopped, DriveFault, NoAnswer, ConnectionFailed, StaleData, ValueError.
+        Raises ValueError for drives with power and for a period that cannot be told; what setting raises.
         """
-        if not path_m or any(len(row) != len(self.drives) for row in path_m):
-            raise ValueError(f"a path is rows of {len(self.drives)} positions")
-        for row in path_m:
-            for drive, position_m in zip(self.drives, row, strict=True):
-                drive.increments(position_m)
+        interpolation_period(period_s)
+        for drive in self.drives:
+            drive.require_no_power()
+        for drive in self.drives:
+            drive.set_cyclic_position(period_s)
+
+    def follow(self, path_m: Sequence[Row], velocity_m_per_s: float) -> list[DriveSample]:
+        """Lead all drives along a path by SYNC, a row a SYNC, at the period of `set_cyclic_position`.
+
+        The drives are enabled; each row is a position a drive, the first one where they stand, all within the software
+        limits, no step longer than `velocity_m_per_s` permits. SYNC goes on until all demands are on the end of the
+        path, so that none is left under way; returns the samples of the last one, at which the drives may still lag.
+        Whatever goes wrong stops all, also a demand that is not on the path.
+        A drive that hears no SYNC, or cannot follow, faults by itself. Raises Stopped, DriveFault, NotReferenced,
+        MotionTimeout, NoAnswer, ConnectionFailed, StaleData, ValueError.
+        """
         with self._one_move():
             self._raise_if_stopped()
+            for drive in self.drives:
+                drive.require_reference()
+                drive.require_mode(cia402.CYCLIC_POSITION)
+            period_s = self.drives[0].sync_period_s
+            if any(drive.sync_period_s != period_s for drive in self.drives):
+                raise ValueError("the drives wait for SYNC at different periods: set the mode of all together")
+            check_path(self.drives, path_m, velocity_m_per_s * period_s)
             samples = self._check_all(self.sample())
             off_m = _farthest_m(samples, path_m[0])
             if off_m > self.rest.demand_m + self.rest.following_error_m:
                 raise ValueError(f"the path begins {off_m * 1e6:.0f} um from where the drives stand")
-            with self._stopping_on_failure():
-                for row in [*path_m, path_m[-1]]:
-                    self._raise_if_stopped()
-                    for drive, position_m in zip(self.drives, row, strict=True):
-                        drive.check()
-                        drive.send_target(position_m)
-                    samples = self._check_all(self.sample())
-                    self._clock.sleep_s(period_s)
-        return samples
+            with self._stopping_on_failure(), self._sampler.leading(samples, period_s) as lead:
+                return self._lead_along(path_m, period_s, [sample.demand_m for sample in samples], lead)
+
+    def _lead_along(self, path_m: Sequence[Row], period_s: float, start_m: Row, lead: Lead) -> list[DriveSample]:
+        last_rows = deque[Row]([start_m, start_m], maxlen=3)
+        due_s = self._clock.now_s()
+        for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNCS_TO_ARRIVE)), start=1):
+            last_rows.append(row)
+            samples = self._check_all(lead(partial(self._send_targets, row)))
+            require_on_path(self.drives, samples, last_rows, self.rest.demand_m)
+            if step >= len(path_m) and _farthest_m(samples, row) <= self.rest.demand_m:
+                return samples
+            late_s = samples[0].t_rig_s - due_s
+            due_s += period_s + (late_s if late_s > 0.5 * period_s else 0.0)  # a SYNC sent again begins a period anew
+            self._clock.sleep_s(due_s - self._clock.now_s())
+        raise _too_late(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNCS_TO_ARRIVE)
+
+    def _send_targets(self, row: Row) -> None:
+        self._raise_if_stopped()
+        for drive, position_m in zip(self.drives, row, strict=True):
+            drive.check()
+            drive.send_target(position_m)
 
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
         pairs = list(zip(self.drives, samples, strict=True))
@@ -315,7 +386,19 @@ class DriveGroup:
             for drive in self.drives:
                 drive.send_controlword(controlword)
 
+    def _require_good(self, homed: ServoDrive) -> None:
+        """Raise if the drives were stopped, one cannot be reached or another one than that being homed is in fault."""
+        self._raise_if_stopped()
+        for drive in self.drives:
+            drive.check()
+            if drive is not homed and drive.state() in _FAULTY:
+                self._raise_if_stopped()  # by its EMCY, which says more
+                raise drive.fault("the drive is in fault")
+
     def _raise_if_stopped(self) -> None:
+        guilty = self._guilty
+        if guilty is not None and self._moving:
+            raise guilty.fault("its emergency has stopped all drives")
         if self._stop_reason is not None:
             raise Stopped(
                 "drives",
@@ -336,7 +419,7 @@ class DriveGroup:
     @contextmanager
     def _stopping_on_failure(self) -> Iterator[None]:
         """Whatever ends a move early stops all drives."""
-        self._moving = True
+        self._guilty, self._moving = None, True
         try:
             yield
         except BaseException as error:
@@ -347,8 +430,13 @@ class DriveGroup:
             self._moving = False
 
     def _on_emergency(self, drive: ServoDrive, emergency: Emergency) -> None:
-        """Called from the line's receiving thread: sending controlwords is all that is done here."""
+        """Called from the line's receiving thread: all that is done here is to remember the stop, then to send it.
+
+        Remembered first: whoever polls the drives meanwhile must not send what enables one of them again.
+        """
         if self._moving and emergency.is_error:
+            if self._stop_reason is None:
+                self._guilty, self._stop_reason = drive, f"{drive.name} ({drive.where}): {emergency}"
             with self._command_lock, suppress(DeviceError):
                 for each in self.drives:
                     each.quick_stop()

@@ -56,6 +56,7 @@ class DriveProfile:
 
     `factor_group`: 0x608F, 0x6091 and 0x6092 tell its units. `watchdog`: it can watch the master (0x1016, 0x6007).
     `referenced`: object whose masked bits are all set when the position is referenced; None if it cannot be lost.
+    `home_offset_sign`: 1 where the position on the mark is the home offset 0x607C, -1 where it is its negative.
     `compensation` is None where there is no table bank.
     """
 
@@ -64,6 +65,7 @@ class DriveProfile:
     watchdog: bool = True
     referenced: DriveObject | None = None
     referenced_mask: int = 0
+    home_offset_sign: int = 1
     compensation: CompensationObjects | None = None
 
 
@@ -106,7 +108,10 @@ def _shipped(name: str) -> str:
 
 
 def _profile(table: Mapping[str, Any]) -> DriveProfile:
-    _only(table, {"name", "factor_group", "watchdog", "referenced", "compensation"}, "profile")
+    _only(table, {"name", "factor_group", "watchdog", "referenced", "home_offset_sign", "compensation"}, "profile")
+    sign = _typed(table.get("home_offset_sign", 1), int, "home_offset_sign")
+    if sign not in (1, -1):
+        raise _NotAProfile(f"home_offset_sign: 1 or -1 wanted, not {sign}")
     referenced = table.get("referenced")
     if referenced is not None:
         _only(referenced, {"object", "mask"}, "referenced")
@@ -116,6 +121,7 @@ def _profile(table: Mapping[str, Any]) -> DriveProfile:
         watchdog=_typed(table.get("watchdog", True), bool, "watchdog"),
         referenced=None if referenced is None else _object(referenced.get("object"), "referenced.object"),
         referenced_mask=0 if referenced is None else _typed(referenced.get("mask"), int, "referenced.mask"),
+        home_offset_sign=sign,
         compensation=None if "compensation" not in table else _compensation(table["compensation"]),
     )
 

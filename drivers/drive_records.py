@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -17,6 +18,7 @@ _EMERGENCY_TEXTS = {
     0x8120: "CAN passive",
     0x8130: "heartbeat lost",
     0x8611: "following error",
+    0x8700: "no SYNC",
     0xFF10: "partner's command unknown, stale or outside the table's grid",
 }
 
@@ -32,11 +34,12 @@ class Heartbeat(Enum):
 
 @dataclass(frozen=True)
 class DriveExpectation:
-    """What has to be at the other end; None is not checked."""
+    """What has to be at the other end, and where it can stand; None is not checked."""
 
     vendor: int | None = None
     product: int | None = None
     metres_per_increment: float = 1e-8
+    travel_m: tuple[float, float] = (-math.inf, math.inf)
     serial: int | None = None
 
 

@@ -10,7 +10,7 @@ from drivers import objects, pdo
 from drivers.can_line import NMT_PRE_OPERATIONAL, CanLine
 from drivers.drive_profile import DriveProfile
 from drivers.drive_records import DriveExpectation, DriveIdentity
-from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer, NotReferenced
+from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer
 from drivers.objects import DriveObject
 from drivers.pdo import PdoMapping
 from drivers.sdo import SdoAccess
@@ -18,6 +18,7 @@ from drivers.sdo import SdoAccess
 _CIA402 = 402
 _QUICK_STOP = 3
 _FACTOR_TOLERANCE = 1e-9
+_PERIOD_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,12 @@ class DriveSetup:
         """The PDO that brings targets in cyclic mode. Raises IdentityMismatch if it is not kept."""
         self._set_mappings([pdo.cyclic_mapping(self.node_id)])
 
+    def set_interpolation_period(self, period_s: float) -> None:
+        """Tell the time from SYNC to SYNC in cyclic mode (0x60C2). Raises ValueError if it cannot be told."""
+        units, exponent = interpolation_period(period_s)
+        self.set_and_compare(objects.INTERPOLATION_UNITS, units)
+        self.set_and_compare(objects.INTERPOLATION_EXPONENT, exponent)
+
     def _set_mappings(self, required: Sequence[PdoMapping]) -> None:
         wrong = pdo.differing(self.sdo, required)
         if not wrong:
@@ -94,13 +101,10 @@ class DriveSetup:
         if pdo.differing(self.sdo, wrong):
             raise self._mismatch("the drive does not keep the PDO mapping")
 
-    def require_reference(self) -> None:
-        """Raise NotReferenced where the drive says that it has lost its reference."""
+    def is_referenced(self) -> bool:
+        """Whether the drive says that its position is referenced; True where it cannot lose that."""
         entry, mask = self.profile.referenced, self.profile.referenced_mask
-        if entry is not None and self.sdo.read(entry) & mask != mask:
-            raise NotReferenced(
-                self.name, self.where, "the position is not referenced", "home the drive, then connect again"
-            )
+        return entry is None or self.sdo.read(entry) & mask == mask
 
     def watch_master(self, master_node_id: int, limit_ms: int) -> None:
         """Have the drive stop by itself when the master's heartbeat stays away; nothing where it cannot."""
@@ -117,3 +121,15 @@ class DriveSetup:
 
     def _mismatch(self, what: str) -> IdentityMismatch:
         return IdentityMismatch(self.name, self.where, what, "check drive and rig file against each other")
+
+
+def interpolation_period(period_s: float) -> tuple[int, int]:
+    """A period as units (1 to 255) and power of ten of a second (-6 to 0), of 0x60C2.
+
+    Raises ValueError where there are none such; milliseconds come first, which every make knows.
+    """
+    for exponent in (-3, -4, -5, -6, -2, -1, 0):
+        units = period_s / 10.0**exponent
+        if math.isfinite(units) and 1 <= round(units) <= 255 and abs(units - round(units)) <= _PERIOD_TOLERANCE * units:
+            return round(units), exponent
+    raise ValueError(f"a period of {period_s} s cannot be told to a drive: give up to 255 of a power of ten")

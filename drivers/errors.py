@@ -38,6 +38,10 @@ class NoAnswer(DeviceError):
     """A request was not answered within the host's time-out."""
 
 
+class SettingsChanged(ProtocolError):
+    """The station has other settings than it was given: what it has measured since they were compared is void."""
+
+
 class NotExecuted(ProtocolError):
     """The station could not read a request, so it has done nothing."""
 

@@ -26,13 +26,15 @@ from drivers.polar import (
     to_face_one,
     unrest,
 )
-from drivers.station_setup import StationIdentity, StationSetup
+from drivers.station_setup import Air, StationIdentity, StationSetup
 
 __all__ = [
+    "EDMModeV2",
     "LaserTracker",
     "LockState",
     "MeanReading",
     "PolarReading",
+    "Prism",
     "SettleCriterion",
     "StationIdentity",
     "average",
@@ -96,16 +98,20 @@ class LaserTracker:
         self._edm_mode = edm_mode
         self._prism_type = prism_type
         self._checksums = checksums
+        self.found_as_given = False
         self._settings = (-1, -1)
+        self._air: Air | None = None
         self._wavelength_m = 0.0
         self._next_transaction = 0
 
     def connect(self) -> StationIdentity:
         """Open the port, learn who answers, set precision, distance mode and prism, read all back.
 
+        `found_as_given` then tells whether distance mode and prism were already those that are wanted.
         Raises ConnectionFailed, NoAnswer, ProtocolError (nonsense), IdentityMismatch, StationError.
         """
         self.close()
+        self._air = None
         session = self._session = GeoComSession(
             self.name,
             self.port_url,
@@ -123,6 +129,7 @@ class LaserTracker:
             setup = StationSetup(session)
             setup.set_precision()
             self.identity = setup.read_identity(self._expected_serial)
+            self.found_as_given = setup.has_settings(self._edm_mode, self._prism_type, self.prism_constant_m)
             mode = setup.set_distance_mode(self._edm_mode)
             self._settings = (mode, setup.set_prism(self._prism_type, self.prism_constant_m))
             self._wavelength_m = setup.read_atmosphere()[0]
@@ -158,9 +165,14 @@ class LaserTracker:
         if not plausible:
             raise ValueError(f"no such air: {temperature_c} degC, {pressure_hpa} hPa, humidity {humidity}")
         setup = StationSetup(self._open())
-        setup.set_atmosphere(self._wavelength_m, temperature_c, pressure_hpa, humidity)
+        self._air = None  # in doubt until it has been read back
+        self._air = setup.set_atmosphere(self._wavelength_m, temperature_c, pressure_hpa, humidity)
         self.ppm = setup.read_ppm(temperature_c, pressure_hpa, humidity)
         return self.ppm
+
+    def require_settings(self) -> None:
+        """Raise SettingsChanged if distance mode, prism type, constant or air are not those that readings tell."""
+        StationSetup(self._open()).require_settings(*self._settings, self.prism_constant_m, self._air)
 
     def point_and_aim(self, hz_rad: float, v_rad: float, window_rad: float = 0.01) -> None:
         """Turn near a direction (9027) and aim finely at the reflector in the window (9037).

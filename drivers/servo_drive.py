@@ -1,4 +1,4 @@
-"""One CiA 402 servo drive in profile position mode, in metres and seconds."""
+"""One CiA 402 servo drive in profile or cyclic synchronous position mode, in metres and seconds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.clock import HostClock, RigClock
 from drivers.drive_profile import DriveProfile, load_profile
 from drivers.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
 from drivers.drive_setup import DriveSetup
-from drivers.errors import DriveFault, MotionTimeout, StaleData
+from drivers.errors import DriveFault, MotionTimeout, NotReferenced, StaleData
 from drivers.objects import DriveObject
 from drivers.sdo import SdoAccess
 
@@ -23,6 +23,7 @@ __all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Hea
 
 _OPERATIONAL = 5
 _FEWEST_POLLS = 10  # however fast rig time runs
+_BEYOND_M = 1e-3  # how far a drive that was stopped may stand outside its travel
 _TPDO1 = struct.Struct("<Hih")
 _TPDO2 = struct.Struct("<ii")
 _EMERGENCY = struct.Struct("<HB")
@@ -72,6 +73,10 @@ class ServoDrive:
         self.emergencies: deque[Emergency] = deque(maxlen=100)
         self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
+        self.referenced = False
+        self._distrusted: str | None = None
+        self.mode: int | None = None
+        self.sync_period_s = math.nan
         self.tpdo_counts = [0, 0]
         self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
         self._clock = clock or HostClock()
@@ -101,26 +106,28 @@ class ServoDrive:
         """Node and line, for messages."""
         return f"node {self.node_id} on {self.line.name}"
 
-    def connect(self) -> DriveIdentity:
+    def connect(self, *, unreferenced: bool = False) -> DriveIdentity:
         """Find the drive, compare identity and units, set PDOs, heartbeat and mode, start the node.
 
-        Raises ConnectionFailed naming an absent node and IdentityMismatch for a wrong drive or wrong units.
+        Raises ConnectionFailed naming an absent node, IdentityMismatch for a wrong drive or wrong units, and
+        NotReferenced for one that has to be homed or stands where it cannot, unless it may be `unreferenced`.
         """
         self.line.check()
         self.restarted = False
-        setup = self._setup()
+        setup = self.setup()
         setup.find()
         self.identity = setup.read_identity(self.expected)
         setup.compare_factors(self.expected)
         setup.set_pdos(self._partner_node_id)
-        setup.require_reference()
+        self._read_limits()
+        self._distrust_outside_travel()
+        self.ask_reference()
+        if not unreferenced:
+            self.require_reference()
         setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
         if self._master_node_id is not None:
             setup.watch_master(self._master_node_id, self._master_lost_ms)
         self.set_mode(cia402.PROFILE_POSITION)
-        low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
-        if low < high:
-            self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
@@ -139,19 +146,88 @@ class ServoDrive:
             self.sdo.close()
 
     def set_mode(self, mode: int) -> None:
-        """Write the mode of operation and wait until the drive shows it. Raises MotionTimeout.
-
-        For `cia402.CYCLIC_POSITION` the drive gets a PDO for its target, and is started again where it was stopped
-        for that.
-        """
-        if mode == cia402.CYCLIC_POSITION:
-            self._setup().set_cyclic_pdo()
-            self.line.send_nmt(NMT_START, self.node_id)
+        """Write the mode of operation and wait until the drive shows it. Raises MotionTimeout."""
+        self.mode = None
         self.sdo.write(objects.MODE, mode)
         self._wait(lambda: self.sdo.read(objects.MODE_DISPLAY) == mode, f"mode of operation {mode}")
+        self.mode = mode
 
-    def _setup(self) -> DriveSetup:
+    def set_cyclic_position(self, period_s: float) -> None:
+        """Cyclic synchronous position mode with a SYNC every `period_s`, set before the drive is powered.
+
+        It gets a PDO for its target, and is started again where it was stopped for that. Raises ValueError for a drive
+        with power or a period that cannot be told, IdentityMismatch, MotionTimeout.
+        """
+        self.require_no_power()
+        setup = self.setup()
+        setup.set_interpolation_period(period_s)
+        setup.set_cyclic_pdo()
+        self.line.send_nmt(NMT_START, self.node_id)
+        self.set_mode(cia402.CYCLIC_POSITION)
+        self.sync_period_s = period_s
+
+    def require_no_power(self) -> None:
+        """Raise ValueError for a drive that holds its axis or moves it."""
+        state = self.state()
+        if state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
+            raise ValueError(f"{self.name}: it is in {state.value}, this is set without power")
+
+    def require_mode(self, mode: int) -> None:
+        """Raise ValueError unless this mode of operation was set last."""
+        if self.mode != mode:
+            raise ValueError(f"{self.name}: mode of operation {mode} is needed, {self.mode} is set")
+
+    def setup(self) -> DriveSetup:
+        """What compares and sets the drive's objects."""
         return DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where, self.profile)
+
+    def position_actual_m(self) -> float:
+        """Where the drive says that it stands, read by SDO."""
+        return self.sdo.read(objects.POSITION_ACTUAL) * self.metres_per_increment
+
+    def _read_limits(self) -> None:
+        low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
+        if low < high:
+            self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
+
+    def _distrust_outside_travel(self) -> None:
+        """A reference by which the drive stands outside its software limits or its travel cannot be right."""
+        low_m, high_m = (
+            max(self.limits_m[0], self.expected.travel_m[0]),
+            min(self.limits_m[1], self.expected.travel_m[1]),
+        )
+        stands_m = self.position_actual_m()
+        if not low_m - _BEYOND_M <= stands_m <= high_m + _BEYOND_M:
+            self.distrust(f"it stands at {stands_m:.6f} m, outside its travel of {low_m:.6f} m to {high_m:.6f} m")
+
+    def ask_reference(self) -> None:
+        """Ask the drive whether its position is referenced; one that is distrusted is not."""
+        self.referenced = self.setup().is_referenced() and self._distrusted is None
+
+    def read_reference(self) -> None:
+        """The same. Raises NotReferenced."""
+        self.ask_reference()
+        self.require_reference()
+
+    def require_reference(self) -> None:
+        """Raise NotReferenced if the position was not referenced when last asked."""
+        if not self.referenced:
+            remedy = "home the drive (pkm-rig home --rig RIG.toml)"
+            if self.profile.referenced is None:
+                remedy = "set its zero by its own means, or correct the travel in the machine file"
+            what = "the position is not referenced"
+            raise NotReferenced(
+                self.name, self.where, f"{what}: {self._distrusted}" if self._distrusted else what, remedy
+            )
+
+    def distrust(self, why: str) -> None:
+        """Take the drive for not referenced, whatever it says, until it is trusted again."""
+        self._distrusted, self.referenced = why, False
+
+    def trust(self) -> None:
+        """Homing has ended where it should: believe what the drive says. Raises NotReferenced."""
+        self._distrusted = None
+        self.read_reference()
 
     def unwatch_master(self) -> None:
         """Have the drive watch the master no more: it is about to leave."""
@@ -165,7 +241,8 @@ class ServoDrive:
     def enable(self, send: Callable[[int], None] | None = None) -> None:
         """Go to operation enabled. Raises DriveFault in fault and MotionTimeout.
 
-        `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped.
+        `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped. In cyclic
+        synchronous position mode the target is first set to where the drive stands.
         """
 
         def arrived() -> bool:
@@ -173,11 +250,19 @@ class ServoDrive:
             if state in (State.FAULT, State.FAULT_REACTION):
                 raise self.fault(f"the drive is in {state.value}")
             controlword = cia402.controlword_to_enable(state)
+            if controlword == cia402.ENABLE_OPERATION and self.mode == cia402.CYCLIC_POSITION:
+                self._target_where_it_stands()
             if controlword is not None:
                 (send or self.send_controlword)(controlword)
             return state is State.OPERATION_ENABLED
 
         self._wait(arrived, State.OPERATION_ENABLED.value)
+
+    def _target_where_it_stands(self) -> None:
+        """Any SYNC would have the drive go to the target of before, without any set-point being signalled."""
+        stands = self.sdo.read(objects.POSITION_ACTUAL)
+        self.setup().set_and_compare(objects.TARGET_POSITION, stands)
+        self.target_m = stands * self.metres_per_increment
 
     def disable(self) -> None:
         """Take the power off; a drive in fault has none. Raises MotionTimeout."""

@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from geocompy.geo.gcdata import EDMModeV2, Prism
 
 from drivers.atmosphere import atmospheric_ppm, wet_bulb_c
-from drivers.errors import IdentityMismatch, NotImplementedByStation, ProtocolError
+from drivers.errors import IdentityMismatch, NotImplementedByStation, ProtocolError, SettingsChanged
 from drivers.geocom import GeoComSession
 
 _SET_ATMOSPHERE, _SET_PRISM_CONSTANT = 2028, 2024
 _DIGITS = 15
+_CONSTANT_TOLERANCE_M = 1e-6
+_AIR_TOLERANCE = 1e-3  # hPa and degC
 _CHECK_SETTINGS = "check the station's configuration and connect again"
+
+Air = tuple[float, float, float]  # pressure in hPa, dry and wet temperature in degC
 
 
 @dataclass(frozen=True)
@@ -64,21 +69,63 @@ class StationSetup:
         """Set the distance mode (2020) unless it is None; returns the one that is on."""
         tmc = self.session.geocom.tmc
         if mode is None:
-            return int(self.session.ask(tmc.get_edm_mode_v2).value)
+            return self.read_distance_mode()
         self._set("distance mode", mode, lambda: tmc.set_edm_mode_v2(mode), tmc.get_edm_mode_v2)
         return int(mode.value)
 
-    def set_prism(self, prism: Prism | None, constant_m: float) -> int:
-        """Set prism type (17008) unless it is None and constant (2024); returns the type that is on."""
+    def read_distance_mode(self) -> int:
+        """The distance mode that is on (2021), GeoCOM's number."""
+        return int(self.session.ask(self.session.geocom.tmc.get_edm_mode_v2).value)
+
+    def read_prism(self) -> tuple[int, float]:
+        """Prism type (17009), GeoCOM's number, and prism constant in metres (2023)."""
         bap, tmc = self.session.geocom.bap, self.session.geocom.tmc
+        return int(self.session.ask(bap.get_prism_type).value), float(self.session.ask(tmc.get_prism_correction))
+
+    def has_settings(self, mode: EDMModeV2 | None, prism: Prism | None, constant_m: float) -> bool:
+        """Whether the station has these settings; None for one that does not matter."""
+        mode_now = self.read_distance_mode()
+        prism_now, constant_now_m = self.read_prism()
+        return (
+            (mode is None or mode_now == mode.value)
+            and (prism is None or prism_now == prism.value)
+            and _same_constant(constant_now_m, constant_m)
+        )
+
+    def require_settings(self, mode: int, prism: int, constant_m: float, air: Air | None) -> None:
+        """Raise SettingsChanged where distance mode, prism type, prism constant or air (None: not set) are others."""
+        mode_now = self.read_distance_mode()
+        prism_now, constant_now_m = self.read_prism()
+        air_now = air if air is None else tuple(self.read_atmosphere()[1:])
+        for what, same, wanted, found in (
+            ("edm_mode", mode_now == mode, _name(EDMModeV2, mode), _name(EDMModeV2, mode_now)),
+            ("prism_type", prism_now == prism, _name(Prism, prism), _name(Prism, prism_now)),
+            ("prism_constant_m", _same_constant(constant_now_m, constant_m), constant_m, constant_now_m),
+            ("air (hPa, dry and wet degC)", air is None or _same_air(air, air_now or ()), air, air_now),
+        ):
+            if not same:
+                raise SettingsChanged(
+                    self.session.device,
+                    self.session.where,
+                    f"{what} was set to {wanted} and is now {found}",
+                    "leave its keyboard alone and connect again; readings since the last nest check are not used",
+                )
+
+    def set_prism(self, prism: Prism | None, constant_m: float) -> int:
+        """Set prism type (17008) unless it is None and constant (2024); returns the type that is on then.
+
+        Both are read back after the constant was set, which may bring another type with it.
+        """
         if prism is not None:
-            self._set("prism type", prism, lambda: bap.set_prism_type(prism), bap.get_prism_type)
-        kind = prism if prism is not None else self.session.ask(bap.get_prism_type)
+            bap = self.session.geocom.bap
+            self.session.ask(lambda: bap.set_prism_type(prism), values=False)
         self.session.ask(self.session.call(_SET_PRISM_CONSTANT, constant_m), values=False)
-        taken_m = self.session.ask(tmc.get_prism_correction)
-        if not abs(taken_m - constant_m) < 1e-6:
+        kind, taken_m = self.read_prism()
+        if prism is not None and kind != prism.value:
+            raise self._not_taken("prism type", _name(Prism, int(prism.value)), _name(Prism, kind))
+        if not _same_constant(taken_m, constant_m):
             raise self._not_taken("prism constant", constant_m, taken_m)
-        return int(kind.value)
+        return kind
 
     def read_atmosphere(self) -> Sequence[float]:
         """Wavelength in m, pressure in hPa, dry and wet temperature in degC, as the station holds them."""
@@ -87,14 +134,15 @@ class StationSetup:
             raise self.out_of_range("atmosphere", values[0])
         return values
 
-    def set_atmosphere(self, wavelength_m: float, temperature_c: float, pressure_hpa: float, humidity: float) -> None:
-        """Write the air (2028) and read it back."""
+    def set_atmosphere(self, wavelength_m: float, temperature_c: float, pressure_hpa: float, humidity: float) -> Air:
+        """Write the air (2028) and read it back; returns it as written."""
         wet_c = wet_bulb_c(temperature_c, pressure_hpa, humidity)
-        asked = (wavelength_m, float(pressure_hpa), float(temperature_c), wet_c)
-        self.session.ask(self.session.call(_SET_ATMOSPHERE, *asked), values=False)
-        taken = self.read_atmosphere()
-        if any(abs(a - b) > 1e-3 for a, b in zip(asked[1:], taken[1:], strict=True)):
-            raise self._not_taken("atmosphere", asked[1:], tuple(taken[1:]))
+        air = (float(pressure_hpa), float(temperature_c), wet_c)
+        self.session.ask(self.session.call(_SET_ATMOSPHERE, wavelength_m, *air), values=False)
+        taken = tuple(self.read_atmosphere()[1:])
+        if not _same_air(air, taken):
+            raise self._not_taken("atmosphere", air, taken)
+        return air
 
     def read_ppm(self, temperature_c: float, pressure_hpa: float, humidity: float) -> float:
         """The station's own ppm (2151) where it tells; else by the formula of its manual."""
@@ -125,3 +173,19 @@ class StationSetup:
             f"{what}: {asked} was set, {taken} is read back",
             _CHECK_SETTINGS,
         )
+
+
+def _same_constant(one_m: float, other_m: float) -> bool:
+    return abs(one_m - other_m) < _CONSTANT_TOLERANCE_M
+
+
+def _same_air(one: Sequence[float], other: Sequence[float]) -> bool:
+    return all(abs(a - b) <= _AIR_TOLERANCE for a, b in zip(one, other, strict=True))
+
+
+def _name(kind: type[Enum], number: int) -> str:
+    """As the rig file calls it; the number where there is no such name."""
+    try:
+        return kind(number).name.lower()
+    except ValueError:
+        return str(number)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from drivers.clock import RigClock
 from drivers.errors import NoAnswer
 from drivers.servo_drive import DriveSample, ServoDrive
+
+_POLLS_A_PERIOD = 20
+
+Lead = Callable[[Callable[[], None]], list[DriveSample]]
 
 
 class SyncSampler:
@@ -23,26 +28,54 @@ class SyncSampler:
         self._sync = sync
         self._pdo_timeout_s = pdo_timeout_s
         self._sample_lock = threading.Lock()
+        self._led: list[DriveSample] | None = None
         self._out_of_step = False
 
     def sample(self) -> list[DriveSample]:
         """What each drive says at one SYNC, which is sent a second time where an answer is lost.
 
-        Raises NoAnswer naming the silent drive, ConnectionFailed.
+        While drives are led by SYNC it is what they said at the last one: another would have them take their targets
+        at the wrong time. Raises NoAnswer naming the silent drive, ConnectionFailed.
         """
+        led = self._led
+        if led is not None:  # without the lock: whoever leads may be asleep on the clock
+            return led
         with self._sample_lock:
-            try:
-                t_rig_s, t_host_s = self._in_step()
-            except NoAnswer:
-                t_rig_s, t_host_s = self._in_step()
-            return [drive.latest(t_rig_s, t_host_s) for drive in self.drives]
+            return self._led or self._sample(self._wait_host)
 
-    def _in_step(self) -> tuple[float, float]:
+    @contextmanager
+    def leading(self, samples: list[DriveSample], period_s: float) -> Iterator[Lead]:
+        """SYNC is the caller's alone: gives a function that has targets sent and then SYNC, and returns the samples.
+
+        `samples` are the last ones. An answer is waited for about `period_s` of rig time: drives under way bear no
+        longer silence, and SYNC is sent again within it.
+        """
+
+        def lead(send_targets: Callable[[], None]) -> list[DriveSample]:
+            send_targets()
+            self._led = said = self._sample(lambda answered: self._wait_rig(answered, period_s))
+            return said
+
+        with self._sample_lock:  # from here on nobody else sends SYNC
+            self._led = samples
+        try:
+            yield lead
+        finally:
+            self._led = None
+
+    def _sample(self, wait: Callable[[Callable[[], bool]], None]) -> list[DriveSample]:
+        try:
+            t_rig_s, t_host_s = self._in_step(wait)
+        except NoAnswer:
+            t_rig_s, t_host_s = self._in_step(wait)
+        return [drive.latest(t_rig_s, t_host_s) for drive in self.drives]
+
+    def _in_step(self, wait: Callable[[Callable[[], bool]], None]) -> tuple[float, float]:
         if self._out_of_step:  # a late answer to the SYNC before must not pass for one to the next
-            self._sync_once()
-        return self._sync_once()
+            self._sync_once(wait)
+        return self._sync_once(wait)
 
-    def _sync_once(self) -> tuple[float, float]:
+    def _sync_once(self, wait: Callable[[Callable[[], bool]], None]) -> tuple[float, float]:
         counts = [list(drive.tpdo_counts) for drive in self.drives]
         begin_s, t_rig_s = time.monotonic(), self._clock.now_s()
         self._sync()
@@ -55,8 +88,7 @@ class SyncSampler:
                 if any(new == was for new, was in zip(drive.tpdo_counts, old, strict=True))
             ]
 
-        with self._line.received:
-            self._line.received.wait_for(lambda: self._line.failed or not silent(), self._pdo_timeout_s)
+        wait(lambda: self._line.failed is not None or not silent())
         self._line.check()
         self._out_of_step = bool(silent())
         for drive in silent():
@@ -67,3 +99,13 @@ class SyncSampler:
                 "check power and cable of the drive, then connect again",
             )
         return t_rig_s, t_host_s
+
+    def _wait_host(self, answered: Callable[[], bool]) -> None:
+        with self._line.received:
+            self._line.received.wait_for(answered, self._pdo_timeout_s)
+
+    def _wait_rig(self, answered: Callable[[], bool], limit_s: float) -> None:
+        for _ in range(_POLLS_A_PERIOD):
+            if answered():
+                return
+            self._clock.sleep_s(limit_s / _POLLS_A_PERIOD)

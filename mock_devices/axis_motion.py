@@ -1,7 +1,8 @@
 """Where one drive is at any time: a chain of profiles, stops and times under the brake.
 
-Positions are increments in command coordinates; the encoder sees command + correction - lag. A past time
-can be asked for as long as its segment is kept. Not modelled: slip of the brake, noise of the encoder.
+Positions are increments in command coordinates; the encoder counts command + correction - lag. Where the axis truly
+stands is its count plus a shift, which homing and a restart change (`recount`) while the axis stays where it is. A past
+time can be asked for as long as its segment is kept. Not modelled: slip of the brake, noise of the encoder.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ class _Segment:
     table: Table | None
     set_point: SetPoint
     braked_at_inc: float | None = None  # the encoder under the brake
+    shift_inc: float = 0.0
 
     @property
     def end_s(self) -> float:
@@ -41,10 +43,11 @@ class _Segment:
 class AxisMotion:
     """The chain of one drive, which starts under the brake. Not safe for threads: the drive locks."""
 
-    def __init__(self, encoder_inc: float) -> None:
+    def __init__(self, encoder_inc: float, shift_inc: float = 0.0) -> None:
+        start = rest(encoder_inc)
         point = SetPoint(0, round(encoder_inc))
-        self._chain = [_Segment(float("-inf"), rest(encoder_inc), None, point, braked_at_inc=encoder_inc)]
-        self.trail: list[tuple[float, Profile]] = []  # all motions with their start, for effects that remember
+        self._chain = [_Segment(float("-inf"), start, None, point, encoder_inc, shift_inc)]
+        self.trail: list[tuple[float, Profile, float]] = []  # motions: start, profile, shift; for effects that remember
 
     def command(self, t_s: float) -> tuple[float, float, float]:
         """Commanded position, velocity, acceleration at `t_s`."""
@@ -64,6 +67,10 @@ class AxisMotion:
         position = segment.profile.at(t_s - segment.start_s)[0]
         return position + _correction(segment.table, position, partner_inc) - self.lag(t_s)
 
+    def place_inc(self, t_s: float, partner_inc: float | None) -> float:
+        """Where the axis truly stands, whatever the encoder counts."""
+        return self.encoder_inc(t_s, partner_inc) + self._at(t_s).shift_inc
+
     def set_point(self, t_s: float) -> SetPoint:
         """The set-point that was followed at `t_s`."""
         return self._at(t_s).set_point
@@ -82,7 +89,8 @@ class AxisMotion:
         last = self._chain[-1]
         encoder = self.encoder_inc(max(t_s, last.start_s), partner_inc)
         position = command_for(encoder, table, partner_inc)
-        self._append(_Segment(max(t_s, last.start_s), rest(position), table, last.set_point))
+        start_s = max(t_s, last.start_s)
+        self._append(_Segment(start_s, rest(position), table, last.set_point, shift_inc=last.shift_inc))
 
     def apply_brake(self, t_s: float, deceleration: float, partner_inc: float | None) -> None:
         """Stop as quickly as told, then put the brake on."""
@@ -93,7 +101,18 @@ class AxisMotion:
         position, start_s = last.profile.target, max(t_s, last.end_s)
         encoder = position + _correction(last.table, position, partner_inc)
         settling = rest(position, last.profile.lag(start_s - last.start_s))
-        self._append(_Segment(start_s, settling, last.table, last.set_point, braked_at_inc=encoder))
+        self._append(_Segment(start_s, settling, last.table, last.set_point, encoder, last.shift_inc))
+
+    def recount(self, t_s: float, count_inc: float) -> None:
+        """Count from `count_inc` on, without compensation; an axis that moves does so where it comes to rest."""
+        last = self._chain[-1]
+        start_s = max(t_s, self.end_s)
+        former_inc = last.profile.target if last.braked_at_inc is None else last.braked_at_inc
+        point = SetPoint(last.set_point.count + 1, round(count_inc))
+        resting = rest(count_inc, last.profile.lag(start_s - last.start_s))
+        braked_at_inc = None if last.braked_at_inc is None else count_inc
+        shift_inc = last.shift_inc + former_inc - count_inc
+        self._append(_Segment(start_s, resting, None, point, braked_at_inc, shift_inc))
 
     def go(self, t_s: float, target_inc: int, dynamics: Dynamics, *, at_once: bool) -> None:
         """Follow a new set-point now, or after the motion under way."""
@@ -110,7 +129,7 @@ class AxisMotion:
             lag=before.profile.lag(start_s - before.start_s),
         )
         point = SetPoint(self._chain[-1].set_point.count + 1, target_inc)
-        self._append(_Segment(start_s, profile, before.table, point))
+        self._append(_Segment(start_s, profile, before.table, point, shift_inc=before.shift_inc))
 
     def stop(self, t_s: float, deceleration: float) -> None:
         """Stop on the spot; set-points that wait are dropped."""
@@ -120,7 +139,7 @@ class AxisMotion:
         position, velocity, _ = now.profile.at(t_s - now.start_s)
         lag = now.profile.lag(t_s - now.start_s)
         profile = brake(position, velocity, deceleration=deceleration, lag=lag)
-        self._append(_Segment(t_s, profile, now.table, self._chain[-1].set_point))
+        self._append(_Segment(t_s, profile, now.table, self._chain[-1].set_point, shift_inc=now.shift_inc))
 
     def _append(self, segment: _Segment) -> None:
         chain = [old for old in self._chain if old.start_s < segment.start_s] or self._chain[:1]
@@ -128,7 +147,7 @@ class AxisMotion:
         while self.trail and self.trail[-1][0] >= segment.start_s:
             self.trail.pop()
         if segment.profile.phases:
-            self.trail.append((segment.start_s, segment.profile))
+            self.trail.append((segment.start_s, segment.profile, segment.shift_inc))
 
     def _at(self, t_s: float) -> _Segment:
         for segment in reversed(self._chain):

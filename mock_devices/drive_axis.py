@@ -1,8 +1,10 @@
 """The drive without its bus: power states, set-point handshake, motion and compensation.
 
-In cyclic synchronous position mode the target of each SYNC is reached at the next one, at constant speed.
-Not modelled: other modes, homing (the encoder is absolute), quick stop options (it stops and waits), limits of
-torque and current, the limits of acceleration in cyclic mode.
+A following error beyond its window (0x6065) is a fault at the next SYNC.
+The encoder is absolute unless it is said to be incremental: then a restart makes the drive count from zero and its
+position is not referenced before it was homed; until then it moves as it is told, which the master has to refuse.
+Not modelled: other modes, quick stop options (it stops and waits), limits of torque and current, the time-out of the
+following error (0x6066); a homing that was halted is begun anew.
 """
 
 from __future__ import annotations
@@ -14,12 +16,15 @@ from mock_devices import cia402
 from mock_devices.axis_motion import AxisMotion, Dynamics, command_for
 from mock_devices.cia402 import State
 from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Compensation, Refused
+from mock_devices.cyclic_position import FASTEST_INC_PER_S, CyclicPosition
+from mock_devices.homing import Homing
 
 WINDOW_TIME_S = 0.050
 EMCY_COMPENSATION = 0xFF10
 EMCY_HEARTBEAT = 0x8130
-PROFILE_POSITION, CYCLIC_POSITION = 1, 8
-_STEEP_PER_S2 = 1e8
+EMCY_FOLLOWING_ERROR = 0x8611
+EMCY_SYNC = 0x8700
+PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
 
 
 @dataclass
@@ -33,10 +38,14 @@ class AxisLimits:
     deceleration: int = 100_000_000
     quick_stop_deceleration: int = 500_000_000
     following_error_window_inc: int = 100_000
+    position_window_inc: int = 100
 
 
 class DriveAxis:
-    """One axis. Times are rig time; `now_s` asks the clock; `emergency` sends an EMCY code."""
+    """One axis. Times are rig time; `now_s` asks the clock; `emergency` sends an EMCY code.
+
+    It begins at the true position `start_inc`; an encoder that is not `absolute` counts that as zero.
+    """
 
     def __init__(
         self,
@@ -45,13 +54,17 @@ class DriveAxis:
         compensation: Compensation,
         start_inc: float,
         emergency: Callable[[int], None],
+        *,
+        absolute: bool = True,
     ) -> None:
         self._now_s = now_s
         self.limits = limits
         self.compensation = compensation
-        self.motion = AxisMotion(start_inc)
+        self.absolute = absolute
+        self.homing = Homing(referenced=absolute)
+        self.motion = AxisMotion(start_inc) if absolute else AxisMotion(0.0, start_inc)
         self.state = State.SWITCH_ON_DISABLED
-        self.target_inc = round(start_inc)
+        self.target_inc = round(start_inc) if absolute else 0
         self.error_code = 0
         self._emergency = emergency
         self._controlword = 0
@@ -59,7 +72,7 @@ class DriveAxis:
         self._halted = False
         self.mode = PROFILE_POSITION
         self.abort_connection_option = 1
-        self._synced_s: float | None = None
+        self.cyclic = CyclicPosition()
 
     @property
     def controlword(self) -> int:
@@ -84,33 +97,45 @@ class DriveAxis:
             self._halt(bool(controlword & cia402.HALT))
             if controlword & cia402.NEW_SET_POINT and not previous & cia402.NEW_SET_POINT:
                 self._new_set_point(controlword)
+        if both and self.mode == HOMING:
+            self._home(controlword, previous)
         if not controlword & cia402.NEW_SET_POINT:
             self._acknowledged = False
 
     def set_mode(self, mode: int) -> None:
         """Object 0x6060. Raises Refused."""
-        if mode not in (PROFILE_POSITION, CYCLIC_POSITION):
+        if mode not in (PROFILE_POSITION, HOMING, CYCLIC_POSITION):
             raise Refused(VALUE_RANGE)
-        self.mode, self._synced_s = mode, None
-        if mode == CYCLIC_POSITION:
-            self.target_inc = round(self.demand_inc())
+        self._break_homing_off()
+        self.mode, self.cyclic.under_way = mode, False
 
     def set_target(self, target_inc: int) -> None:
         """Object 0x607A. Raises Refused."""
+        self.cyclic.ignores = True
         if not self.limits.low_inc <= target_inc <= self.limits.high_inc:
             raise Refused(VALUE_RANGE)
         self.compensation.check_target(target_inc)
-        self.target_inc = target_inc
+        self.target_inc, self.cyclic.ignores = target_inc, False
 
     def statusword(self) -> int:
         """Object 0x6041."""
         self.refresh()
         t_s = self._now_s()
+        if self.mode == HOMING:
+            return cia402.statusword(
+                self.state,
+                target_reached=self.homing.begun_s is None,
+                set_point_acknowledged=self.homing.attained,
+                following_error=self.homing.failed,
+            )
+        acknowledged = self._acknowledged or self._waiting(t_s)
+        if self.mode == CYCLIC_POSITION:
+            acknowledged = self.state is State.OPERATION_ENABLED and not self.cyclic.ignores
         return cia402.statusword(
             self.state,
             target_reached=t_s >= self.motion.end_s + WINDOW_TIME_S,
-            set_point_acknowledged=self._acknowledged or self._waiting(t_s),
-            following_error=abs(self.motion.lag(t_s)) > self.limits.following_error_window_inc,
+            set_point_acknowledged=acknowledged,
+            following_error=self.error_code == EMCY_FOLLOWING_ERROR or self._lags(),
         )
 
     def actual_inc(self) -> float:
@@ -128,23 +153,39 @@ class DriveAxis:
         """Object 0x6063, not rounded."""
         return self.motion.encoder_inc(t_s, self.compensation.partner.command_inc)
 
+    def place_inc(self, t_s: float) -> float:
+        """Where the axis truly stands, whatever its encoder counts."""
+        return self.motion.place_inc(t_s, self.compensation.partner.command_inc)
+
     def sync(self) -> None:
         """A SYNC: take over the partner's command; stop where motion is not permitted any more."""
         self.compensation.partner.sync()
+        if self.state is State.OPERATION_ENABLED and self._lags():
+            self.fault(EMCY_FOLLOWING_ERROR)
         self._follow()
         self.watch_motion()
 
+    def sync_lost(self) -> None:
+        """No SYNC has come for too long while the axis was led by it."""
+        if self.mode == CYCLIC_POSITION and self.state is State.OPERATION_ENABLED:
+            self.fault(EMCY_SYNC)
+
     def _follow(self) -> None:
-        """Cyclic mode: go to the target within the time that passed since the SYNC before."""
-        t_s, before_s = self._now_s(), self._synced_s
-        self._synced_s = t_s
-        if self.mode != CYCLIC_POSITION or self.state is not State.OPERATION_ENABLED or before_s is None:
+        """Cyclic mode: go to the target that has come since the SYNC before."""
+        self.cyclic.under_way = False
+        if self.mode != CYCLIC_POSITION or self.state is not State.OPERATION_ENABLED:
             return
-        way_inc = abs(self.target_inc - self.motion.command(t_s)[0])
-        if way_inc < 0.5 or t_s <= before_s:
+        t_s = self._now_s()
+        step = self.cyclic.step(self.target_inc - self.motion.command(t_s)[0], self.limits.position_window_inc)
+        if step is None:
             return
-        steep = way_inc * _STEEP_PER_S2
-        self.motion.go(t_s, self.target_inc, Dynamics(way_inc / (t_s - before_s), steep, steep), at_once=True)
+        if step.speed > FASTEST_INC_PER_S:
+            self.fault(EMCY_FOLLOWING_ERROR)
+            return
+        self.motion.go(t_s, self.target_inc, step, at_once=True)
+
+    def _lags(self) -> bool:
+        return abs(self.motion.lag(self._now_s())) > self.limits.following_error_window_inc
 
     def abort_connection(self) -> None:
         """The master is gone (0x6007): nothing, fault, power off or quick stop."""
@@ -175,31 +216,73 @@ class DriveAxis:
 
     def quick_stop(self) -> None:
         """Stop without being told by a controlword: the node left OPERATIONAL."""
+        self.refresh()
         if self.state is State.OPERATION_ENABLED:
             self.state = State.QUICK_STOP_ACTIVE
             self.motion.stop(self._now_s(), self.limits.quick_stop_deceleration)
 
     def fault(self, code: int) -> None:
         """A fault: stop and then switch off. `code` is that of 0x603F and EMCY."""
+        self.refresh()
         before, self.state = self.state, cia402.after_fault(self.state)
         if before in cia402.POWERED:
             self._brake()
         self._raise_error(code)
 
     def boot(self) -> None:
-        """Restart: motor off, brake on."""
+        """Restart: motor off, brake on; an incremental encoder knows no more where it is."""
+        self.refresh()
         if self.powered:
             self._brake()
+        self.homing.give_up()
+        if not self.absolute:
+            self.motion.recount(self._now_s(), 0.0)
+            self.homing.referenced, self.target_inc = False, 0
         self.state = State.SWITCH_ON_DISABLED
         self.error_code = 0
         self._controlword, self._acknowledged, self._halted = 0, False, False
         self.mode, self.abort_connection_option = PROFILE_POSITION, 1
+        self.cyclic.under_way = False
         self.compensation.boot()
 
     def refresh(self) -> None:
-        """Let the fault reaction end."""
+        """Let the fault reaction end, and homing where its mark is reached or the motor does not follow any more."""
         if self.state is State.FAULT_REACTION_ACTIVE and not self.motion.is_moving(self._now_s()):
             self.state = State.FAULT
+        begun_s = self.homing.begun_s
+        if begun_s is None:
+            return
+        if self.state is not State.OPERATION_ENABLED:
+            self.homing.give_up()
+        elif not self.motion.is_moving(self._now_s()):
+            self.motion.recount(begun_s, float(self.homing.offset_inc))
+            self.target_inc = self.homing.offset_inc
+            self.homing.arrive()
+
+    def _home(self, controlword: int, previous: int) -> None:
+        """Bit 4 up begins homing, bit 4 down or halt breaks it off."""
+        if not controlword & cia402.NEW_SET_POINT or controlword & cia402.HALT:
+            self._break_homing_off()
+            return
+        if previous & cia402.NEW_SET_POINT:
+            return
+        t_s = self._now_s()
+        if self.motion.is_moving(t_s) or self.compensation.applied is not None:
+            self.homing.give_up(failed=True)
+            return
+        self.homing.begin(t_s)
+        way_inc = self.homing.way_inc(self.place_inc(t_s))
+        if way_inc:
+            steep = float(self.homing.acceleration)
+            target_inc = round(self.demand_inc() + way_inc)
+            self.motion.go(t_s, target_inc, Dynamics(float(self.homing.speed), steep, steep), at_once=True)
+        self.refresh()
+
+    def _break_homing_off(self) -> None:
+        self.refresh()
+        if self.homing.begun_s is not None:
+            self.motion.stop(self._now_s(), float(self.homing.acceleration))
+            self.homing.give_up()
 
     def _carry_out(self, before: State) -> None:
         if self.state is before:

@@ -49,6 +49,7 @@ class DriveObjects:
 
     def read(self, index: int, subindex: int) -> int | bytes | None:
         """Value of an object, None if it is not one of these."""
+        self._axis.refresh()
         reader = self._readers.get((index, subindex))
         return None if reader is None else reader()
 
@@ -60,6 +61,7 @@ class DriveObjects:
 
     def _make_readers(self) -> Readers:
         axis, limits, comp, now = self._axis, self._axis.limits, self._axis.compensation, self._now_s
+        homing = axis.homing
         readers: Readers = {
             (0x1001, 0): lambda: error_register(axis.error_code),
             (0x1003, 0): self._history.count,
@@ -82,7 +84,16 @@ class DriveObjects:
             (0x6083, 0): lambda: limits.acceleration,
             (0x6084, 0): lambda: limits.deceleration,
             (0x6085, 0): lambda: limits.quick_stop_deceleration,
+            (0x6067, 0): lambda: limits.position_window_inc,
+            (0x60C2, 1): lambda: axis.cyclic.units,
+            (0x60C2, 2): lambda: axis.cyclic.exponent,
             (0x60F4, 0): lambda: round(axis.motion.lag(now())),
+            (0x607C, 0): lambda: homing.offset_inc,
+            (0x6098, 0): lambda: homing.method,
+            (0x6099, 1): lambda: homing.speed,
+            (0x6099, 2): lambda: homing.zero_speed,
+            (0x609A, 0): lambda: homing.acceleration,
+            (0x2103, 1): lambda: int(homing.referenced),
             (0x2100, 1): lambda: comp.mode,
             (0x2100, 3): lambda: comp.active_bank,
             (0x2100, 4): lambda: comp.table.crc if comp.table else 0,
@@ -98,7 +109,7 @@ class DriveObjects:
         return readers
 
     def _make_writers(self) -> dict[tuple[int, int], Callable[[Any], None]]:
-        axis, comp = self._axis, self._axis.compensation
+        axis, comp, limits, homing = self._axis, self._axis.compensation, self._axis.limits, self._axis.homing
         return {
             (0x1003, 0): self._history.write_count,
             (0x1010, 1): _only_signature(STORE_SIGNATURE),
@@ -108,14 +119,22 @@ class DriveObjects:
             (0x6007, 0): self._set_abort_connection_option,
             (0x6040, 0): axis.control,
             (0x6060, 0): axis.set_mode,
-            (0x6065, 0): self._limit_setter("following_error_window_inc"),
+            (0x6065, 0): _setter(limits, "following_error_window_inc"),
+            (0x6067, 0): _setter(limits, "position_window_inc"),
+            (0x60C2, 1): axis.cyclic.set_units,
+            (0x60C2, 2): axis.cyclic.set_exponent,
             (0x607A, 0): axis.set_target,
-            (0x607D, 1): self._limit_setter("low_inc"),
-            (0x607D, 2): self._limit_setter("high_inc"),
-            (0x6081, 0): self._limit_setter("speed"),
-            (0x6083, 0): self._limit_setter("acceleration"),
-            (0x6084, 0): self._limit_setter("deceleration"),
-            (0x6085, 0): self._limit_setter("quick_stop_deceleration"),
+            (0x607D, 1): _setter(limits, "low_inc", positive=False),
+            (0x607D, 2): _setter(limits, "high_inc", positive=False),
+            (0x6081, 0): _setter(limits, "speed"),
+            (0x6083, 0): _setter(limits, "acceleration"),
+            (0x6084, 0): _setter(limits, "deceleration"),
+            (0x6085, 0): _setter(limits, "quick_stop_deceleration"),
+            (0x607C, 0): _setter(homing, "offset_inc", positive=False),
+            (0x6098, 0): homing.set_method,
+            (0x6099, 1): _setter(homing, "speed"),
+            (0x6099, 2): _setter(homing, "zero_speed"),
+            (0x609A, 0): _setter(homing, "acceleration"),
             (0x2100, 1): lambda mode: comp.set_mode(mode, axis.powered),
             (0x2100, 2): lambda bank: comp.activate(bank, axis.powered),
             (0x2100, 7): self._set_payload,
@@ -123,16 +142,6 @@ class DriveObjects:
             (0x2101, 1): lambda image: comp.write_bank(1, image),
             (0x2102, 1): lambda image: comp.write_bank(2, image),
         }
-
-    def _limit_setter(self, name: str) -> Callable[[int], None]:
-        positive = name not in ("low_inc", "high_inc")
-
-        def write(value: int) -> None:
-            if positive and value <= 0:
-                raise Refused(VALUE_RANGE)
-            setattr(self._axis.limits, name, value)
-
-        return write
 
     def _set_abort_connection_option(self, option: int) -> None:
         if option not in (0, 1, 2, 3):
@@ -163,6 +172,17 @@ def _bank_readers(index: int, bank: Bank) -> Readers:
         (index, 4): lambda: bank.table.payload_g if bank.table else 0,
         (index, 5): lambda: int(bank.status),
     }
+
+
+def _setter(settings: object, name: str, *, positive: bool = True) -> Callable[[int], None]:
+    """What keeps a written value; one that has to be positive is refused otherwise."""
+
+    def write(value: int) -> None:
+        if positive and value <= 0:
+            raise Refused(VALUE_RANGE)
+        setattr(settings, name, value)
+
+    return write
 
 
 def _only_signature(signature: int) -> Callable[[int], None]:

@@ -28,7 +28,7 @@ from mock_devices.drive_axis import AxisLimits, DriveAxis
 from mock_devices.drive_objects import METRES_PER_INCREMENT, DriveObjects
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.node_services import Heartbeat, NmtSlave, NmtState
-from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
+from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
 from mock_devices.pdo import Mapping, read_mapping
 from mock_devices.plant import Motion, SetPoint
 from mock_devices.sdo_server import SdoServer, SegmentServer
@@ -45,7 +45,8 @@ class DriveServer:
     """One drive at `node_id`. It owns `bus` and shuts it down in `close`.
 
     `machine_id` is that of table images, `load_kg` tells the mass that this drive carries. Positions in metres are
-    encoder positions; the drive starts under its brake at `start_m`. Many drives know no `block_transfer`.
+    true encoder positions, whatever the drive counts; it starts under its brake at `start_m`. Many drives know no
+    `block_transfer`, and many have no `absolute_encoder`.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class DriveServer:
         faults: FaultPlan = NO_FAULTS,
         block_transfer: bool = True,
         is_first: bool = True,
+        absolute_encoder: bool = True,
     ) -> None:
         self.node_id, self.axis_name = node_id, axis_name
         self._lock = threading.RLock()
@@ -76,6 +78,7 @@ class DriveServer:
             self.compensation,
             start_m / METRES_PER_INCREMENT,
             self._send_emergency,
+            absolute=absolute_encoder,
         )
         self._node = _Node(node_id, _dictionary(node_id), self._stored, faults)
         self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
@@ -84,6 +87,7 @@ class DriveServer:
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
         self._heartbeat = Heartbeat(clock, self._send_state)
         self._watch = HeartbeatConsumer(clock, self._master_lost, self._master_found)
+        self._sync_watch = Watchdog(clock, self._sync_lost)
         self._history = ErrorHistory()
         self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start, self._watch, self._history)
         self._defaults = deepcopy(self._node.data_store)
@@ -110,7 +114,7 @@ class DriveServer:
     def encoder_m(self, t_s: float) -> float:
         """Where the drive stands at rig time `t_s`, compensation included, free of lag's rounding."""
         with self._lock:
-            return self.axis.encoder_inc(t_s) * METRES_PER_INCREMENT
+            return self.axis.place_inc(t_s) * METRES_PER_INCREMENT
 
     def set_point(self, t_s: float) -> SetPoint:
         """The set-point that was followed at `t_s`."""
@@ -131,11 +135,11 @@ class DriveServer:
                 Motion(
                     start_s,
                     start_s + profile.duration_s,
-                    profile.at(0.0)[0] * METRES_PER_INCREMENT,
-                    profile.target * METRES_PER_INCREMENT,
+                    (profile.at(0.0)[0] + shift_inc) * METRES_PER_INCREMENT,
+                    (profile.target + shift_inc) * METRES_PER_INCREMENT,
                     max(abs(phase.v) for phase in (*profile.phases, profile.phases[-1])) * METRES_PER_INCREMENT,
                 )
-                for start_s, profile in trail[first:]
+                for start_s, profile, shift_inc in trail[first:]
             ]
 
     # What tests and the rig may do.
@@ -158,6 +162,7 @@ class DriveServer:
             self._closed = True
         self._heartbeat.stop()
         self._watch.close()
+        self._sync_watch.set_limit(0.0)
         self._stop_timers()
         self._network.disconnect()
 
@@ -191,6 +196,10 @@ class DriveServer:
         with self._lock:
             self.axis.connection_is_back()
 
+    def _sync_lost(self) -> None:
+        with self._lock:
+            self.axis.sync_lost()
+
     def _on_nmt(self, data: bytes) -> None:
         with self._lock:
             self._nmt.on_command(data)
@@ -200,6 +209,9 @@ class DriveServer:
             if self.is_first and self.faults.strikes("drive-emergency"):
                 self.axis.fault(_OVER_CURRENT)
             self.axis.sync()
+            if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
+                self._sync_watch.set_limit(self.axis.cyclic.patience_s)
+            self._sync_watch.feed()
             self._syncs += 1
             if self._nmt.state is not NmtState.OPERATIONAL:
                 return

@@ -13,36 +13,39 @@ COMMUNICATION_ERROR_BIT = 0x10
 GENERIC_ERROR_BIT = 0x01
 
 
-class HeartbeatConsumer:
-    """Watches one node from its first heartbeat on. `lost` is called once when it stays away, `found` when it is back.
+class Watchdog:
+    """Watches something that is to come again and again, from the first time on.
 
-    Both are called without a lock held, from a thread of the clock or of the bus.
+    `lost` is called once when it stays away for longer than the limit, `found` when it is back; both without a lock
+    held, from a thread of the clock or of whoever feeds it.
     """
 
-    def __init__(self, clock: RigClock, lost: Callable[[], None], found: Callable[[], None]) -> None:
+    def __init__(self, clock: RigClock, lost: Callable[[], None], found: Callable[[], None] = lambda: None) -> None:
         self._clock = clock
         self._lost, self._found = lost, found
         self._lock = threading.Lock()
-        self._node, self._limit_s = 0, 0.0
+        self._limit_s = 0.0
         self._last_s: float | None = None
         self._missing = False
         self._cancel: Callable[[], None] | None = None
 
-    def configure(self, value: int) -> None:
-        """Object 0x1016:01: node in bits 16 to 22, time in ms in bits 0 to 15; either 0 switches it off."""
-        with self._lock:
-            self._stop()
-            self._node, self._limit_s = value >> 16 & 0x7F, (value & 0xFFFF) * 1e-3
-
     @property
-    def value(self) -> int:
-        """What reading 0x1016:01 gives."""
-        return self._node << 16 | round(self._limit_s * 1e3)
+    def limit_s(self) -> float:
+        """For how long it may stay away; 0: it is not watched."""
+        return self._limit_s
 
-    def on_heartbeat(self, node: int) -> None:
-        """A heartbeat of some node has come."""
+    def set_limit(self, limit_s: float) -> None:
+        """Begin anew with another limit; 0 switches it off."""
         with self._lock:
-            if node != self._node or self._limit_s <= 0.0:
+            if self._cancel is not None:
+                self._cancel()
+            self._cancel, self._last_s, self._missing = None, None, False
+            self._limit_s = limit_s
+
+    def feed(self) -> None:
+        """It has come."""
+        with self._lock:
+            if self._limit_s <= 0.0:
                 return
             first, self._last_s = self._last_s is None, self._clock.now_s()
             back, self._missing = self._missing, False
@@ -51,17 +54,8 @@ class HeartbeatConsumer:
         if back:
             self._found()
 
-    def close(self) -> None:
-        """Watch nothing any more."""
-        self.configure(0)
-
     def _schedule(self, t_s: float) -> None:
         self._cancel = self._clock.call_at(t_s, self._check)
-
-    def _stop(self) -> None:
-        if self._cancel is not None:
-            self._cancel()
-        self._cancel, self._last_s, self._missing = None, None, False
 
     def _check(self) -> None:
         with self._lock:
@@ -73,6 +67,33 @@ class HeartbeatConsumer:
                 return
             self._missing = True
         self._lost()
+
+
+class HeartbeatConsumer:
+    """Watches the heartbeat of one node by object 0x1016:01."""
+
+    def __init__(self, clock: RigClock, lost: Callable[[], None], found: Callable[[], None]) -> None:
+        self._watchdog = Watchdog(clock, lost, found)
+        self._node = 0
+
+    def configure(self, value: int) -> None:
+        """Object 0x1016:01: node in bits 16 to 22, time in ms in bits 0 to 15; either 0 switches it off."""
+        self._node = value >> 16 & 0x7F
+        self._watchdog.set_limit((value & 0xFFFF) * 1e-3)
+
+    @property
+    def value(self) -> int:
+        """What reading 0x1016:01 gives."""
+        return self._node << 16 | round(self._watchdog.limit_s * 1e3)
+
+    def on_heartbeat(self, node: int) -> None:
+        """A heartbeat of some node has come."""
+        if node == self._node:
+            self._watchdog.feed()
+
+    def close(self) -> None:
+        """Watch nothing any more."""
+        self.configure(0)
 
 
 class ErrorHistory:

@@ -142,6 +142,7 @@ class MockRig:
             faults=self.faults,
             block_transfer=node_id not in self._without_blocks,
             is_first=index == 0,
+            absolute_encoder=self.plant.settings.absolute_encoders,
         )
 
 

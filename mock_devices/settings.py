@@ -62,6 +62,7 @@ class MockSettings:
     `effects` are what a calibrated model leaves out, `nuisance` the ordinary wander. `noise_tails`: degrees of freedom
     of Student's t that readings' noise has, of the same variance (0: normal). `temperature_programme`: corners (rig
     time, kelvin) of a swing of the shop's temperature. `clock_jitter_s` is of the time stamps in recordings.
+    Without `absolute_encoders` the drives wake up not knowing where they are.
     """
 
     seed: int = 1
@@ -82,6 +83,7 @@ class MockSettings:
     temperature_sensor_bias_k: float = 0.0
     clock_jitter_s: float = 0.0
     temperature_programme: tuple[tuple[float, float], ...] = ()
+    absolute_encoders: bool = True
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be."""

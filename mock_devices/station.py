@@ -2,6 +2,8 @@
 
 Answers the calls that a client of a measuring station makes; others with code 5 (not implemented).
 Values have four decimals until COM_SetDoublePrecision (107). Fine adjustment and search windows are full widths.
+A prism type brings its own constant with it, as of the stations' manuals; one that is set afterwards (2024) stays until
+the next type. Distance modes differ by how long they take only, and every type of prism is seen alike.
 Not modelled: start-up and sleep, users and jobs, power search, image and keyboard calls, streaming.
 """
 

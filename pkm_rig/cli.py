@@ -17,7 +17,7 @@ from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
 from pkm_rig import diagnose as diagnosing
-from pkm_rig import diagnosis_text, interim, mock_rig, planning, stages
+from pkm_rig import diagnosis_text, homing, interim, mock_rig, planning, stages
 from pkm_rig.calibrate import Outcome
 from pkm_rig.config import embedded_rig_path, load_rig, with_visits
 from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
@@ -144,6 +144,21 @@ def check(rig: RigOption = None, json: JsonOption = False) -> None:
         stages.print_check(found)
     if found["problems"]:
         raise CampaignRefused(found["problems"][0])
+
+
+@app.command()
+def home(
+    rig: RigOption = None,
+    json: JsonOption = False,
+    again: Annotated[bool, typer.Option("--again", help="all drives, also those that are referenced")] = False,
+) -> None:
+    """Home the drives that have lost their reference, one after the other: they move."""
+    with open_rig(rig, homing=True) as connected:
+        found = homing.run(connected, again=again)
+    if json:
+        print_json(found)
+    else:
+        homing.show(found)
 
 
 @app.command(name="interim-test")

@@ -12,6 +12,7 @@ from calibration.machine import Machine, load_machine, shipped_machine
 from calibration.recording_header import LengthEntry, Name, NuisanceEntry, PayloadEntry, StationEntry
 from calibration.toml_file import InputError, Section, read_toml
 from drivers.drive_profile import DriveProfile, load_profile
+from drivers.homing import Homing
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
@@ -20,12 +21,18 @@ MOST_VISITS, MOST_DRIVES = 2000, 12
 
 
 class StationConnection(StationEntry):
-    """The station's line: a serial port (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`."""
+    """The station's line, a serial port (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`, and what it measures with.
+
+    Distance mode and prism type by GeoCOM's names; the constant is set after the type, whose own it replaces.
+    """
 
     port: str = ""
     baudrate: int = Field(gt=0, default=115200)
     reply_timeout_s: float = Field(gt=0.0, default=5.0)
     motion_timeout_s: float = Field(gt=0.0, default=30.0)
+    edm_mode: Literal["single_standard", "single_fast", "average_ir", "precise_ir"] = "single_standard"
+    prism_type: Literal["round", "mini", "user1", "user2", "user3", "minizero", "user"] = "mini"
+    prism_constant_m: float = Field(gt=-0.2, lt=0.2, default=0.0)
 
 
 class CanConnection(Section):
@@ -37,6 +44,21 @@ class CanConnection(Section):
     port: int = 29536
     bitrate: int = 1_000_000
     master_node_id: int = Field(ge=1, le=127, default=127)
+
+
+class HomingEntry(Section):
+    """How a drive is homed that has lost its reference: to the next index below (33) or above (34), or where it stands.
+
+    `position_m` is the drive's position there. Other methods of CiA 402 run to switches, farther than one drive of a
+    parallel machine may go while the others stand.
+    """
+
+    method: Literal[33, 34, 35, 37]
+    position_m: float
+    speed_m_per_s: float = Field(gt=0.0, le=0.05, default=Homing.speed_m_per_s)
+    acceleration_m_per_s2: float = Field(gt=0.0, le=5.0, default=Homing.acceleration_m_per_s2)
+    limit_s: float = Field(gt=0.0, default=Homing.limit_s)
+    tolerance_m: float = Field(gt=0.0, le=0.01, default=Homing.tolerance_m)
 
 
 class DriveEntry(Section):
@@ -51,6 +73,7 @@ class DriveEntry(Section):
     vendor_id: int
     product_code: int
     metres_per_increment: float = Field(gt=0.0)
+    homing: HomingEntry | None = None
 
 
 class RegisterEntry(Section):
@@ -146,13 +169,18 @@ class CampaignSettings(Section):
 
 
 class Limits(Section):
-    """When to refuse."""
+    """When to refuse, and how old or wrong what the station knows of the air may become between two points.
+
+    `atmosphere_ppm`: 0.1 ppm is what 0.1 K or 0.4 hPa do by the stations' own formula, 0.3 um in 3 m.
+    """
 
     in_plane_u_m: float = Field(gt=0.0, default=15e-6)
     heartbeat_s: float = Field(gt=0.0, default=2.0)
     drive_watchdog_s: float = Field(ge=1.0, le=60.0, default=1.5)
     poll_period_s: float = Field(ge=0.005, le=0.1, default=0.01)
     plc_heartbeat_s: float = Field(gt=0.0, default=2.0)
+    atmosphere_age_s: float = Field(gt=0.0, default=300.0)
+    atmosphere_ppm: float = Field(gt=0.0, default=0.1)
     interlocks: tuple[str, ...] = (
         "guard closed",
         "emergency stop released",
@@ -165,8 +193,8 @@ class MockSection(Section):
     """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise, and what is wrong with it.
 
     `effects` are texts as of `pkm-rig mock --effect` (docs/mock-effects.md); `nuisance` is the wander that it really
-    has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise. The
-    certificate and key are the PLC's, where it is reached by TLS.
+    has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise. Drives with
+    incremental encoders have to be homed first. The certificate and key are the PLC's, where it is reached by TLS.
     """
 
     seed: int = Field(ge=0, default=1)
@@ -176,6 +204,7 @@ class MockSection(Section):
     noise_tails: float = Field(ge=0.0, default=0.0)
     temperature_sensor_bias_k: float = Field(ge=0.0, default=0.0)
     temperature_programme: tuple[tuple[float, float], ...] = Field(default=(), max_length=100)
+    encoders: Literal["absolute", "incremental"] = "absolute"
     plc_certificate_file: str | None = None
     plc_key_file: str | None = None
 
@@ -254,11 +283,29 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
     profiles = [drive_profile(d, path) for d in rig.drives]
     if len({p.compensation is None for p in profiles}) > 1:
         raise InputError(f"{path}: drives: a machine is compensated by all of its drives or by none")
+    for drive, profile, (low_m, high_m) in zip(rig.drives, profiles, machine.travel, strict=True):
+        if drive.homing is not None:
+            _check_homing(drive.name, drive.homing.position_m, profile, (low_m, high_m), path)
     if rig.nest_length is not None:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
                 raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
     return rig, machine
+
+
+def _check_homing(
+    name: str, position_m: float, profile: DriveProfile, travel_m: tuple[float, float], path: Path
+) -> None:
+    if profile.referenced is None:
+        raise InputError(
+            f"{path}: drives: {name}: [drives.homing] needs a profile with [referenced]; without it a homing that "
+            "broke off would pass for one that went well"
+        )
+    if not travel_m[0] <= position_m <= travel_m[1]:
+        raise InputError(
+            f"{path}: drives: {name}: homing.position_m = {position_m:g} is outside the machine's travel of "
+            f"{travel_m[0]:g} m to {travel_m[1]:g} m; correct it"
+        )
 
 
 def drive_profile(drive: DriveEntry, rig_path: Path) -> DriveProfile:

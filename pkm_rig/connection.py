@@ -15,7 +15,7 @@ from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.drive_profile import DriveProfile
 from drivers.errors import DeviceError
-from drivers.laser_tracker import LaserTracker
+from drivers.laser_tracker import EDMModeV2, LaserTracker, Prism
 from drivers.plc import Plc
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.socketcand import open_bus
@@ -42,11 +42,13 @@ def connected(
     *,
     rig_path: Path = Path("rig.toml"),
     guard_s: float | None = None,
+    homing: bool = False,
 ) -> Iterator[Rig]:
     """Connect all devices, supervise them while in use, leave them stopped and without power.
 
     `bus_factory` replaces the bus of the rig file (embedded rig, tests); profiles of drives are looked for beside
     `rig_path`; `guard_s` is the host time in which every answer has to come (default: by the kind of rig).
+    For `homing` drives may have lost their reference; they are then refused any other motion.
     """
     slow = file.time_scale or 1.0
     station, real = file.station, guard_s is None and file.can.interface != "embedded"
@@ -75,10 +77,13 @@ def connected(
         line = CanLine(bus)
         stack.callback(line.close)
         profiles = [drive_profile(entry, rig_path) for entry in file.drives]
-        drives = [_drive(file, i, line, clock, slow, guard_s, profiles[i]) for i in range(len(file.drives))]
+        travels_m = [(float(low), float(high)) for low, high in machine.travel]
+        drives = [
+            _drive(file, i, line, clock, slow, guard_s, profiles[i], travels_m[i]) for i in range(len(file.drives))
+        ]
         for drive in drives:
             stack.callback(drive.close)
-            drive.connect()
+            drive.connect(unreferenced=homing)
         group = DriveGroup(
             drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
         )
@@ -90,6 +95,9 @@ def connected(
             baudrate=station.baudrate,
             reply_timeout_s=station.reply_timeout_s,
             motion_timeout_s=station.motion_timeout_s,
+            edm_mode=EDMModeV2[station.edm_mode.upper()],
+            prism_type=Prism[station.prism_type.upper()],
+            prism_constant_m=station.prism_constant_m,
         )
         stack.callback(tracker.close)
         tracker.connect()
@@ -115,12 +123,22 @@ def _leave_safe(rig: Rig) -> None:
 
 
 def _drive(
-    file: RigFile, index: int, line: CanLine, clock: RigClock, slow: float, guard_s: float, profile: DriveProfile
+    file: RigFile,
+    index: int,
+    line: CanLine,
+    clock: RigClock,
+    slow: float,
+    guard_s: float,
+    profile: DriveProfile,
+    travel_m: tuple[float, float],
 ) -> ServoDrive:
     entry = file.drives[index]
     partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
     expected = DriveExpectation(
-        vendor=entry.vendor_id, product=entry.product_code, metres_per_increment=entry.metres_per_increment
+        vendor=entry.vendor_id,
+        product=entry.product_code,
+        metres_per_increment=entry.metres_per_increment,
+        travel_m=travel_m,
     )
     return ServoDrive(
         line,

@@ -17,7 +17,7 @@ import numpy as np
 from calibration import station as station_geometry
 from calibration.frame import Frame
 from calibration.machine import Array
-from calibration.recording import DRIVE_COLUMNS, TEXT_COLUMNS, column_names
+from calibration.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
 from drivers.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig import Rig
 from pkm_rig.schedule import PlannedVisit
@@ -237,7 +237,7 @@ class StationDevice:
         names = column_names([d.name for d in self._rig.file.drives], self._rig.sensors)
         return {
             name: {"source": "rig", "dtype": "string" if name in TEXT_COLUMNS else "number", "shape": []}
-            for name in names
+            for name in (*names, *OPTIONAL_COLUMNS)
             if name != "uid"
         }
 
@@ -258,7 +258,7 @@ class StationDevice:
         return visit.target_m[:3] + smr.position_m
 
     def _aim(self) -> None:
-        self._rig.supervisor.require_good()
+        self._rig.keep_atmosphere()  # here, where no measurement is under way
         if self._context.aim.frame is None:
             self._context.aim.frame = self._rig.rough_frame()
         point = self._context.aim.frame.to_station(self._expected()[None])
@@ -275,6 +275,8 @@ class StationDevice:
         on_floor = rig.machine.smr(self._smr).on == "floor"
         count = settings.readings_per_nest if on_floor else settings.readings_per_smr
         readings = rig.station.measure(count, two_face=settings.two_face, settle=settle)
+        if on_floor:  # a nest that is stored vouches for the settings of all readings since the one before
+            rig.station.require_settings()
         context.fresh_arrival = False
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
@@ -301,6 +303,8 @@ class StationDevice:
             "face": 0.0 if settings.two_face else float(first.face),
             "prism_constant_m": first.prism_constant_m,
             "ppm": first.ppm,
+            "edm_mode": float(first.edm_mode),
+            "prism_type": float(first.prism_type),
             "samples": float(mean.n),
             "flags": float(len({flag for r in readings for flag in r.flags})),
             **{axis: float(value) for axis, value in zip(("x_m", "y_m", "z_m"), position, strict=True)},

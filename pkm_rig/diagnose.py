@@ -19,6 +19,7 @@ from pkm_rig.analysis import calibration_part
 from pkm_rig.campaign_file import write_candidates
 from pkm_rig.diagnosis_output import by_gain, diagnosis_json, gap_json
 from pkm_rig.diagnosis_text import summary
+from pkm_rig.reduction import without_left_open
 from pkm_rig.twin_files import TWIN_FOLDER, write_twin
 
 PICTURES_FOLDER = "diagnosis"
@@ -44,7 +45,7 @@ class Attempt:
 def attempt(recording: Recording) -> Attempt:
     """Diagnose the calibration's readings; whatever goes wrong is said and fails nothing else."""
     try:
-        return Attempt(diagnose(calibration_part(recording)))
+        return Attempt(diagnose(without_left_open(calibration_part(recording))))
     except InputError as error:
         return Attempt(None, str(error))
     except Exception as error:  # the calibration of a machine must not end for what is said beside it
@@ -59,7 +60,7 @@ def run(
     `add`: the rig's twin is written too. Raises InputError.
     """
     catalogue = load_catalogue(tuple(effects))
-    part = calibration_part(recording)
+    part = without_left_open(calibration_part(recording))
     found, added = _diagnosed(part, catalogue, effects, add=add)
     folder = out / part.file.campaign / PICTURES_FOLDER
     try:

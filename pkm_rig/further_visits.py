@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from pkm_rig.config import StationConnection
 from pkm_rig.figures import LEAST_VISITS
 from pkm_rig.schedule import Block
 from pkm_rig.store import Store
 
-SAME_TO_GO_ON = ("machine", "campaign", "drives", "payloads", "nest_length")
+SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length")
+SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campaigns have the defaults
 
 RigFile = Mapping[str, Any]  # as the campaign's settings are stored
 
@@ -30,6 +32,11 @@ def same_rig(then: RigFile, now: RigFile, *, adds: bool) -> bool:
 def _compared(rig_file: RigFile, key: str, adds: bool) -> object:
     """A section of the rig file as far as it must be the same to go on with a campaign."""
     section = rig_file[key]
+    if key == "station":  # its port and place may be others
+        fields = StationConnection.model_fields
+        return [section.get(name, fields[name].default) for name in SAME_OF_STATION]
+    if key == "drives":  # how one is homed changes nothing that was measured
+        return [{name: value for name, value in drive.items() if name != "homing"} for drive in section]
     if key != "campaign":
         return section
     section = {**section, "visits": section.get("visits") or []}

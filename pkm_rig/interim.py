@@ -27,7 +27,9 @@ def run(rig: Rig) -> InterimTest:
     accuracy = file.station.accuracy
     stated = StatedAccuracy(accuracy.angle_sd_rad, accuracy.range_sd_m, 1e6 * accuracy.range_scale_u)
     rig.refresh_atmosphere()
-    return interim_test(rig.station, places_m, known, stated, InterimLimits(tolerance_m=WRONG_TARGET_AT_FIRST_M))
+    found = interim_test(rig.station, places_m, known, stated, InterimLimits(tolerance_m=WRONG_TARGET_AT_FIRST_M))
+    rig.station.require_settings()
+    return found
 
 
 def as_json(found: InterimTest) -> dict[str, Any]:

@@ -87,6 +87,7 @@ def _settings(
         noise_tails=mock.noise_tails,
         temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
         temperature_programme=mock.temperature_programme,
+        absolute_encoders=mock.encoders == "absolute",
         seed=mock.seed,
         error_scale=mock.error_scale,
         payloads=tuple(

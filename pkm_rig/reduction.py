@@ -7,7 +7,7 @@ filter gates outliers and turns reflectors into poses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,21 +133,36 @@ def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
     return checks, shifts
 
 
-def between_good_checks(recording: Recording) -> NDArray[np.bool_]:
+def between_good_checks(recording: Recording, next_check: int | None = None) -> NDArray[np.bool_]:
     """Readings that lie between two good nest checks (r,); those next to a failed closing check are not used.
 
-    `nest_check` of a reading is the number of the last check before it. With no nests in the
-    recording everything is used.
+    `nest_check` of a reading is the number of the last check before it; `next_check` is one that is still to come and
+    taken for good. With no nests in the recording everything is used.
     """
     checks, shifts = nest_shift(recording)
     if checks.size == 0:
         return np.ones(len(recording), dtype=bool)
     good = {int(c) for c, s in zip(checks, shifts, strict=True) if s <= recording.file.nest_limit_m}
+    if next_check is not None:
+        good.add(next_check)
     number = recording["nest_check"].astype(int)
     is_nest = np.asarray(recording["phase"]) == "nests"
     opened = np.isin(number, list(good))
     closed = np.isin(number + 1, list(good))
     return np.where(is_nest, opened, opened & closed)
+
+
+def without_left_open(recording: Recording) -> Recording:
+    """A recording without the readings whose closing nest check was left out, though later ones were made.
+
+    The station may have had other settings at them than it was given (`Runner.resume`): unlike those next to a failed
+    check they tell nothing of the machine.
+    """
+    checks, _ = nest_shift(recording)
+    is_nest = np.asarray(recording["phase"]) == "nests"
+    closing = recording["nest_check"].astype(int) + 1
+    keep = is_nest | np.isin(closing, checks) | (closing > checks.max(initial=-1))
+    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
 
 
 def last_calibration_check(recording: Recording) -> float:

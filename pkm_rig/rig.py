@@ -20,6 +20,7 @@ from drivers.table_image import TableImage, machine_id_of
 from pkm_rig.clock import RigClock
 from pkm_rig.config import RigFile
 from pkm_rig.interlock import Supervisor
+from pkm_rig.station_air import StationAir
 
 PLC_POLL_S = 1.0
 PART_SENSORS = ("struts", "columns", "base", "platform")
@@ -52,6 +53,7 @@ class Rig:
         self.sensors = PART_SENSORS
         self.compensation = 0
         self._poll_period_s = poll_period_s
+        self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
         self.supervisor = self.new_supervisor()
 
     def new_supervisor(self) -> Supervisor:
@@ -258,6 +260,12 @@ class Rig:
         }
 
     def refresh_atmosphere(self) -> None:
-        """Give the PLC's air values to the station."""
-        state = self.supervisor.state()
-        self.station.set_atmosphere(state.temperatures_c["air"], state.pressure_hpa, state.humidity)
+        """Give the PLC's air to the station now.
+
+        Raises what the station raises, and supervision's trip rather than use a stale value.
+        """
+        self._air.set(self.supervisor.state())
+
+    def keep_atmosphere(self) -> None:
+        """The same, but only where what the station holds is old or not the air any more (`[limits]`)."""
+        self._air.keep(self.supervisor.state())

@@ -39,10 +39,12 @@ def one_core(choice: int = 0) -> Iterator[None]:
 
 
 @contextmanager
-def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None = None) -> Iterator[Rig]:
+def open_rig(
+    rig_path: Path | None, *, real_time: bool = False, seed: int | None = None, homing: bool = False
+) -> Iterator[Rig]:
     """A connected, supervised rig; without a path the embedded mock rig over its real protocols.
 
-    `seed` chooses another embedded mock machine.
+    `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference.
     """
     path = rig_path or embedded_rig_path()
     file, machine = load_rig(path)
@@ -53,13 +55,13 @@ def open_rig(rig_path: Path | None, *, real_time: bool = False, seed: int | None
             nullcontext() if real_time else one_core(os.getpid()),
             embedded(file, path, real_time=real_time) as mock,
             mock.clock.activity(),
-            connected(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path) as rig,
+            connected(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path, homing=homing) as rig,
         ):
             yield rig
         return
     clock = ScaledClock(file.time_scale or 1.0)
     try:
-        with connected(file, machine, clock, rig_path=path) as rig:
+        with connected(file, machine, clock, rig_path=path, homing=homing) as rig:
             yield rig
     finally:
         clock.close()

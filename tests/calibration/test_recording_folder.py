@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from calibration.recording import make_recording
 from calibration.recording_folder import read_folder, write_folder
 from calibration.toml_file import InputError
 from tests.pkm_rig.plant_recording import record
@@ -83,6 +84,30 @@ def test_bad_values_are_named(copy, column, value, complaint):
     with pytest.raises(InputError, match=complaint) as caught:
         read_folder(copy)
     assert "\n" not in str(caught.value)
+
+
+def test_columns_of_the_station_s_settings_may_be_there_or_not(folder, copy, tmp_path):
+    assert "edm_mode" not in read_folder(folder).columns
+    lines = (copy / "readings.csv").read_text(encoding="utf-8").splitlines()
+    head, *rows = lines
+    (copy / "readings.csv").write_text("\n".join([f"{head},edm_mode,prism_type", *(f"{r},2,1" for r in rows)]))
+    one = read_folder(copy)
+    assert set(one["edm_mode"].tolist()) == {2.0}
+    assert set(one["prism_type"].tolist()) == {1.0}
+    write_folder(one, tmp_path / "again")
+    np.testing.assert_array_equal(read_folder(tmp_path / "again")["prism_type"], one["prism_type"])
+    (copy / "readings.csv").write_text("\n".join([f"{head},edm_mode", *(f"{r},2.5" for r in rows)]))
+    with pytest.raises(InputError, match="'edm_mode' is not a count"):
+        read_folder(copy)
+
+
+def test_readings_of_before_the_settings_were_told_count_as_not_known(folder):
+    old = read_folder(folder)
+    rows = [{name: column[i] for name, column in old.columns.items()} for i in range(len(old))]
+    rows[-1] |= {"edm_mode": 2.0}
+    mixed = make_recording(old.file, old.machine, rows)
+    assert mixed["edm_mode"].tolist() == [-1.0] * (len(old) - 1) + [2.0]
+    assert "prism_type" not in mixed.columns
 
 
 def test_missing_columns_rows_and_files_are_named(copy):

@@ -13,9 +13,10 @@ import can
 import pytest
 
 from drivers.can_line import CanLine
-from drivers.cia402 import State
+from drivers.cia402 import PROFILE_POSITION, State
 from drivers.drive_group import DriveGroup
-from drivers.errors import ConnectionFailed, DeviceError, DriveFault, SdoRefused
+from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
+from drivers.homing import Homing
 from drivers.objects import DriveObject
 from drivers.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.socketcand import open_bus
@@ -135,6 +136,41 @@ def test_refusals_are_typed(bench: Bench) -> None:
         bench.drives[0].sdo.read(DriveObject(0x5555, 0, "<I", "nothing"))
     with pytest.raises(SdoRefused, match="outside"):
         bench.drives[0].write_target(0.9)
+
+
+def test_a_drive_without_reference_is_homed_first(bench: Bench) -> None:
+    server, drive = bench.servers[0], bench.drives[0]
+    server.axis.absolute = False
+    server.power_cycle()
+    with pytest.raises(NotReferenced):
+        drive.connect()
+    drive.connect(unreferenced=True)
+    bench.group.home([Homing(34, 0.010, speed_m_per_s=0.01, limit_s=30.0 * SLOW), None])
+    assert server.encoder_m(bench.clock.now_s()) == pytest.approx(0.010, abs=1e-8)
+    drive.connect()
+    bench.group.enable()
+    samples = bench.group.move_to([0.0, 0.0], 0.2, 2.0)
+    assert [s.position_m for s in samples] == pytest.approx([0.0, 0.0], abs=1e-6)
+    bench.group.disable()
+
+
+def test_targets_at_sync_in_cyclic_position_mode(bench: Bench) -> None:
+    period_s = 0.2 * SLOW  # three of them without a SYNC are a fault, and this computer may be busy for a moment
+    bench.group.set_cyclic_position(period_s)
+    bench.group.enable()
+    path = [[0.001 * k, -0.0005 * k] for k in range(5)]
+    samples = bench.group.follow(path, 0.0011 / period_s)
+    assert [s.demand_m for s in samples] == pytest.approx(path[-1], abs=2e-6)
+    for drive, position_m in zip(bench.drives, (0.005, -0.0025), strict=True):
+        drive.send_target(position_m)
+    bench.line.send_sync()  # and no more
+    bench.clock.sleep_s(4.0 * period_s)
+    assert [drive.state() for drive in bench.drives] == [State.FAULT, State.FAULT]
+    assert [drive.emergencies[-1].code for drive in bench.drives] == [0x8700, 0x8700]
+    bench.group.fault_reset()
+    bench.group.clear_stop()
+    for drive in bench.drives:
+        drive.set_mode(PROFILE_POSITION)
 
 
 def test_one_fault_stops_both(bench: Bench) -> None:

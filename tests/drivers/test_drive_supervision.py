@@ -4,129 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass, field
 
-import can
 import pytest
+from drive_bench import Open
 
-from drivers.can_line import CanLine
-from drivers.cia402 import CYCLIC_POSITION, PROFILE_POSITION, State
-from drivers.drive_group import DriveGroup
+from drivers.cia402 import State
 from drivers.drive_profile import load_profile
 from drivers.errors import DriveFault, IdentityMismatch, NoAnswer, NotReferenced, ProtocolError, SdoRefused, TableError
 from drivers.objects import DriveObject
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from drivers.table_bank import TableBank
 from mock_devices.faults import Fault, FaultPlan
-from mock_devices.mock_drive import DriveServer
-from pkm_rig.clock import VirtualClock
-from pkm_rig.embedded_bus import EmbeddedBus
 
-MASTER = 127
 HISTORY = DriveObject(0x1003, 1, "<I", "latest error")
 ACTIVATE = DriveObject(0x2100, 2, "<B", "activate", holds=False)
-_channels = itertools.count()
-
-
-class LossyBus(EmbeddedBus):
-    """Loses the frames that the test names, or has one come late; keeps those that the host sends."""
-
-    def __init__(self, channel: str, clock: VirtualClock) -> None:
-        super().__init__(channel, clock)
-        self.loses: Callable[[can.Message], bool] = lambda _frame: False
-        self.sent: list[can.Message] = []
-        self.late = -1  # the first frame with this identifier comes only with the second
-        self._held: list[can.Message] = []
-        self._due: list[can.Message] = []
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        if self._due:
-            return self._due.pop()
-        frame = super().recv(timeout)
-        if frame is not None and frame.arbitration_id == self.late:
-            if not self._held:
-                self._held.append(frame)
-                return None
-            self.late, self._due = -1, [frame]
-            return self._held.pop()
-        return frame
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self.sent.append(msg)
-        if not self.loses(msg):
-            super().send(msg, timeout)
-
-
-@dataclass
-class Bench:
-    clock: VirtualClock
-    bus: LossyBus
-    line: CanLine
-    servers: list[DriveServer]
-    drives: list[ServoDrive]
-    group: DriveGroup
-    beating: bool = field(default=True)
-
-    def beat(self) -> None:
-        if self.beating:
-            self.line.send_heartbeat(MASTER)
-            self.clock.call_at(self.clock.now_s() + 0.25, self.beat)
-
-
-Open = Callable[..., Bench]
-
-
-@pytest.fixture
-def opened() -> Iterator[Open]:
-    with ExitStack() as stack:
-
-        def make(faults: FaultPlan | None = None, *, blocks: bool = True) -> Bench:
-            channel, clock = f"supervision {next(_channels)}", VirtualClock()
-            stack.callback(clock.close)
-            servers = []
-            for node in (1, 2):
-                server = DriveServer(
-                    node,
-                    f"q{node}",
-                    EmbeddedBus(channel, clock),
-                    clock,
-                    partner_node_id=3 - node,
-                    machine_id=b"\0" * 16,
-                    travel_m=(-0.5, 0.5),
-                    start_m=0.0,
-                    faults=faults or FaultPlan(),
-                    block_transfer=blocks,
-                    is_first=node == 1,
-                )
-                stack.callback(server.close)
-                servers.append(server)
-            bus = LossyBus(channel, clock)
-            line = CanLine(bus, "bus")
-            stack.callback(line.close)
-            drives = [
-                ServoDrive(
-                    line,
-                    n,
-                    f"q{n}",
-                    clock,
-                    DriveExpectation(),
-                    partner_node_id=3 - n,
-                    master_node_id=MASTER,
-                    sdo_timeout_s=0.1,
-                )
-                for n in (1, 2)
-            ]
-            stack.enter_context(clock.activity())
-            bench = Bench(clock, bus, line, servers, drives, DriveGroup(drives, clock, pdo_timeout_s=0.1))
-            for drive in drives:
-                drive.connect()
-            bench.beat()
-            return bench
-
-        yield make
 
 
 def test_drives_stop_by_themselves_when_the_master_is_gone(opened: Open) -> None:
@@ -243,7 +134,7 @@ def test_faults_in_a_table_write_end_in_the_table_or_a_typed_error(opened: Open,
 
 def test_a_lost_reference_is_refused(opened: Open) -> None:
     bench = opened()
-    bench.servers[0]._node.data_store[0x2103] = {1: b"\0"}
+    bench.servers[0].axis.homing.referenced = False
     with pytest.raises(NotReferenced, match="home the drive"):
         bench.drives[0].connect()
 
@@ -273,31 +164,3 @@ def test_a_lost_controlword_or_sync_does_not_end_a_move(opened: Open, cob_id: in
         samples = bench.group.move_to([0.02, -0.02], 0.1)
         assert [s.position_m for s in samples] == pytest.approx([0.02, -0.02], abs=1e-6)
         assert bench.drives[0].state() is State.OPERATION_ENABLED
-
-
-def test_cyclic_motion_along_a_path(opened: Open) -> None:
-    bench = opened()
-    for drive in bench.drives:
-        drive.set_mode(CYCLIC_POSITION)
-    bench.group.enable()
-    path = [[0.01 * (1.0 - math.cos(0.1 * k)), -0.001 * k] for k in range(60)]
-    bench.group.follow(path, 0.02)
-    bench.clock.sleep_s(0.1)
-    samples = bench.group.sample()
-    assert [s.position_m for s in samples] == pytest.approx(path[-1], abs=1e-6)
-    with pytest.raises(ValueError, match="begins 10000 um"):
-        bench.group.follow([[path[-1][0] + 0.01, path[-1][1]]], 0.02)
-    with pytest.raises(ValueError, match="rows of 2"):
-        bench.group.follow([[0.0]], 0.02)
-    bench.clock.call_at(bench.clock.now_s() + 0.2, bench.servers[0].inject_fault)
-    back = [[path[-1][0] * (1 - k / 100), path[-1][1]] for k in range(100)]
-    with pytest.raises(DriveFault, match="0x2310"):
-        bench.group.follow(back, 0.02)
-    assert bench.group.stop_reason is not None
-    bench.group.clear_stop()
-    bench.group.disable()
-    bench.group.fault_reset()
-    for drive in bench.drives:
-        drive.set_mode(PROFILE_POSITION)
-    bench.group.enable()
-    bench.group.move_to([0.0, 0.0], 0.1)

@@ -18,6 +18,7 @@ from drivers.errors import (
     NoAnswer,
     NotSettled,
     ProtocolError,
+    SettingsChanged,
     SignalError,
     WrongTarget,
 )
@@ -37,8 +38,8 @@ CONNECT = [
     (b"%R1Q,2020,7:2", b"%R1P,0,7:0\r\n"),
     (b"%R1Q,2021,8:", b"%R1P,0,8:0,2\r\n"),
     (b"%R1Q,17008,9:1", b"%R1P,0,9:0\r\n"),
-    (b"%R1Q,17009,10:", b"%R1P,0,10:0,1\r\n"),
-    (b"%R1Q,2024,11:0.0", b"%R1P,0,11:0\r\n"),
+    (b"%R1Q,2024,10:0.0", b"%R1P,0,10:0\r\n"),
+    (b"%R1Q,17009,11:", b"%R1P,0,11:0,1\r\n"),
     (b"%R1Q,2023,12:", b"%R1P,0,12:0,0.0\r\n"),
     (b"%R1Q,2029,13:", b"%R1P,0,13:0,0.000000658,1013.25,12.0,8.0\r\n"),
     (b"%R1Q,2151,14:", b"%R1P,3081,14:0\r\n"),
@@ -317,6 +318,61 @@ def test_a_simple_measurement(make: Make) -> None:
     reading = tracker.measure_simple()
     assert (reading.slope_distance_m, reading.flags) == (3.0, ("no_full_correction",))
     assert (reading.edm_mode, reading.prism_type) == (2, 1)
+
+
+def _settings(n: int, mode: int = 2, prism: int = 1, constant: str = "0.0") -> list[tuple[bytes, bytes]]:
+    return [
+        (b"%%R1Q,2021,%d:" % n, b"%%R1P,0,%d:0,%d\r\n" % (n, mode)),
+        (b"%%R1Q,17009,%d:" % (n + 1), b"%%R1P,0,%d:0,%d\r\n" % (n + 1, prism)),
+        (b"%%R1Q,2023,%d:" % (n + 2), b"%%R1P,0,%d:0,%s\r\n" % (n + 2, constant.encode())),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        ({"mode": 6}, "edm_mode was set to single_standard and is now cont_standard"),
+        ({"prism": 7}, "prism_type was set to mini and is now mini360"),
+        ({"constant": "0.0175"}, "prism_constant_m was set to 0.0 and is now 0.0175"),
+    ],
+)
+def test_settings_that_somebody_changes_at_the_station_are_noticed(make: Make, changed: dict, complaint: str) -> None:
+    tracker, port = make([*CONNECT, *_settings(15), *_settings(18, **changed)])
+    tracker.connect()
+    tracker.require_settings()
+    with pytest.raises(SettingsChanged, match=complaint):
+        tracker.require_settings()
+    port.finished()
+
+
+def test_air_that_somebody_changes_at_the_station_is_noticed(make: Make) -> None:
+    def air(n: int, dry: str) -> tuple[bytes, bytes]:
+        wet = "14.608669444089756"
+        return (b"%%R1Q,2029,%d:" % n, b"%%R1P,0,%d:0,0.000000658,990.0,%s,%s\r\n" % (n, dry.encode(), wet.encode()))
+
+    script = [
+        (b"%R1Q,2028,15:0.000000658,990.0,21.0,14.608669444089756", b"%R1P,0,15:0\r\n"),
+        air(16, "21.0"),
+        (b"%R1Q,2151,17:", b"%R1P,0,17:0,7.0\r\n"),
+        *_settings(18),
+        air(21, "21.0"),
+        *_settings(22),
+        air(25, "23.0"),
+    ]
+    tracker, port = make([*CONNECT, *script])
+    tracker.connect()
+    tracker.set_atmosphere(21.0, 990.0, 0.5)
+    tracker.require_settings()
+    with pytest.raises(SettingsChanged, match=r"air .* was set to \(990.0, 21.0, .* is now \(990.0, 23.0"):
+        tracker.require_settings()
+    port.finished()
+
+
+def test_a_prism_type_that_the_constant_brings_with_it_is_seen(make: Make) -> None:
+    changed = (b"%R1Q,17009,11:", b"%R1P,0,11:0,9\r\n")
+    tracker, _ = make([*CONNECT[:11], changed, *CONNECT[12:]])
+    with pytest.raises(ProtocolError, match="prism type: mini was set, user is read back"):
+        tracker.connect()
 
 
 def test_another_reflector_than_the_predicted_one(make: Make) -> None:

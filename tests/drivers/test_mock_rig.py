@@ -98,6 +98,19 @@ def test_connecting_to_the_station(tracker: LaserTracker) -> None:
     assert abs(tracker.set_atmosphere(21.0, 990.0, 0.5)) < 100.0
 
 
+def test_a_prism_type_that_is_chosen_at_the_station_brings_its_constant_and_is_noticed(
+    bench: Bench, tracker: LaserTracker
+) -> None:
+    tracker.connect()
+    tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)
+    before = tracker.measure_averaged(4)
+    tracker.require_settings()
+    bench.mock.tracker._station.respond(b"%R1Q,17008,0:2")
+    assert tracker.measure_averaged(4).slope_distance_m - before.slope_distance_m == pytest.approx(0.0344, abs=5e-4)
+    with pytest.raises(ProtocolError, match="prism_type was set to mini and is now tape"):
+        tracker.require_settings()
+
+
 def test_measuring_a_floor_nest(bench: Bench, tracker: LaserTracker) -> None:
     tracker.connect()
     tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)

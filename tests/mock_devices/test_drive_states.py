@@ -24,12 +24,15 @@ WORDS = st.one_of(
 class DriveEvents(RuleBasedStateMachine):
     """Time passes between events as the machine likes; what was refused must have changed nothing."""
 
-    @initialize()
-    def start(self):
+    @initialize(absolute=st.booleans())
+    def start(self, absolute):
         self.t_s = 0.0
         self.emergencies = []
         self.compensation = Compensation(1, MACHINE_ID)
-        self.axis = DriveAxis(lambda: self.t_s, AxisLimits(LOW, HIGH), self.compensation, 0.0, self.emergencies.append)
+        limits = AxisLimits(LOW, HIGH)
+        self.axis = DriveAxis(
+            lambda: self.t_s, limits, self.compensation, 0.0, self.emergencies.append, absolute=absolute
+        )
         self.applied = None
         self.was_powered = False
         self.cyclic = False  # targets come as steep as the machine likes then, and so may stops
@@ -117,7 +120,7 @@ class DriveEvents(RuleBasedStateMachine):
             self.compensation.partner.hear(partner)
         self.axis.sync()
 
-    @rule(mode=st.sampled_from([1, 8, 3]))
+    @rule(mode=st.sampled_from([1, 6, 8, 3]))
     def operation_mode(self, mode):
         before = self.axis.mode
         try:
@@ -125,6 +128,16 @@ class DriveEvents(RuleBasedStateMachine):
         except Refused:
             assert self.axis.mode == before
         self.cyclic = self.cyclic or self.axis.mode == 8
+
+    @rule(method=st.sampled_from([33, 34, 35, 37]), offset=st.integers(LOW, HIGH))
+    def home(self, method, offset):
+        self.axis.homing.set_method(method)
+        self.axis.homing.offset_inc = offset
+        before = self.axis.place_inc(self.t_s)
+        self.axis.set_mode(6)
+        for word in (0x1F, 0x0F, 0x1F):
+            self.axis.control(word)
+        assert abs(self.axis.place_inc(self.t_s) - before) <= 1.0
 
     @rule()
     def fault(self):
@@ -144,8 +157,11 @@ class DriveEvents(RuleBasedStateMachine):
 
     @rule()
     def restart(self):
+        before = self.axis.place_inc(self.t_s)
         self.axis.boot()
         assert self.compensation.mode == 0
+        assert abs(self.axis.place_inc(self.t_s) - before) <= 1.0
+        assert self.axis.absolute or not self.axis.homing.referenced
 
     @rule(duration_s=st.floats(0.0, 20.0))
     def wait(self, duration_s):
@@ -173,6 +189,12 @@ class DriveEvents(RuleBasedStateMachine):
     def the_statusword_tells_the_state(self):
         word = self.axis.statusword()
         assert word & cia402.STATE_MASK & ~0x20 == self.axis.state.value & ~0x20
+
+    @invariant()
+    def homing_is_under_way_or_done_but_not_both(self):
+        homing = self.axis.homing
+        assert homing.begun_s is None or not (homing.referenced or homing.attained or homing.failed)
+        assert homing.referenced or not homing.attained
 
     @invariant()
     def an_error_was_said(self):

@@ -125,7 +125,7 @@ def test_identity_units_and_limits_are_those_of_the_documents(sdo, master):
     assert [sdo[0x6091][i].raw for i in (1, 2)] == [1, 1]
     assert [sdo[0x6092][i].raw for i in (1, 2)] == [10_000, 1]
     assert [sdo[0x607D][i].raw for i in (1, 2)] == [32_000_000, 170_000_000]
-    assert sdo[0x6502].raw == 0x81  # profile position and cyclic synchronous position
+    assert sdo[0x6502].raw == 0xA1  # profile position, homing and cyclic synchronous position
     assert master.nodes[2].sdo[0x1018][4].raw == 1002
 
 

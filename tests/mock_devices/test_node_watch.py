@@ -1,4 +1,4 @@
-"""What a mock drive watches and remembers: heartbeats, errors, parameters, event timers, cyclic mode."""
+"""What a mock drive watches and remembers: heartbeats, errors, parameters, event timers."""
 
 from __future__ import annotations
 
@@ -118,23 +118,6 @@ def test_a_pdo_by_its_event_timer(master, clock):
     master.network.send_message(0x000, bytes([128, 1]))
     clock.sleep_s(1.0)
     assert len(frames) == 10
-
-
-def test_cyclic_position_reaches_each_target_at_the_next_sync(master, drive, clock):
-    sdo = master.sdo
-    sdo[0x6060].raw = 8
-    assert sdo[0x6061].raw == 8
-    with pytest.raises(canopen.SdoAbortedError):
-        sdo[0x6060].raw = 3
-    for word in (0x06, 0x07, 0x0F):
-        sdo[0x6040].raw = word
-    master.network.send_message(0x080, b"")
-    clock.sleep_s(0.01)
-    for target in (1000, 2500, 2000, 2000):
-        sdo[0x607A].raw = target
-        master.network.send_message(0x080, b"")
-        clock.sleep_s(0.01)
-        assert abs(sdo[0x6062].raw - target) <= 25  # the ends of the ramps
 
 
 def test_block_transfer_with_another_makes_client(master):

@@ -164,7 +164,11 @@ def test_prism_constant_and_ppm_are_honoured(quiet):
     before = ask(station, 2117)[1][2]
     ask(station, 2024, 0.0175)
     assert ask(station, 2117)[1][2] - before == pytest.approx(0.0175, abs=1e-7)
+    ask(station, 17008, 2)
+    assert (ask(station, 17009)[1], ask(station, 2023)[1]) == ([2], [0.0344])
+    assert ask(station, 2117)[1][2] - before == pytest.approx(0.0344, abs=1e-7)
     ask(station, 2024, 0.0)
+    assert (ask(station, 17009)[1], ask(station, 2023)[1]) == ([2], [0.0])
     ppm_before = ask(station, 2151)[1][0]
     ask(station, 2028, 0, 900.0, 30.0, 25.0)
     assert ask(station, 2029)[1][1:] == [900.0, 30.0, 25.0]

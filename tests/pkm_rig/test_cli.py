@@ -177,3 +177,11 @@ def test_the_interim_test_passes_on_the_mock_station(run):
     done = run("interim-test")
     assert done.returncode == 0
     assert done.stdout.strip().splitlines()[-1] == "passed"
+
+
+def test_drives_that_know_where_they_are_are_not_homed(run):
+    found = json.loads(run("home", "--json").stdout)
+    assert [drive["homed"] for drive in found["drives"].values()] == [False, False]
+    done = run("home", "--again")
+    assert done.returncode == 2
+    assert "[drives.homing]" in last_line(done)

@@ -57,6 +57,19 @@ def test_a_station_too_far_aside_is_refused_before_anything_is_stored(tmp_path):
     store.close()
 
 
+def test_every_reading_tells_the_settings_that_its_distance_was_measured_with(tmp_path):
+    file, machine = short_rig_file(repeatability_limit_m=1e-9)
+    settings = {"edm_mode": "single_fast", "prism_type": "minizero", "prism_constant_m": 0.001}
+    file = file.model_copy(update={"station": file.station.model_copy(update=settings)})
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (_, rig), pytest.raises(CampaignRefused):
+        job.measure(rig, store, lambda _: None, lambda *_: None)
+    recording = store.recording(store.campaigns()[0][0])
+    told = {name: set(recording[name].tolist()) for name in ("edm_mode", "prism_type", "prism_constant_m")}
+    assert told == {"edm_mode": {3.0}, "prism_type": {8.0}, "prism_constant_m": {0.001}}
+    store.close()
+
+
 def test_the_frame_for_aiming_is_found_from_points():
     rng = np.random.default_rng(3)
     points = rng.normal(0.0, 1.0, (6, 3))

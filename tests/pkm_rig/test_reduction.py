@@ -10,7 +10,7 @@ import pytest
 from calibration.toml_file import InputError
 from pkm_rig.analysis import identify_recording, model_comparison
 from pkm_rig.figures import noise_floor
-from pkm_rig.reduction import between_good_checks, nest_shift, reduce
+from pkm_rig.reduction import between_good_checks, nest_shift, reduce, without_left_open
 from tests.pkm_rig.plant_recording import plant_of, record
 
 SIZE = {"calibration_poses": 24, "nest_every_visits": 6}
@@ -62,6 +62,18 @@ def test_a_bumped_station_takes_out_the_readings_since_the_last_good_check(recor
     assert keep[last_good & nests].all()
     assert keep[bumped["nest_check"] < total - 1].all()
     assert reduce(bumped).dropped["failed nest check"] == np.count_nonzero(~keep)
+
+
+def test_readings_whose_closing_check_was_left_out_are_none_of_a_diagnosis(recording):
+    nests = np.asarray(recording["phase"]) == "nests"
+    open_ = (recording["nest_check"] == 2) & ~nests
+    kept = ~(nests & (recording["nest_check"] == 3))
+    broken = replace(recording, columns={name: column[kept] for name, column in recording.columns.items()})
+    left = without_left_open(broken)
+    assert open_.any()
+    assert len(broken) - len(left) == np.count_nonzero(open_)
+    assert not set(recording["uid"][open_]) & set(left["uid"])
+    assert len(without_left_open(recording)) == len(recording)
 
 
 def test_one_wild_reading_is_gated_wherever_it_stands_in_its_visit():

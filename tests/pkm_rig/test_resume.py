@@ -8,12 +8,63 @@ import pytest
 from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
+from pkm_rig.further_visits import same_rig
+from pkm_rig.reduction import between_good_checks
 from pkm_rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 
 def silent(*_):
     return None
+
+
+def keys_of(recording, rows):
+    columns = (recording[name][rows] for name in ("pose", "pass", "smr"))
+    return [(int(pose), int(pass_), str(smr)) for pose, pass_, smr in zip(*columns, strict=True)]
+
+
+@pytest.mark.parametrize("when", ["in a block", "in a nest check", "in a block that a fault ends"])
+def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, when):
+    """Somebody changes the prism constant at the station's keyboard; the campaign goes on later."""
+    file, machine = short_rig_file(seed=4)
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+        station, seen = mock.tracker._station, []
+
+        def meddle(_advance, _total, what):
+            seen.append(what)
+            at, phase = (40, "nests") if "nest" in when else (50, "calibration")
+            if seen.count("calibration") == at and what == phase:
+                station.respond(b"%R1Q,2024,0:0.001")
+            if seen.count("calibration") == 53 and "fault" in when:
+                mock.drives[0].inject_fault()
+
+        complaint = "0x2310" if "fault" in when else "prism_constant_m was set to 0.0 and is now 0.001"
+        with pytest.raises(DeviceError, match=complaint):
+            job.measure(rig, store, silent, meddle)
+        campaign = store.campaigns()[0][0]
+        before = store.recording(campaign)
+        rig.drives.clear_stop()
+        rig.drives.fault_reset()
+        rig.station.connect()
+        job.measure(rig, store, silent, silent, resume=campaign)
+        after = store.recording(campaign)
+    usable = between_good_checks(after)
+    calibration = np.asarray(after["phase"]) == "calibration"
+    assert sorted(keys_of(after, calibration & usable)) == sorted(set(keys_of(after, calibration)))
+    assert len(keys_of(after, calibration & usable)) == 12 * 4 * 5
+    spoilt = np.flatnonzero(np.arange(len(before)) >= np.flatnonzero(calibration)[49] + 1)
+    assert when == "in a nest check" or spoilt.size
+    assert not (usable & calibration)[spoilt].any()
+    store.close()
+
+
+def test_other_settings_of_the_station_make_it_another_campaign():
+    then = {"machine": "m", "station": {"port": "a"}, "campaign": {}, "drives": [], "payloads": [], "nest_length": None}
+    for same in ({"port": "b"}, {"edm_mode": "single_standard", "prism_type": "mini", "prism_constant_m": 0.0}):
+        assert same_rig(then, {**then, "station": same}, adds=False)
+    for other in ({"edm_mode": "single_fast"}, {"prism_type": "round"}, {"prism_constant_m": 0.001}):
+        assert not same_rig(then, {**then, "station": other}, adds=False)
 
 
 def test_a_campaign_that_broke_off_goes_on(tmp_path):
@@ -44,11 +95,6 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
             job.measure(rig, store, silent, silent, resume=campaign)
     assert after["uid"].tolist()[: len(before)] == before["uid"].tolist()
     calibration = np.asarray(after["phase"]) == "calibration"
-    keys = [
-        (int(pose), int(pass_), str(smr))
-        for pose, pass_, smr in zip(
-            after["pose"][calibration], after["pass"][calibration], after["smr"][calibration], strict=True
-        )
-    ]
+    keys = keys_of(after, calibration)
     assert len(keys) == len(set(keys)) == 12 * 4 * 5
     store.close()

@@ -1,0 +1,59 @@
+"""A path of set-points for cyclic synchronous position mode: may the drives be led along it, and are they?
+
+A path is rows of one position a drive in metres, a row a SYNC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from drivers import cia402
+from drivers.errors import DriveFault
+from drivers.servo_drive import DriveSample, ServoDrive
+
+Row = Sequence[float]
+
+_ROUNDING = 1e-9  # share of a step by which it may be too long
+
+
+def check_path(drives: Sequence[ServoDrive], path_m: Sequence[Row], step_limit_m: float) -> None:
+    """Raise ValueError for a path that leaves a drive's software limits or has a step longer than `step_limit_m`."""
+    if not path_m or any(len(row) != len(drives) for row in path_m):
+        raise ValueError(f"a path is rows of {len(drives)} positions")
+    for drive, places_m in zip(drives, zip(*path_m, strict=True), strict=True):
+        low_m, high_m = drive.limits_m
+        for number, place_m in enumerate(places_m, start=1):
+            drive.increments(place_m)
+            if not low_m <= place_m <= high_m:
+                raise ValueError(
+                    f"{drive.name}: row {number} of the path, {place_m:.6f} m, is outside its software limits of "
+                    f"{low_m:.6f} m to {high_m:.6f} m"
+                )
+        for number, (before_m, place_m) in enumerate(pairwise(places_m), start=2):
+            if abs(place_m - before_m) > step_limit_m * (1.0 + _ROUNDING):
+                raise ValueError(
+                    f"{drive.name}: row {number} of the path is a step of {abs(place_m - before_m) * 1e3:.3f} mm, "
+                    f"the velocity limit permits {step_limit_m * 1e3:.3f} mm a period"
+                )
+
+
+def require_on_path(
+    drives: Sequence[ServoDrive], samples: Sequence[DriveSample], rows: Sequence[Row], tolerance_m: float
+) -> None:
+    """Raise DriveFault for a drive that says that it follows no targets, or whose demand is on none of these rows.
+
+    `rows` are that of the SYNC and the two before: a drive is on the one before, on that before it where it has
+    missed a target, and on the way to the last where SYNC was sent again.
+    """
+    for drive, sample, places_m in zip(drives, samples, zip(*rows, strict=True), strict=True):
+        if not sample.statusword & cia402.FOLLOWS_TARGET:
+            raise _not_led(drive, "it says that it does not follow its targets (statusword bit 12)")
+        if not min(places_m) - tolerance_m <= sample.demand_m <= max(places_m) + tolerance_m:
+            raise _not_led(
+                drive, f"its demand is {sample.demand_m:.6f} m, which is not on the path ({places_m[-1]:.6f} m)"
+            )
+
+
+def _not_led(drive: ServoDrive, what: str) -> DriveFault:
+    return DriveFault(drive.name, drive.where, what, "check limits and PDOs of the drive, then clear the stop")

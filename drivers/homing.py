@@ -1,0 +1,180 @@
+"""Homing (CiA 402, mode 6): a drive goes to its mark, or takes the place where it stands, and knows where it is."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivers import cia402, objects
+from drivers.cia402 import State
+from drivers.clock import RigClock
+from drivers.errors import DeviceError, DriveFault, MotionTimeout
+from drivers.objects import DriveObject
+
+if TYPE_CHECKING:
+    from drivers.servo_drive import ServoDrive
+
+_POLLS_ATTAINED = 3
+_FEWEST_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer
+_WHERE_IT_STANDS = (35, 37)  # methods that end as they begin: their attained bit may fall and rise between two polls
+
+
+@dataclass(frozen=True)
+class Homing:
+    """How one drive is homed: method of 0x6098, and the position that its mark has.
+
+    Times are rig time. Afterwards the drive must say that it stands within `tolerance_m` of the mark: a drive may run
+    past it while it brakes, but a home offset with the wrong sign is far off.
+    """
+
+    method: int
+    position_m: float
+    speed_m_per_s: float = 0.002
+    acceleration_m_per_s2: float = 0.1
+    limit_s: float = 60.0
+    tolerance_m: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        rates = (self.speed_m_per_s, self.acceleration_m_per_s2, self.limit_s, self.tolerance_m)
+        if not all(math.isfinite(rate) and rate > 0.0 for rate in rates):
+            raise ValueError("homing: speed, acceleration, time limit and tolerance must be positive")
+        if not -128 <= self.method <= 127:
+            raise ValueError(f"homing: there is no method {self.method}")
+
+
+class DriveHoming:
+    """One homing of one drive, its numbers converted beforehand.
+
+    `send` sends its controlwords and raises when the drives were stopped, `require_good` raises then as well, and when
+    anything is wrong with any of them. Raises ValueError for numbers that do not fit, and for a drive that cannot say
+    whether it is referenced: a homing that broke off would pass for one that went well.
+    """
+
+    def __init__(
+        self,
+        drive: ServoDrive,
+        homing: Homing,
+        send: Callable[[int], None],
+        require_good: Callable[[], None],
+        clock: RigClock,
+        poll_period_s: float,
+    ) -> None:
+        if drive.profile.referenced is None:
+            raise ValueError(f"{drive.name}: its profile does not say how to tell whether it is referenced")
+        self._drive, self._homing = drive, homing
+        self._send, self._require_good = send, require_good
+        self._clock, self._poll_period_s = clock, poll_period_s
+        self._settings = _settings(drive, homing)
+
+    def home(self) -> None:
+        """Home the drive and leave it without power, in profile position mode.
+
+        Raises DriveFault for a homing that failed, a drive that dropped out or a position that cannot be,
+        NotReferenced, MotionTimeout, and what talking raises.
+        """
+        drive, setup = self._drive, self._drive.setup()
+        for entry, value in self._settings:
+            setup.set_and_compare(entry, value)
+        drive.set_mode(cia402.HOMING)
+        drive.enable(self._send)
+        drive.distrust("its homing has not come to a good end")
+        self._run()
+        drive.disable()
+        drive.set_mode(cia402.PROFILE_POSITION)
+        self._compare_position()
+        drive.target_m = drive.sdo.read(objects.TARGET_POSITION) * drive.metres_per_increment
+        drive.trust()
+
+    def _run(self) -> None:
+        end_s = self._clock.now_s() + self._homing.limit_s
+        before = self._statusword()
+        old = bool(before & cia402.HOMING_ATTAINED) and self._homing.method not in _WHERE_IT_STANDS
+        begun, attained, polls = False, 0, 0
+        while attained < _POLLS_ATTAINED:
+            if not begun:
+                self._send(cia402.START_HOMING)  # again: only the edge of bit 4 counts, and a frame may be lost
+            self._clock.sleep_s(self._poll_period_s)
+            word = self._statusword()
+            if word & cia402.HOMING_ERROR:
+                raise self._drive.fault("homing failed")
+            begun = begun or not word & cia402.TARGET_REACHED
+            old = old and bool(word & cia402.HOMING_ATTAINED)  # what the homing before has left must fall first
+            done = not old and word & cia402.TARGET_REACHED and word & cia402.HOMING_ATTAINED
+            attained = attained + 1 if done else 0
+            polls += 1
+            if not done and polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
+                raise MotionTimeout(
+                    self._drive.name,
+                    self._drive.where,
+                    f"not homed in {self._homing.limit_s:g} s",
+                    "check method, speed and what marks its home",
+                )
+
+    def _statusword(self) -> int:
+        """The statusword of a drive that is still enabled: nothing may be sent that would enable it again."""
+        self._require_good()
+        word = self._drive.sdo.read(objects.STATUSWORD)
+        state = cia402.state_of(word)
+        if state is not State.OPERATION_ENABLED:
+            self._require_good()  # raises where it was stopped: that is the cause then
+            raise self._drive.fault(f"homing ended in {state.value}")
+        return word
+
+    def _compare_position(self) -> None:
+        drive, wanted_m = self._drive, self._homing.position_m
+        found_m = drive.position_actual_m()
+        if abs(found_m - wanted_m) <= self._homing.tolerance_m:
+            return
+        left = "" if self._lose_reference() else " and goes on saying that it is referenced"
+        raise DriveFault(
+            drive.name,
+            drive.where,
+            f"after homing it stands at {found_m:.6f} m, not at {wanted_m:.6f} m{left}",
+            "check home offset and its sign (profile), then `pkm-rig home --rig RIG.toml --again` before it moves",
+        )
+
+    def _lose_reference(self) -> bool:
+        """Begin homing again and break it off, after which a drive knows no more where it is; whether it says so.
+
+        Not where it would only take the place where it stands once more.
+        """
+        drive = self._drive
+        with suppress(DeviceError):
+            try:
+                if self._homing.method not in _WHERE_IT_STANDS:
+                    drive.set_mode(cia402.HOMING)
+                    drive.enable(self._send)
+                    self._send(cia402.START_HOMING)
+                    self._clock.sleep_s(self._poll_period_s)
+            finally:
+                drive.disable()
+            drive.set_mode(cia402.PROFILE_POSITION)
+            return not drive.setup().is_referenced()
+        return False
+
+
+def _settings(drive: ServoDrive, homing: Homing) -> list[tuple[DriveObject, int]]:
+    """What is written before homing, in increments. Raises ValueError for what an object cannot hold."""
+
+    def increments(value: float) -> int:
+        return max(1, round(value / drive.metres_per_increment))
+
+    speed = increments(homing.speed_m_per_s)
+    settings = [
+        (objects.HOMING_METHOD, homing.method),
+        (objects.HOME_OFFSET, drive.profile.home_offset_sign * drive.increments(homing.position_m)),
+        (objects.HOMING_SPEED_SWITCH, speed),
+        (objects.HOMING_SPEED_ZERO, speed),
+        (objects.HOMING_ACCELERATION, increments(homing.acceleration_m_per_s2)),
+    ]
+    for entry, value in settings:
+        try:
+            struct.pack(entry.format, value)
+        except struct.error as error:
+            raise ValueError(f"{drive.name}: {entry}: {value} increments do not fit") from error
+    return settings

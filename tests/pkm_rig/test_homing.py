@@ -1,0 +1,124 @@
+"""Drives that have lost their reference: refused by every command, homed on request, interlocked like any motion."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from calibration.toml_file import InputError
+from drivers.errors import DeviceError, InterlockOpen, NotReferenced
+from drivers.homing import Homing
+from pkm_rig import homing
+from pkm_rig.config import HomingEntry, embedded_rig_path, load_rig
+from pkm_rig.connection import connected
+from pkm_rig.further_visits import same_rig
+from pkm_rig.mock_rig import embedded
+from tests.pkm_rig.conftest import short_rig_file
+
+INDEX_M = 1.12  # the next one above where the mock machine is parked
+
+
+@contextmanager
+def lost(*, told=True, for_homing=True):
+    """A mock rig whose drives wake up without a reference; `told`: its rig file says how to home them."""
+    file, machine = short_rig_file()
+    how = HomingEntry(method=34, position_m=INDEX_M, speed_m_per_s=0.001) if told else None
+    drives = tuple(drive.model_copy(update={"homing": how}) for drive in file.drives)
+    mock_section = file.mock.model_copy(update={"encoders": "incremental"})
+    file = file.model_copy(update={"drives": drives, "mock": mock_section})
+    with (
+        embedded(file, embedded_rig_path()) as mock,
+        mock.clock.activity(),
+        connected(mock.file, machine, mock.clock, mock.bus_factory, homing=for_homing) as rig,
+    ):
+        yield mock.mock, rig
+
+
+def test_other_commands_refuse_such_drives():
+    with pytest.raises(NotReferenced, match="left"), lost(for_homing=False):
+        pass
+    with lost() as (_, rig), pytest.raises(NotReferenced):
+        rig.enable()
+
+
+def test_they_are_homed_and_then_stand_where_the_rig_file_says():
+    with lost() as (mock, rig):
+        found = homing.run(rig)
+        assert found["compensation_switched_off"]
+        for name in ("left", "right"):
+            assert found["drives"][name]["homed"]
+            assert found["drives"][name]["position_m"] == pytest.approx(INDEX_M, abs=1e-7)
+        now_s = rig.clock.now_s()
+        np.testing.assert_allclose([drive.encoder_m(now_s) for drive in mock.drives], INDEX_M, atol=1e-7)
+        assert not any(drive.axis.powered for drive in mock.drives)
+        assert not any(drive["homed"] for drive in homing.run(rig)["drives"].values())
+        rig.enable()
+        rig.move(np.array([1.115, 1.115]), 0.1)
+        np.testing.assert_allclose(rig.positions_m(), 1.115, atol=1e-7)
+
+
+def test_a_rig_file_that_does_not_say_how_moves_nothing():
+    with lost(told=False) as (mock, rig):
+        before = [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives]
+        with pytest.raises(InputError, match=r"left is to be homed and has no \[drives.homing\]"):
+            homing.run(rig)
+        assert [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives] == before
+
+
+def test_a_rig_file_whose_homing_cannot_be_is_refused(tmp_path):
+    text = embedded_rig_path().read_text()
+
+    def with_homing(position, profile="pkm-mock"):
+        path = tmp_path / "rig.toml"
+        section = f"[drives.homing]\nmethod = 34\nposition_m = {position}\n"
+        before, left, right = text.replace("node_id", f'profile = "{profile}"\nnode_id').split("[[drives]]")
+        path.write_text("[[drives]]".join([before, left + section, right]))
+        return path
+
+    assert load_rig(with_homing(INDEX_M))[0].drives[0].homing == HomingEntry(method=34, position_m=INDEX_M)
+    with pytest.raises(InputError, match=r"left: homing.position_m = 1120 is outside the machine's travel of"):
+        load_rig(with_homing(1120))
+    with pytest.raises(InputError, match=r"left: \[drives.homing\] needs a profile with \[referenced\]"):
+        load_rig(with_homing(INDEX_M, "plain-402"))
+
+
+def test_the_defaults_are_those_of_the_driver():
+    entry = HomingEntry(method=34, position_m=INDEX_M)
+    assert Homing(**entry.model_dump()) == Homing(34, INDEX_M)
+
+
+def test_a_drive_that_stands_where_the_machine_cannot_is_refused_and_homed_on_request():
+    with lost() as (mock, rig):
+        drive = rig.drives.drives[0]
+        mock.drives[0].axis.homing.referenced = True  # counting from zero, outside the travel
+        with pytest.raises(NotReferenced, match=r"left .*stands at 0.000000 m, outside its travel"):
+            drive.connect()
+        assert homing.run(rig)["drives"]["left"]["homed"]
+        drive.connect()
+
+
+def test_an_open_interlock_stops_it_and_one_that_is_open_forbids_it():
+    with lost() as (mock, rig):
+        rig.clock.call_at(rig.clock.now_s() + 0.5, lambda: mock.plc.set_interlock(0, False))
+        with pytest.raises(DeviceError):
+            homing.run(rig)
+        assert isinstance(rig.supervisor.trip, InterlockOpen)
+        assert not rig.drives.drives[0].referenced
+        assert not any(drive.is_moving(rig.clock.now_s() + 0.1) for drive in mock.drives)
+        with pytest.raises(InterlockOpen):
+            homing.run(rig)
+
+
+def test_how_drives_are_homed_does_not_make_a_campaign_another_one():
+    then = {
+        "machine": "m",
+        "station": {},
+        "campaign": {},
+        "drives": [{"name": "a"}],
+        "payloads": [],
+        "nest_length": None,
+    }
+    assert same_rig(then, {**then, "drives": [{"name": "a", "homing": {"method": 37}}]}, adds=False)
+    assert not same_rig(then, {**then, "drives": [{"name": "b", "homing": None}]}, adds=False)

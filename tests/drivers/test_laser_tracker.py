@@ -35,14 +35,17 @@ CONNECT = [
     (b"%R1Q,5003,4:", b"%R1P,0,4:0,360001\r\n"),
     (b"%R1Q,5034,5:", b"%R1P,0,5:0,2,20,0\r\n"),
     (b"%R1Q,110,6:", b"%R1P,0,6:0,3,1,0\r\n"),
-    (b"%R1Q,2020,7:2", b"%R1P,0,7:0\r\n"),
-    (b"%R1Q,2021,8:", b"%R1P,0,8:0,2\r\n"),
-    (b"%R1Q,17008,9:1", b"%R1P,0,9:0\r\n"),
-    (b"%R1Q,2024,10:0.0", b"%R1P,0,10:0\r\n"),
-    (b"%R1Q,17009,11:", b"%R1P,0,11:0,1\r\n"),
-    (b"%R1Q,2023,12:", b"%R1P,0,12:0,0.0\r\n"),
-    (b"%R1Q,2029,13:", b"%R1P,0,13:0,0.000000658,1013.25,12.0,8.0\r\n"),
-    (b"%R1Q,2151,14:", b"%R1P,3081,14:0\r\n"),
+    (b"%R1Q,2021,7:", b"%R1P,0,7:0,2\r\n"),
+    (b"%R1Q,17009,8:", b"%R1P,0,8:0,0\r\n"),
+    (b"%R1Q,2023,9:", b"%R1P,0,9:0,0.0\r\n"),
+    (b"%R1Q,2020,10:2", b"%R1P,0,10:0\r\n"),
+    (b"%R1Q,2021,11:", b"%R1P,0,11:0,2\r\n"),
+    (b"%R1Q,17008,12:1", b"%R1P,0,12:0\r\n"),
+    (b"%R1Q,2024,13:0.0", b"%R1P,0,13:0\r\n"),
+    (b"%R1Q,17009,14:", b"%R1P,0,14:0,1\r\n"),
+    (b"%R1Q,2023,15:", b"%R1P,0,15:0,0.0\r\n"),
+    (b"%R1Q,2029,16:", b"%R1P,0,16:0,0.000000658,1013.25,12.0,8.0\r\n"),
+    (b"%R1Q,2151,17:", b"%R1P,3081,17:0\r\n"),
 ]
 
 
@@ -94,6 +97,14 @@ def test_connect_reads_back_what_it_sets(make: Make) -> None:
     port.finished()
 
 
+@pytest.mark.parametrize(("prism", "constant", "same"), [(1, "0.0", True), (0, "0.0", False), (1, "0.0175", False)])
+def test_settings_that_a_station_had_before_are_told(make: Make, prism: int, constant: str, same: bool) -> None:
+    tracker, port = make([*CONNECT[:7], *_settings(7, prism=prism, constant=constant), *CONNECT[10:]])
+    tracker.connect()
+    assert tracker.found_as_given is same
+    port.finished()
+
+
 def test_another_serial_number(make: Make) -> None:
     tracker, _ = make(CONNECT, expected_serial=1)
     with pytest.raises(IdentityMismatch, match="360001"):
@@ -121,7 +132,7 @@ def test_not_connected() -> None:
 
 
 def test_measure(make: Make) -> None:
-    tracker, port = make([*CONNECT, *_reading(15), *_reading(17, d="3.002", code=1284)])
+    tracker, port = make([*CONNECT, *_reading(18), *_reading(20, d="3.002", code=1284)])
     tracker.connect()
     first, second = tracker.measure(2)
     assert (first.hz_rad, first.v_rad, first.slope_distance_m, first.face) == (0.5, 1.5, 3.0, 1)
@@ -134,8 +145,8 @@ def test_measure(make: Make) -> None:
 
 
 def test_a_lost_reading_is_fetched_again_not_measured_again(make: Make) -> None:
-    lost = [(b"%R1Q,2008,15:1,1", b"%R1P,0,15:0\r\n"), (b"%R1Q,2167,16:5000,1", b"")]
-    again = [(b"%R1Q,2167,17:5000,1", b"%R1P,0,17:0,0.5,1.5,0,0,0,0,3.0,0\r\n")]
+    lost = [(b"%R1Q,2008,18:1,1", b"%R1P,0,18:0\r\n"), (b"%R1Q,2167,19:5000,1", b"")]
+    again = [(b"%R1Q,2167,20:5000,1", b"%R1P,0,20:0,0.5,1.5,0,0,0,0,3.0,0\r\n")]
     tracker, port = make([*CONNECT, *lost, *again], 0.2)
     tracker.connect()
     assert tracker.measure()[0].slope_distance_m == 3.0
@@ -144,7 +155,7 @@ def test_a_lost_reading_is_fetched_again_not_measured_again(make: Make) -> None:
 
 @pytest.mark.parametrize(("code", "kind"), [(1285, AngleOnly), (1292, SignalError), (1294, SignalError)])
 def test_no_distance(make: Make, code: int, kind: type[Exception]) -> None:
-    tracker, _ = make([*CONNECT, *_reading(15, d="0.0", code=code)])
+    tracker, _ = make([*CONNECT, *_reading(18, d="0.0", code=code)])
     tracker.connect()
     with pytest.raises(kind):
         tracker.measure()
@@ -152,16 +163,16 @@ def test_no_distance(make: Make, code: int, kind: type[Exception]) -> None:
 
 @pytest.mark.parametrize("bad", [{"d": "nan"}, {"d": "-1.0"}, {"d": "1e9"}, {"hz": "inf"}, {"v": "77"}])
 def test_values_that_cannot_be(make: Make, bad: dict[str, str]) -> None:
-    tracker, _ = make([*CONNECT, *_reading(15, **bad)])  # type: ignore[arg-type]
+    tracker, _ = make([*CONNECT, *_reading(18, **bad)])  # type: ignore[arg-type]
     tracker.connect()
     with pytest.raises(ProtocolError, match="cannot be"):
         tracker.measure()
 
 
 def test_two_faces(make: Make) -> None:
-    other = _reading(21, hz=repr(0.5 + math.pi), v=repr(2 * math.pi - 1.5))
-    change = [_face(17, 0), (b"%R1Q,9028,18:0,0,0", b"%R1P,0,18:0\r\n"), _face(19, 1), _fine_adjust(20)]
-    tracker, port = make([*CONNECT, *_reading(15), *change, *other])
+    other = _reading(24, hz=repr(0.5 + math.pi), v=repr(2 * math.pi - 1.5))
+    change = [_face(20, 0), (b"%R1Q,9028,21:0,0,0", b"%R1P,0,21:0\r\n"), _face(22, 1), _fine_adjust(23)]
+    tracker, port = make([*CONNECT, *_reading(18), *change, *other])
     tracker.connect()
     readings = tracker.measure(1, two_face=True)
     assert [r.face for r in readings] == [1, 2]
@@ -172,7 +183,7 @@ def test_two_faces(make: Make) -> None:
 
 def test_settling(make: Make) -> None:
     distances = ["3.0", "3.001", "3.0011", "3.0011"]
-    script = [step for i, d in enumerate(distances) for step in _reading(15 + 2 * i, d=d)]
+    script = [step for i, d in enumerate(distances) for step in _reading(18 + 2 * i, d=d)]
     tracker, port = make([*CONNECT, *script])
     tracker.connect()
     readings = tracker.measure(2, settle=SettleCriterion(window=2, along_m=1e-6, limit_s=1e9))
@@ -181,19 +192,19 @@ def test_settling(make: Make) -> None:
 
 
 def test_never_settling(make: Make) -> None:
-    tracker, _ = make([*CONNECT, *_reading(15), *_reading(17, d="3.1")])
+    tracker, _ = make([*CONNECT, *_reading(18), *_reading(20, d="3.1")])
     tracker.connect()
     with pytest.raises(NotSettled, match="um along"):
         tracker.measure(1, settle=SettleCriterion(window=2, limit_s=0.0))
 
 
 def test_atmosphere(make: Make) -> None:
-    taken = b"%R1P,0,16:0,0.000000658,990.0,21.0,14.6796\r\n"
+    taken = b"%R1P,0,19:0,0.000000658,990.0,21.0,14.6796\r\n"
     tracker, _ = make(
         [
             *CONNECT,
-            (b"%R1Q,2028,15:0.000000658,990.0,21.0,14.608669444089756", b"%R1P,0,15:0\r\n"),
-            (b"%R1Q,2029,16:", taken),
+            (b"%R1Q,2028,18:0.000000658,990.0,21.0,14.608669444089756", b"%R1P,0,18:0\r\n"),
+            (b"%R1Q,2029,19:", taken),
         ]
     )
     tracker.connect()
@@ -205,8 +216,8 @@ def test_atmosphere(make: Make) -> None:
 
 def test_aiming_sends_the_direction(make: Make) -> None:
     aim = [
-        (b"%R1Q,9027,15:0.5,1.5,0,0,0", b"%R1P,0,15:0\r\n"),
-        (b"%R1Q,9037,16:0.02,0.02,0", b"%R1P,0,16:0\r\n"),
+        (b"%R1Q,9027,18:0.5,1.5,0,0,0", b"%R1P,0,18:0\r\n"),
+        (b"%R1Q,9037,19:0.02,0.02,0", b"%R1P,0,19:0\r\n"),
     ]
     tracker, port = make([*CONNECT, *aim])
     tracker.connect()
@@ -218,7 +229,7 @@ CHANGE = b"%R1Q,9028,"
 
 
 def test_a_face_change_whose_answer_is_lost_is_not_made_twice(make: Make) -> None:
-    script = [_face(15, 0), (CHANGE + b"16:0,0,0", b""), _face(17, 1), _face(18, 1), _fine_adjust(19)]
+    script = [_face(18, 0), (CHANGE + b"19:0,0,0", b""), _face(20, 1), _face(21, 1), _fine_adjust(22)]
     tracker, port = make([*CONNECT, *script], 0.2)
     tracker.connect()
     tracker.change_face()
@@ -226,8 +237,8 @@ def test_a_face_change_whose_answer_is_lost_is_not_made_twice(make: Make) -> Non
 
 
 def test_a_face_change_that_was_not_understood_is_asked_for_again(make: Make) -> None:
-    refused = (CHANGE + b"16:0,0,0", b"%R1P,3101,16:0\r\n")
-    script = [_face(15, 0), refused, (CHANGE + b"17:0,0,0", b"%R1P,0,17:0\r\n"), _face(18, 1), _fine_adjust(19)]
+    refused = (CHANGE + b"19:0,0,0", b"%R1P,3101,19:0\r\n")
+    script = [_face(18, 0), refused, (CHANGE + b"20:0,0,0", b"%R1P,0,20:0\r\n"), _face(21, 1), _fine_adjust(22)]
     tracker, port = make([*CONNECT, *script])
     tracker.connect()
     tracker.change_face()
@@ -235,7 +246,7 @@ def test_a_face_change_that_was_not_understood_is_asked_for_again(make: Make) ->
 
 
 def test_a_face_that_stays(make: Make) -> None:
-    script = [_face(15, 0), (CHANGE + b"16:0,0,0", b"%R1P,0,16:0\r\n"), _face(17, 0)]
+    script = [_face(18, 0), (CHANGE + b"19:0,0,0", b"%R1P,0,19:0\r\n"), _face(20, 0)]
     tracker, _ = make([*CONNECT, *script])
     tracker.connect()
     with pytest.raises(ProtocolError, match="did not change"):
@@ -245,11 +256,11 @@ def test_a_face_that_stays(make: Make) -> None:
 def test_a_station_without_checksums_has_each_value_fetched_twice(make: Make) -> None:
     bare = [(b"%%R1Q,0,%d:" % n, NO_CHECKSUM + b"%%R1P,0,%d:0\r\n" % n) for n in range(6)]
     rest = [(_counted(line, 5), _counted(answer, 5)) for line, answer in CONNECT[1:]]
-    fetch = (b"%R1Q,2167,21:5000,1", b"%R1P,0,21:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
-    again = (b"%R1Q,2167,22:5000,1", b"%R1P,0,22:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
-    other = (b"%R1Q,2167,25:5000,1", b"%R1P,0,25:0,0.5,1.5,0,0,0,0,8.0,0\r\n")
-    start = [(b"%%R1Q,2008,%d:1,1" % n, b"%%R1P,0,%d:0\r\n" % n) for n in (20, 23)]
-    spoilt = (b"%R1Q,2167,24:5000,1", b"%R1P,0,24:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
+    fetch = (b"%R1Q,2167,24:5000,1", b"%R1P,0,24:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
+    again = (b"%R1Q,2167,25:5000,1", b"%R1P,0,25:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
+    other = (b"%R1Q,2167,28:5000,1", b"%R1P,0,28:0,0.5,1.5,0,0,0,0,8.0,0\r\n")
+    start = [(b"%%R1Q,2008,%d:1,1" % n, b"%%R1P,0,%d:0\r\n" % n) for n in (23, 26)]
+    spoilt = (b"%R1Q,2167,27:5000,1", b"%R1P,0,27:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
     tracker, port = make([*bare, *rest, start[0], fetch, again, start[1], spoilt, other])
     tracker.connect()
     assert not tracker.checked
@@ -266,12 +277,12 @@ def _counted(line: bytes, more: int) -> bytes:
 
 def test_search_and_lock(make: Make) -> None:
     script = [
-        (b"%R1Q,9029,15:0.1,0.1,0", b"%R1P,0,15:0\r\n"),
-        (b"%R1Q,18007,16:1", b"%R1P,0,16:0\r\n"),
-        (b"%R1Q,9013,17:", b"%R1P,0,17:0\r\n"),
-        (b"%R1Q,6021,18:", b"%R1P,0,18:0,1\r\n"),
-        (b"%R1Q,6021,19:", b"%R1P,0,19:0,2\r\n"),
-        (b"%R1Q,18007,20:0", b"%R1P,0,20:0\r\n"),
+        (b"%R1Q,9029,18:0.1,0.1,0", b"%R1P,0,18:0\r\n"),
+        (b"%R1Q,18007,19:1", b"%R1P,0,19:0\r\n"),
+        (b"%R1Q,9013,20:", b"%R1P,0,20:0\r\n"),
+        (b"%R1Q,6021,21:", b"%R1P,0,21:0,1\r\n"),
+        (b"%R1Q,6021,22:", b"%R1P,0,22:0,2\r\n"),
+        (b"%R1Q,18007,23:0", b"%R1P,0,23:0\r\n"),
     ]
     tracker, port = make([*CONNECT, *script])
     tracker.connect()
@@ -285,13 +296,13 @@ def test_search_and_lock(make: Make) -> None:
 
 def test_a_lost_lock_is_found_again_where_the_reflector_is_predicted(make: Make) -> None:
     script = [
-        (b"%R1Q,6021,15:", b"%R1P,0,15:0,1\r\n"),
-        (b"%R1Q,6021,16:", b"%R1P,0,16:0,0\r\n"),
-        (b"%R1Q,9027,17:0.5,1.5,0,0,0", b"%R1P,0,17:0\r\n"),
-        _fine_adjust(18),
-        (b"%R1Q,18007,19:1", b"%R1P,0,19:0\r\n"),
-        (b"%R1Q,9013,20:", b"%R1P,0,20:0\r\n"),
-        (b"%R1Q,6021,21:", b"%R1P,0,21:0,1\r\n"),
+        (b"%R1Q,6021,18:", b"%R1P,0,18:0,1\r\n"),
+        (b"%R1Q,6021,19:", b"%R1P,0,19:0,0\r\n"),
+        (b"%R1Q,9027,20:0.5,1.5,0,0,0", b"%R1P,0,20:0\r\n"),
+        _fine_adjust(21),
+        (b"%R1Q,18007,22:1", b"%R1P,0,22:0\r\n"),
+        (b"%R1Q,9013,23:", b"%R1P,0,23:0\r\n"),
+        (b"%R1Q,6021,24:", b"%R1P,0,24:0,1\r\n"),
     ]
     tracker, port = make([*CONNECT, *script])
     tracker.connect()
@@ -301,7 +312,7 @@ def test_a_lost_lock_is_found_again_where_the_reflector_is_predicted(make: Make)
 
 
 def test_no_lock_is_a_typed_error(make: Make) -> None:
-    script = [(b"%R1Q,18007,15:1", b"%R1P,0,15:0\r\n"), (b"%R1Q,9013,16:", b"%R1P,0,16:8725\r\n")]
+    script = [(b"%R1Q,18007,18:1", b"%R1P,0,18:0\r\n"), (b"%R1Q,9013,19:", b"%R1P,0,19:8725\r\n")]
     tracker, _ = make([*CONNECT, *script])
     tracker.connect()
     with pytest.raises(LockLost, match="8725"):
@@ -310,8 +321,8 @@ def test_no_lock_is_a_typed_error(make: Make) -> None:
 
 def test_a_simple_measurement(make: Make) -> None:
     script = [
-        (b"%R1Q,2008,15:1,1", b"%R1P,0,15:0\r\n"),
-        (b"%R1Q,2108,16:5000,1", b"%R1P,0,16:1283,0.5,1.5,3.0\r\n"),
+        (b"%R1Q,2008,18:1,1", b"%R1P,0,18:0\r\n"),
+        (b"%R1Q,2108,19:5000,1", b"%R1P,0,19:1283,0.5,1.5,3.0\r\n"),
     ]
     tracker, _ = make([*CONNECT, *script])
     tracker.connect()
@@ -337,7 +348,7 @@ def _settings(n: int, mode: int = 2, prism: int = 1, constant: str = "0.0") -> l
     ],
 )
 def test_settings_that_somebody_changes_at_the_station_are_noticed(make: Make, changed: dict, complaint: str) -> None:
-    tracker, port = make([*CONNECT, *_settings(15), *_settings(18, **changed)])
+    tracker, port = make([*CONNECT, *_settings(18), *_settings(21, **changed)])
     tracker.connect()
     tracker.require_settings()
     with pytest.raises(SettingsChanged, match=complaint):
@@ -351,13 +362,13 @@ def test_air_that_somebody_changes_at_the_station_is_noticed(make: Make) -> None
         return (b"%%R1Q,2029,%d:" % n, b"%%R1P,0,%d:0,0.000000658,990.0,%s,%s\r\n" % (n, dry.encode(), wet.encode()))
 
     script = [
-        (b"%R1Q,2028,15:0.000000658,990.0,21.0,14.608669444089756", b"%R1P,0,15:0\r\n"),
-        air(16, "21.0"),
-        (b"%R1Q,2151,17:", b"%R1P,0,17:0,7.0\r\n"),
-        *_settings(18),
-        air(21, "21.0"),
-        *_settings(22),
-        air(25, "23.0"),
+        (b"%R1Q,2028,18:0.000000658,990.0,21.0,14.608669444089756", b"%R1P,0,18:0\r\n"),
+        air(19, "21.0"),
+        (b"%R1Q,2151,20:", b"%R1P,0,20:0,7.0\r\n"),
+        *_settings(21),
+        air(24, "21.0"),
+        *_settings(25),
+        air(28, "23.0"),
     ]
     tracker, port = make([*CONNECT, *script])
     tracker.connect()
@@ -369,14 +380,14 @@ def test_air_that_somebody_changes_at_the_station_is_noticed(make: Make) -> None
 
 
 def test_a_prism_type_that_the_constant_brings_with_it_is_seen(make: Make) -> None:
-    changed = (b"%R1Q,17009,11:", b"%R1P,0,11:0,9\r\n")
-    tracker, _ = make([*CONNECT[:11], changed, *CONNECT[12:]])
+    changed = (b"%R1Q,17009,14:", b"%R1P,0,14:0,9\r\n")
+    tracker, _ = make([*CONNECT[:14], changed, *CONNECT[15:]])
     with pytest.raises(ProtocolError, match="prism type: mini was set, user is read back"):
         tracker.connect()
 
 
 def test_another_reflector_than_the_predicted_one(make: Make) -> None:
-    tracker, _ = make([*CONNECT, *_reading(15)])
+    tracker, _ = make([*CONNECT, *_reading(18)])
     tracker.connect()
     reading = tracker.measure()[0]
     here_m = polar_to_cartesian(0.5, 1.5, 3.0)
@@ -386,9 +397,9 @@ def test_another_reflector_than_the_predicted_one(make: Make) -> None:
 
 
 def test_a_late_answer_of_the_session_before_is_dropped(make: Make) -> None:
-    again = [(_counted(line, 16), _counted(answer, 16)) for line, answer in CONNECT]
-    late = (b"%R1Q,2026,15:", b"")
-    again[0] = (again[0][0], b"%R1P,0,15:0,1\r\n" + again[0][1])
+    again = [(_counted(line, 19), _counted(answer, 19)) for line, answer in CONNECT]
+    late = (b"%R1Q,2026,18:", b"")
+    again[0] = (again[0][0], b"%R1P,0,18:0,1\r\n" + again[0][1])
     tracker, port = make([*CONNECT, late, *again], 0.3)
     tracker.connect()
     session = tracker._open()

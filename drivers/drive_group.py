@@ -116,7 +116,7 @@ class DriveGroup:
         """
         self._raise_if_stopped()
         for drive in self.drives:
-            drive.read_reference()
+            drive.reference.read()
         try:
             for drive in self.drives:
                 drive.check()
@@ -142,7 +142,7 @@ class DriveGroup:
         """Acknowledge the faults of all drives and ask which are still referenced. Raises DriveFault if one stays."""
         for drive in self.drives:
             drive.fault_reset()
-            drive.ask_reference()
+            drive.reference.ask()
 
     def home(self, homings: Sequence[Homing | None]) -> None:
         """Home drives one after the other, leaving out where there is None; the others stand without power meanwhile.
@@ -201,7 +201,7 @@ class DriveGroup:
             self._raise_if_stopped()
             for drive in self.drives:
                 drive.check()
-                drive.require_reference()
+                drive.reference.require()
                 drive.require_mode(cia402.PROFILE_POSITION)
             # Twice: a drive takes its partner's command from the SYNC before.
             self.sample()
@@ -237,7 +237,7 @@ class DriveGroup:
         with self._one_move():
             self._raise_if_stopped()
             for drive in self.drives:
-                drive.require_reference()
+                drive.reference.require()
                 drive.require_mode(cia402.CYCLIC_POSITION)
             period_s = self.drives[0].sync_period_s
             if any(drive.sync_period_s != period_s for drive in self.drives):

@@ -82,13 +82,13 @@ class DriveHoming:
             setup.set_and_compare(entry, value)
         drive.set_mode(cia402.HOMING)
         drive.enable(self._send)
-        drive.distrust("its homing has not come to a good end")
+        drive.reference.distrust("its homing has not come to a good end")
         self._run()
         drive.disable()
         drive.set_mode(cia402.PROFILE_POSITION)
         self._compare_position()
         drive.target_m = drive.sdo.read(objects.TARGET_POSITION) * drive.metres_per_increment
-        drive.trust()
+        drive.reference.trust()
 
     def _run(self) -> None:
         end_s = self._clock.now_s() + self._homing.limit_s

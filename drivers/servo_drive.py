@@ -15,15 +15,15 @@ from drivers.clock import HostClock, RigClock
 from drivers.drive_profile import DriveProfile, load_profile
 from drivers.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
 from drivers.drive_setup import DriveSetup
-from drivers.errors import DriveFault, MotionTimeout, NotReferenced, StaleData
+from drivers.errors import DriveFault, MotionTimeout, StaleData
 from drivers.objects import DriveObject
+from drivers.reference import Reference
 from drivers.sdo import SdoAccess
 
 __all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Heartbeat", "ServoDrive"]
 
 _OPERATIONAL = 5
 _FEWEST_POLLS = 10  # however fast rig time runs
-_BEYOND_M = 1e-3  # how far a drive that was stopped may stand outside its travel
 _TPDO1 = struct.Struct("<Hih")
 _TPDO2 = struct.Struct("<ii")
 _EMERGENCY = struct.Struct("<HB")
@@ -73,8 +73,7 @@ class ServoDrive:
         self.emergencies: deque[Emergency] = deque(maxlen=100)
         self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
-        self.referenced = False
-        self._distrusted: str | None = None
+        self.reference = Reference(self)
         self.mode: int | None = None
         self.sync_period_s = math.nan
         self.tpdo_counts = [0, 0]
@@ -120,10 +119,10 @@ class ServoDrive:
         setup.compare_factors(self.expected)
         setup.set_pdos(self._partner_node_id)
         self._read_limits()
-        self._distrust_outside_travel()
-        self.ask_reference()
+        self.reference.distrust_outside_travel()
+        self.reference.ask()
         if not unreferenced:
-            self.require_reference()
+            self.reference.require()
         setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
         if self._master_node_id is not None:
             setup.watch_master(self._master_node_id, self._master_lost_ms)
@@ -189,45 +188,6 @@ class ServoDrive:
         low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
         if low < high:
             self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
-
-    def _distrust_outside_travel(self) -> None:
-        """A reference by which the drive stands outside its software limits or its travel cannot be right."""
-        low_m, high_m = (
-            max(self.limits_m[0], self.expected.travel_m[0]),
-            min(self.limits_m[1], self.expected.travel_m[1]),
-        )
-        stands_m = self.position_actual_m()
-        if not low_m - _BEYOND_M <= stands_m <= high_m + _BEYOND_M:
-            self.distrust(f"it stands at {stands_m:.6f} m, outside its travel of {low_m:.6f} m to {high_m:.6f} m")
-
-    def ask_reference(self) -> None:
-        """Ask the drive whether its position is referenced; one that is distrusted is not."""
-        self.referenced = self.setup().is_referenced() and self._distrusted is None
-
-    def read_reference(self) -> None:
-        """The same. Raises NotReferenced."""
-        self.ask_reference()
-        self.require_reference()
-
-    def require_reference(self) -> None:
-        """Raise NotReferenced if the position was not referenced when last asked."""
-        if not self.referenced:
-            remedy = "home the drive (pkm-rig home --rig RIG.toml)"
-            if self.profile.referenced is None:
-                remedy = "set its zero by its own means, or correct the travel in the machine file"
-            what = "the position is not referenced"
-            raise NotReferenced(
-                self.name, self.where, f"{what}: {self._distrusted}" if self._distrusted else what, remedy
-            )
-
-    def distrust(self, why: str) -> None:
-        """Take the drive for not referenced, whatever it says, until it is trusted again."""
-        self._distrusted, self.referenced = why, False
-
-    def trust(self) -> None:
-        """Homing has ended where it should: believe what the drive says. Raises NotReferenced."""
-        self._distrusted = None
-        self.read_reference()
 
     def unwatch_master(self) -> None:
         """Have the drive watch the master no more: it is about to leave."""

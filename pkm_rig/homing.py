@@ -17,7 +17,7 @@ def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
     anything moves, where the rig file does not say how; raises what a motion raises.
     """
     homings = [
-        _homing(rig, number) if again or not drive.referenced else None
+        _homing(rig, number) if again or not drive.reference.holds else None
         for number, drive in enumerate(rig.drives.drives)
     ]
     if any(homings):

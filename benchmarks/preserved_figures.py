@@ -1,0 +1,259 @@
+"""Figures that no change of layout, names or craft may move: written once, compared after every such change.
+
+Ten recordings straight from the mock plant are reduced, identified, turned into tables and diagnosed; three mock rigs
+go through the main job. A figure that has an uncertainty may move by 1e-9 of it, a probability by 1e-9, any other
+number by 1e-9 of itself; the bytes of tables may not change.
+
+    python -m benchmarks.preserved_figures [--without-rigs]     compares; status 1 names what has moved
+    python -m benchmarks.preserved_figures --write              once; refused where the file is there
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import io
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries start
+from benchmarks.demo_check import run_seed
+from calibration.compensation import CompensationTable, predict_poses
+from calibration.gap.diagnosis import diagnose
+from calibration.machine import load_machine, shipped_machine
+from calibration.recording import Recording
+from calibration.recording_header import RecordingFile
+from drivers.table_image import TableImage, encode_table, machine_id_of
+from mock_devices.campaign_design import DesignOptions, draw_design
+from mock_devices.effects import EffectChoice
+from mock_devices.machine_file import read_machine_file
+from mock_devices.recording_maker import make_recording
+from mock_devices.settings import MockSettings
+from pkm_rig.analysis import Calibration, identify_recording, pose_u
+from pkm_rig.calibrate import identified_summary
+from pkm_rig.diagnosis_output import diagnosis_json
+from pkm_rig.session import one_core, open_store
+
+FILE = Path(__file__).parent / "preserved" / "figures.npz"
+RELATIVE = 1e-9
+RIGS = (1, 2, 3)
+KEPT_EVENTS = ("identified", "activated", "accepted", "refused", "diagnosed")
+NOT_FIGURES = ("host_s", "polls", "campaign")  # of this computer's speed and of the time of day
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording of the mock plant: its seed, its size and what acts on its machine."""
+
+    seed: int
+    visits: int
+    effects: tuple[EffectChoice, ...] = ()
+
+
+CASES = (
+    Case(1, 90),
+    Case(2, 120),
+    Case(3, 90, (EffectChoice("backlash", 8.0e-6, "left"),)),
+    Case(4, 90, (EffectChoice("column_compliance", 2.0e-8, "right"),)),
+    Case(5, 90, (EffectChoice("screw_thermal_growth", 3.0, "left"),)),
+    Case(6, 90, (EffectChoice("link_stiffness", 0.3),)),
+    Case(7, 90, (EffectChoice("tracker_drift", 20.0e-6),)),
+    Case(8, 120, (EffectChoice("guide_straightness", 10.0e-6, "right"),)),
+    Case(9, 90, (EffectChoice("screw_cumulative_error", 10.0e-6, "left"),)),
+    Case(10, 120, (EffectChoice("refraction", 1.0), EffectChoice("backlash", 8.0e-6, "right"))),
+)
+
+Value = float | str | bool | bytes | None
+Figures = dict[str, tuple[Value, float]]  # a value and how far it may move
+
+
+def of_recordings() -> Figures:
+    """Figures of the ten recordings."""
+    found: Figures = {}
+    for case in CASES:
+        recording = recorded(case)
+        identified = identify_recording(recording)
+        found |= {f"recording {case.seed}/{name}": value for name, value in of_calibration(identified).items()}
+        diagnosis = diagnosis_json(diagnose(recording))
+        found |= {f"recording {case.seed}/diagnosis/{n}": v for n, v in leaves(diagnosis)}
+        print(f"recording {case.seed}: {diagnosis['verdict']}", flush=True)
+    return found
+
+
+def recorded(case: Case) -> Recording:
+    """The recording of a case."""
+    path = shipped_machine("planar4")
+    options = DesignOptions(visits=case.visits, poses=2 * case.visits // 3)
+    design = draw_design(read_machine_file(path), np.random.default_rng(case.seed), options)
+    made = make_recording(path, MockSettings(seed=case.seed, effects=case.effects), design)
+    columns = {n: c.astype(str) if c.dtype.kind in "US" else c.astype(np.float64) for n, c in made.columns.items()}
+    return Recording(RecordingFile(**made.header), load_machine(path), columns)
+
+
+def of_calibration(identified: Calibration) -> Figures:
+    """Parameters, covariance, reduced and predicted poses, rigid models and tables."""
+    fit, reduction = identified.fit, identified.reduction
+    found: Figures = dict(leaves(identified_summary(identified)))
+    sd = np.sqrt(np.diag(fit.covariance))
+    found |= arrays("unknowns", fit.unknowns, sd)
+    found |= arrays("covariance", fit.covariance, np.outer(sd, sd))
+    u = np.full(reduction.poses.coordinates.shape, 1.0e-9)  # of coordinates that the machine does not move
+    u[:, reduction.recording.machine.dof] = np.sqrt(np.einsum("nii->ni", reduction.poses.covariance))
+    found |= arrays("measured pose", reduction.poses.coordinates, u)
+    visits = reduction.observations.visits
+    u_position_m, u_rotation_rad = pose_u(identified, visits)
+    found |= arrays("u position", u_position_m, u_position_m)
+    found |= arrays("u rotation", u_rotation_rad, u_rotation_rad)
+    u = np.repeat(np.column_stack([u_position_m, u_rotation_rad]), 3, axis=1)
+    found |= arrays("predicted pose", predict_poses(fit, reduction.report, visits), u)
+    for baseline in identified.baselines:
+        found |= arrays(baseline.name, baseline.predict(visits), u)
+    temperatures = {n: float(t[-1]) for n, t in reduction.recording.temperatures_c().items()}
+    for payload in range(len(reduction.recording.file.payloads)):
+        for node, data in enumerate(images(identified.table(payload, temperatures), fit.model.parameters.machine.name)):
+            found[f"table/{payload}/{node}"] = (hashlib.sha256(data).hexdigest(), 0.0)
+    return found
+
+
+def images(table: CompensationTable, machine_name: str) -> Iterator[bytes]:
+    """The table's bytes as the two drives would store them."""
+    for own, other in ((0, 1), (1, 0)):
+        corrections = table.correction_m[own]
+        yield encode_table(
+            TableImage(
+                node_id=own + 1,
+                generation=1,
+                payload_kg=table.load.payload_kg,
+                temperature_c=table.temperature_c,
+                machine_id=machine_id_of(machine_name),
+                own_start_m=float(table.start_m[own]),
+                own_step_m=float(table.step_m[own]),
+                partner_start_m=float(table.start_m[other]),
+                partner_step_m=float(table.step_m[other]),
+                corrections_m=corrections if own == 0 else corrections.T,
+                metres_per_increment=1.0e-8,
+            )
+        )
+
+
+def of_rigs(out: Path) -> Figures:
+    """Figures of three mock rigs that went through the main job, each scored against its plant."""
+    found: Figures = {}
+    for seed in RIGS:
+        row = run_seed(seed, out)
+        found |= {f"rig {seed}/{name}": value for name, value in leaves(row) if name not in NOT_FIGURES}
+        with open_store(out / f"seed-{seed}") as store:
+            ((campaign, *_),) = store.campaigns()
+            for number, event in enumerate(e for kind in KEPT_EVENTS for e in store.events(campaign, kind)):
+                found |= {f"rig {seed}/event {number}/{name}": value for name, value in leaves(event.data)}
+        print(f"rig {seed}", flush=True)
+    return found
+
+
+def arrays(name: str, values: np.ndarray, u: np.ndarray) -> Figures:
+    """The numbers of an array, each with its uncertainty, where that is not below the number's own rounding."""
+    values, u = np.asarray(values, dtype=np.float64), np.broadcast_to(u, np.shape(values))
+    return {
+        f"{name}/{','.join(map(str, index))}": (float(values[index]), RELATIVE * float(u[index]))
+        for index in np.ndindex(values.shape)
+    }
+
+
+def leaves(tree: Any, path: str = "") -> Iterator[tuple[str, tuple[Value, float]]]:
+    """The values of an object for programs; `u` or `probability` beside a value says how far that may move."""
+    if isinstance(tree, dict):
+        for key, value in tree.items():
+            where = f"{path}/{key}" if path else str(key)
+            if key == "value" and isinstance(tree.get("u"), float):
+                yield where, (value, RELATIVE * tree["u"])
+            elif isinstance(value, float) and ("probability" in key or "ranking" in path):
+                yield where, (value, RELATIVE)
+            else:
+                yield from leaves(value, where)
+    elif isinstance(tree, list | tuple):
+        for i, value in enumerate(tree):
+            yield from leaves(value, f"{path}/{i}")
+    else:
+        yield path, (tree, RELATIVE * abs(tree) if isinstance(tree, float) else 0.0)
+
+
+def moved(before: Figures, now: Figures) -> list[str]:
+    """Figures that are not what they were, the farthest first."""
+    before, now = (
+        {name: value for name, value in figures.items() if name.rsplit("/")[-1] not in NOT_FIGURES}
+        for figures in (before, now)
+    )
+    lines = [(np.inf, f"{name}: gone") for name in sorted(before.keys() - now.keys())]
+    lines += [(np.inf, f"{name}: new") for name in sorted(now.keys() - before.keys())]
+    for name in before.keys() & now.keys():
+        (was, limit), (value, _) = before[name], now[name]
+        if isinstance(was, float) and isinstance(value, float):
+            if not abs(value - was) <= limit and not (np.isnan(value) and np.isnan(was)):
+                over = abs(value - was) / limit if limit > 0.0 else np.inf
+                lines.append((over, f"{name}: {was!r} is now {value!r}, {over:.3g} times its limit"))
+        elif was != value:
+            lines.append((np.inf, f"{name}: {was!r} is now {value!r}"))
+    return [line for _, line in sorted(lines, key=lambda entry: -entry[0])]
+
+
+def write(figures: Figures) -> None:
+    """Numbers as an array, texts as JSON, in one file of plain data."""
+    numbers = {name: entry for name, entry in figures.items() if isinstance(entry[0], float)}
+    texts = {name: entry[0] for name, entry in figures.items() if not isinstance(entry[0], float)}
+    FILE.parent.mkdir(parents=True, exist_ok=True)
+    with FILE.open("xb") as stream:  # never written again
+        np.savez_compressed(
+            stream,
+            numbers=np.array(list(numbers.values())),
+            names=np.array(json.dumps(list(numbers)).encode()),
+            texts=np.array(json.dumps(texts).encode()),
+        )
+
+
+def read() -> Figures:
+    """The figures of before."""
+    with np.load(FILE, allow_pickle=False) as data:
+        names, texts = json.loads(data["names"].item()), json.loads(data["texts"].item())
+        numbers = data["numbers"].tolist()
+    return {n: (v, limit) for n, (v, limit) in zip(names, numbers, strict=True)} | {
+        n: (t, 0.0) for n, t in texts.items()
+    }
+
+
+def main() -> int:
+    """Compare, or write once."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--without-rigs", action="store_true", help="leave the three mock rigs out: two minutes less")
+    options = parser.parse_args()
+    if options.write and FILE.exists():
+        print(f"{FILE} is there and is never written again", file=sys.stderr)
+        return 2
+    now = of_recordings()
+    if not options.without_rigs:
+        with tempfile.TemporaryDirectory() as folder, one_core(), contextlib.redirect_stderr(io.StringIO()):
+            now |= of_rigs(Path(folder))
+    if options.write:
+        write(now)
+        print(f"{len(now)} figures written")
+        return 0
+    before = read()
+    if options.without_rigs:
+        before = {name: value for name, value in before.items() if not name.startswith("rig ")}
+    lines = moved(before, now)
+    for line in lines[:20]:
+        print(line)
+    print(f"{len(lines)} of {len(before)} figures have moved")
+    return 1 if lines else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -19,8 +19,8 @@ from benchmarks.peers import mujoco_settling, pinocchio_loop, scipy_loop
 from benchmarks.peers.rig import Rig
 from benchmarks.peers.statics import cross_matrix
 from benchmarks.timing import Goal, Times, in_one_thread, in_turn, optional, print_goals, print_table
-from calibration.machine import Array
-from calibration.rotation import rotation_matrix, rotation_vector
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix, rotation_vector
 
 MACHINES = ("planar4", "stewart6", "gough8")
 OURS = "this package"

@@ -35,8 +35,9 @@ from benchmarks.timing import (
     print_goals,
     print_table,
 )
+from calibration.base.arrays import Array
 from calibration.identification import Fit, identify
-from calibration.machine import Array, load_machine, shipped_machine
+from calibration.machine import load_machine, shipped_machine
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model
 from calibration.parameters import ParameterSet

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model
 from calibration.problem import Layout

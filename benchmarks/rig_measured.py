@@ -11,11 +11,11 @@ from scipy.stats import qmc
 
 from benchmarks.rig_settings import Study
 from benchmarks.rig_truth import Array, Payload, deviations, draw_errors, generator, plant_of
+from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.closure import MeasuredPoses
 from calibration.compensation import nominal_drives
 from calibration.machine import Machine, load_machine
 from calibration.parameters import ParameterSet
-from calibration.rotation import rotation_matrix, rotation_vector, skew
 from calibration.visits import Visits
 
 

@@ -17,12 +17,12 @@ from benchmarks.rig_bound import Bound, rms, rms_of_spread
 from benchmarks.rig_measured import Rig, measured_targets
 from benchmarks.rig_settings import CASES, ESTIMATORS, WITHIN_95, CalibrationCase, Study
 from benchmarks.rig_truth import Array, deviations, generator
+from calibration.base.errors import InputError
 from calibration.baselines import RIGID_KINDS, fit_baselines
 from calibration.identification import Fit, identify
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 

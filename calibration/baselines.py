@@ -16,14 +16,15 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix
 from calibration.closure import MeasuredPoses, close_loops, equal_weights
 from calibration.equilibrium import conditions, solve, state_at, workspace_middle
 from calibration.identification import Fit
 from calibration.inverse import rigid_drives
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.model import Model
 from calibration.parameters import KINDS, ParameterSet
-from calibration.rotation import rotation_matrix
 from calibration.visits import Visits
 
 RIGID_KINDS = tuple(kind for kind in KINDS if kind != "ln_stiffness")

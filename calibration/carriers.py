@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import FIXED, Array, DriveKind, Geometry, Machine
-from calibration.rotation import skew
+from calibration.base.arrays import Array
+from calibration.base.rotation import skew
+from calibration.machine import FIXED, DriveKind, Geometry, Machine
 
 
 @dataclass(frozen=True)

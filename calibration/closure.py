@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration import equilibrium
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix
 from calibration.equilibrium import Conditions
 from calibration.linear_system import Folding, regularised_step
-from calibration.machine import Array, Geometry, Machine
+from calibration.machine import Geometry, Machine
 from calibration.mechanics import State
 from calibration.parameters import Parameter, ParameterSet
-from calibration.rotation import rotation_matrix
 from calibration.visits import Visits
 
 STEPS = 6

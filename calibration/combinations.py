@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.machine import FIXED, Array, Machine
+from calibration.base.arrays import Array
+from calibration.machine import FIXED, Machine
 from calibration.parameters import Parameter, ParameterSet
 
 MOST_TERMS = 8

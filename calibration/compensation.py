@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import equilibrium
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_matrix
 from calibration.identification import Fit
 from calibration.inverse import drives_for
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.report_frame import ReportFrame
-from calibration.rotation import rotation_matrix
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 POINTS_PER_AXIS = 17

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.machine import COORDINATES, Array, Machine
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.machine import COORDINATES, Machine
 from calibration.measurements.smr_positions import Observations
-from calibration.toml_file import InputError
 
 LEAST_SPREAD = 0.25  # of the workspace, in every commanded coordinate
 SPACING_ERROR = 0.05  # relative, between reflectors; mountings err by millimetres at most

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.identification import Fit
-from calibration.machine import Array
 from calibration.measurements import Readings
 from calibration.model import Model
 from calibration.problem import Problem

@@ -13,14 +13,15 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.frame import Frame
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame
 from calibration.linear_system import Linearised, estimator_covariance, posterior_covariance, truncated_covariance
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import SmrPositions, Station
 from calibration.model import Model, Poses
 from calibration.problem import Layout, Problem
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 Estimator = Literal["map", "least_squares", "tikhonov", "l_curve", "truncated_svd"]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix, rotation_vector
 from calibration.equilibrium import Conditions, Equilibrium, conditions, solve
-from calibration.machine import Array, Geometry, Machine
-from calibration.rotation import rotation_matrix, rotation_vector
+from calibration.machine import Geometry, Machine
 from calibration.sensitivity import Sensitivity
 
 

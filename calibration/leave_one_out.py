@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
 from calibration.identification import Fit
-from calibration.machine import Array
 from calibration.measurements import parts
 from calibration.problem import VISITS_AT_ONCE
-from calibration.toml_file import InputError
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtpqrt
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 ROWS_AT_ONCE = 1536  # of a block, so that it stays in the processor's cache
 PANEL = 8  # columns that are eliminated together

@@ -13,10 +13,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.toml_file import parse_toml, read_text
 from calibration.machine_file import GuideEntry, LoadCase, MachineFile
-from calibration.toml_file import InputError, parse_toml, read_text
 
-Array = NDArray[np.float64]
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 PARTS = ("struts", "drives", "base", "platform")
 FIXED = -1  # the drive of a strut that no drive moves

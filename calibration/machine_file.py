@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from calibration.toml_file import Section
+from calibration.base.toml_file import Section
 
 Coordinate = Literal["x", "y", "z", "rx", "ry", "rz"]
 Vector = tuple[float, float, float]

@@ -12,16 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.csv_table import counts, read_table, write_table
+from calibration.base.arrays import Array
+from calibration.base.csv_table import counts, read_table, write_table
+from calibration.base.errors import InputError
+from calibration.base.toml_file import parse_toml, read_text
+from calibration.base.toml_text import to_toml
 from calibration.equilibrium import workspace_middle
-from calibration.machine import COORDINATES, Array, Machine, parse_machine
+from calibration.machine import COORDINATES, Machine, parse_machine
 from calibration.measurement_header import MeasurementFile
 from calibration.measurements import Readings
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.parameters import KINDS, ParameterSet
-from calibration.toml_file import InputError, parse_toml, read_text
-from calibration.toml_text import to_toml
 from calibration.visits import Visits
 
 HEADER, MACHINE, COORDINATE_TABLE, DISTANCE_TABLE = (

@@ -17,7 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array, Geometry, Machine
+from calibration.base.arrays import Array
+from calibration.machine import Geometry, Machine
 
 SMALLEST_PIVOT = 1e-9  # of a diagonal element: below it a coordinate is held by nothing
 NEAR_REST = 0.03  # of a strut's length: the geometric stiffness is left out where a residual is larger

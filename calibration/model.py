@@ -14,11 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from calibration import equilibrium
+from calibration.base.arrays import Array
+from calibration.base.rotation import skew
 from calibration.equilibrium import Conditions, Equilibrium
-from calibration.machine import PARTS, Array, Geometry, Machine
+from calibration.machine import PARTS, Geometry, Machine
 from calibration.parameters import ParameterSet
 from calibration.recording_header import PayloadEntry
-from calibration.rotation import skew
 from calibration.sensitivity import Sensitivity
 from calibration.visits import Visits
 

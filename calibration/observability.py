@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.combinations import candidates, in_words, plain
 from calibration.identification import Fit
 from calibration.linear_system import Linearised, posterior_covariance
-from calibration.machine import Array
 from calibration.measurements import Readings
 from calibration.model import Model
 from calibration.parameters import ParameterSet

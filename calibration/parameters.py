@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array, Geometry, Machine, across
-from calibration.rotation import rotation_matrix, skew
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix, skew
+from calibration.machine import Geometry, Machine, across
 from calibration.sensitivity import Sensitivity
 
 UNITS = {

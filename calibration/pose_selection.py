@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
 from calibration.equilibrium import conditions
 from calibration.inverse import drives_for
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.measurements import Readings
 from calibration.model import Model
 from calibration.prediction import tool_derivatives
 from calibration.problem import Layout
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 Criterion = Literal["I", "D"]

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_vector, skew
 from calibration.identification import Fit
-from calibration.machine import Array
 from calibration.measurements import Readings
 from calibration.model import Model
 from calibration.problem import Layout, Problem
-from calibration.rotation import rotation_vector, skew
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions

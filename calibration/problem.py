@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
 from calibration.equilibrium import Status
 from calibration.linear_system import Folding, Linearised, regularised_step
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.measurements import Readings, Whitened, parts
 from calibration.mechanics import keep_memory
 from calibration.model import Model, Poses, Unknown
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 VISITS_AT_ONCE = 1024

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.machine import Machine
 from calibration.recording_header import RecordingFile
-from calibration.toml_file import InputError
 
 PHASES = ("repeatability", "nests", "calibration", "verification_before", "verification_after")
 TEXT_COLUMNS = ("uid", "phase", "smr")

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from calibration.base.toml_file import Section
 from calibration.station import CertifiedLength, StationAccuracy
-from calibration.toml_file import Section
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibration.frame import Frame
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame
+from calibration.base.rotation import rotation_matrix, rotation_vector, skew
+from calibration.machine import Machine
 from calibration.measurements.smr_positions import Observations
-from calibration.rotation import rotation_matrix, rotation_vector, skew
-from calibration.toml_file import InputError
 
 FARTHEST = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
 

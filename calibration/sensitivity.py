@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
 from calibration.carriers import Carrier
 from calibration.equilibrium import Conditions, Equilibrium, carriers_of, state_at
-from calibration.machine import Array, Geometry, Machine
+from calibration.machine import Geometry, Machine
 from calibration.mechanics import Cholesky, State, about
 
 _AXES = np.eye(3)

@@ -11,13 +11,13 @@ from fractions import Fraction
 
 import numpy as np
 
+from calibration.base.errors import InputError
 from calibration.equilibrium import workspace_middle
 from calibration.measurement_folder import MeasuredMachine
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model
 from calibration.parameters import ParameterSet
-from calibration.toml_file import InputError
 
 FACTORS = (1 / 2, 2.0, 1 / 4, 4.0, 1 / 8, 8.0, 1 / 16, 16.0, 1 / 32, 32.0)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.machine import Machine
 
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 

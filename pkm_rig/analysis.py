@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from calibration.base.arrays import Array
 from calibration.baselines import Baseline, fit_baselines
 from calibration.closure import MeasuredPoses
 from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
 from calibration.data_checks import check_cover
 from calibration.identification import Estimator, Fit, identify
-from calibration.machine import Array
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet

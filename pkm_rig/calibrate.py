@@ -10,11 +10,11 @@ from typing import Any
 import bluesky.plan_stubs as bps
 import numpy as np
 
+from calibration.base.errors import InputError
 from calibration.compensation import CompensationTable
 from calibration.observability import observability_of
 from calibration.recording import Recording
 from calibration.remarks import remarks
-from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from drivers.table_bank import CompensationState
 from pkm_rig.analysis import (

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from calibration.base.toml_text import to_toml
 from calibration.gap.result import Candidate, PlannedVisit
 from calibration.machine import COORDINATES, Machine
 from calibration.recording_header import PayloadEntry
-from calibration.toml_text import to_toml
 from pkm_rig.config import CampaignFile, VisitEntry, VisitsSection
 
 DECIMALS = 9  # of a target: well below what a drive can resolve

@@ -11,9 +11,9 @@ from typing import Annotated
 
 import typer
 
+from calibration.base.errors import InputError
 from calibration.machine import load_machine, shipped_machine
 from calibration.recording_folder import read_folder, write_folder
-from calibration.toml_file import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
 from pkm_rig import diagnose as diagnosing

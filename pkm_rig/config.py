@@ -7,10 +7,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from calibration.base.errors import InputError
+from calibration.base.toml_file import Section, read_toml
 from calibration.compensation import GRID_MARGIN_M
 from calibration.machine import Machine, load_machine, shipped_machine
 from calibration.recording_header import LengthEntry, Name, NuisanceEntry, PayloadEntry, StationEntry
-from calibration.toml_file import InputError, Section, read_toml
 from drivers.drive_profile import DriveProfile, load_profile
 from drivers.homing import Homing
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from calibration.base.errors import InputError
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.gap.diagnosis import diagnose, diagnose_and_score
 from calibration.gap.result import Diagnosis
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore
 from calibration.recording import Recording
-from calibration.toml_file import InputError
 from pkm_rig import diagnosis_pictures
 from pkm_rig.analysis import calibration_part
 from pkm_rig.campaign_file import write_candidates

@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.machine import Machine
 from pkm_rig.reduction import CALIBRATION, Reduction
 
 COVERAGE_FACTOR = 2.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration import station as station_geometry
-from calibration.frame import station_frame
+from calibration.base.frame import station_frame
 from calibration.machine import Machine
 from calibration.report_frame import ReportFrame
 from pkm_rig.config import RigFile

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from drivers.homing import Homing
 from pkm_rig.output import results
 from pkm_rig.rig import Rig

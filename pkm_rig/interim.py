@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from drivers.coordinates import StatedAccuracy
 from drivers.interim_test import InterimLimits, InterimTest, KnownDistance, interim_test
 from pkm_rig.devices import WRONG_TARGET_AT_FIRST_M

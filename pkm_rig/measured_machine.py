@@ -10,13 +10,15 @@ from typing import Any, get_args
 
 import numpy as np
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
 from calibration.data_checks import check_number
 from calibration.delta_printer import measured_printer
 from calibration.explanations import Explanation, alike, explanations
 from calibration.identification import Estimator, Fit, identify
 from calibration.klipper import read_printer
 from calibration.leave_one_out import LeftOut, leave_one_out
-from calibration.machine import COORDINATES, Array
+from calibration.machine import COORDINATES
 from calibration.measurement_folder import MeasuredMachine, is_measurement_folder, read_measurements, write_measurements
 from calibration.measurements import Readings
 from calibration.measurements.tool_coordinates import ToolCoordinates
@@ -24,7 +26,6 @@ from calibration.model import Model
 from calibration.observability import Observability, observability_of
 from calibration.parameters import ParameterSet
 from calibration.step_size import check_step_size
-from calibration.toml_file import InputError
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
 SHARE = 0.8  # of the readings' numbers; with less left over the fit follows its readings

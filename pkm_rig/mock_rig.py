@@ -15,9 +15,9 @@ from pathlib import Path
 import can
 import numpy as np
 
+from calibration.base.errors import InputError
 from calibration.machine import load_machine
 from calibration.recording_header import AccuracyEntry
-from calibration.toml_file import InputError
 from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.faulty_bus import FaultyBus

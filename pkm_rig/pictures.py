@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 from pkm_rig.analysis import Calibration, ErrorMap
 from pkm_rig.figures import free_axes
 from pkm_rig.reduction import CALIBRATION, Reduction, nest_shift

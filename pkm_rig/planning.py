@@ -9,8 +9,10 @@ import numpy as np
 from rich.table import Table
 
 from calibration import station as station_geometry
-from calibration.frame import station_frame
-from calibration.machine import COORDINATES, Array, Machine
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import station_frame
+from calibration.machine import COORDINATES, Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates
@@ -28,7 +30,6 @@ from calibration.pose_selection import (
     visits_at,
     workspace_poses,
 )
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 from pkm_rig.config import RigFile
 from pkm_rig.output import results

@@ -13,7 +13,7 @@ import bluesky.plan_stubs as bps
 import numpy as np
 from bluesky.utils import Msg
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 from pkm_rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice
 from pkm_rig.rig import Rig
 from pkm_rig.schedule import Block, PlannedVisit

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from drivers.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
 from drivers.plc_registers import Register, RegisterMap
 from pkm_rig.config import PlcConnection, RegisterEntry

@@ -13,11 +13,11 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
+from calibration.base.rotation import skew
 from calibration.measurements.smr_positions import Observations
 from calibration.recording_header import AccuracyEntry
 from calibration.report_frame import ReportFrame, compose
-from calibration.rotation import skew
 
 GATE_PROBABILITY = 0.9999
 START_SD_M = 1.0e-3

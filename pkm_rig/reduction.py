@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import station
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame, station_frame
 from calibration.data_checks import check_units
-from calibration.frame import Frame, station_frame
-from calibration.machine import Array
 from calibration.measurements.smr_positions import Observations
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame, fit_report_frame
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.base.arrays import Array
+from calibration.base.frame import Frame, station_frame
 from calibration.compensation import CompensationTable
-from calibration.frame import Frame, station_frame
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from drivers.drive_group import DriveGroup
 from drivers.errors import DeviceError, PlcError, TableError
 from drivers.laser_tracker import LaserTracker

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_matrix
 from calibration.compensation import nominal_drives
-from calibration.machine import Array, Machine
-from calibration.rotation import rotation_matrix
-from calibration.toml_file import InputError
+from calibration.machine import Machine
 from pkm_rig.config import CampaignSettings
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from calibration.base.errors import InputError
 from calibration.recording import Recording
 from calibration.recording_folder import read_folder
-from calibration.toml_file import InputError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import embedded_rig_path, load_rig
 from pkm_rig.connection import connected

@@ -17,10 +17,10 @@ import sqlalchemy as sa
 from sqlalchemy import event
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
+from calibration.base.errors import InputError
 from calibration.machine import parse_machine
 from calibration.recording import Recording, make_recording
 from calibration.recording_header import RecordingFile
-from calibration.toml_file import InputError
 
 _metadata = sa.MetaData()
 

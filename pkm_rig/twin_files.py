@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from calibration.base.errors import InputError
+from calibration.base.toml_file import read_text
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.twin import Twin
 from calibration.recording import Recording
-from calibration.toml_file import InputError, read_text
 
 TWIN_FOLDER, TWIN_NAME, MACHINE_NAME = "twin", "twin.json", "machine.toml"
 FORMAT = 1

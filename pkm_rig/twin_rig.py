@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
 from calibration.gap.moments import History, Moments
-from calibration.machine import Array
 
 PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 

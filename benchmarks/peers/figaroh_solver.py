@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 
 def minimise(base: type[Any], residual: Callable[[Array], Array], unknowns: int) -> tuple[Array, int]:

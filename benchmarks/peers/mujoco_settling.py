@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.rig import Rig
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 STEP_S = 1e-4
 STEPS_AT_ONCE = 25

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.rig import Rig
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 MOST_STEPS = 40
 SHORTEST_STEP = 1e-12

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration import equilibrium
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix
 from calibration.equilibrium import Conditions, Equilibrium
 from calibration.inverse import drives_for
-from calibration.machine import Array, Geometry, Machine, load_machine, shipped_machine
+from calibration.machine import Geometry, Machine, load_machine, shipped_machine
 from calibration.parameters import ParameterSet
-from calibration.rotation import rotation_matrix
 
 
 def targets(machine: Machine, n: int, seed: int) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from scipy.optimize import root
 
 from benchmarks.peers.rig import Rig
 from benchmarks.peers.statics import Pose, rotation
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 
 def rests(rig: Rig, method: str) -> tuple[Array, float]:

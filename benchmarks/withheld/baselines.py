@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.frame import station_frame
+from calibration.base.frame import station_frame
 from calibration.identification import identify
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.model import Model

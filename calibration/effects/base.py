@@ -14,9 +14,10 @@ from typing import Literal
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.gap.moments import Moments
 from calibration.gap.shapes import centred
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.recording_header import NuisanceEntry
 
 Place = Literal["drive", "strut", "smr", "rig"]

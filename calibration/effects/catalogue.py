@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from calibration.base.errors import InputError
 from calibration.effects import control, drive_train, guides, instrument, reversal, structure, thermal
 from calibration.effects.base import Effect
-from calibration.toml_file import InputError
 
 ENTRY_POINTS = "pkm_rig.effects"
 RESERVED = ("none", "unknown")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder, varied
 from calibration.gap.shapes import products, smooth
-from calibration.machine import Array
 
 REFERENCE_SPEED_M_PER_S = 0.5
 REST_S = ladder(0.5, 16.0, 7)

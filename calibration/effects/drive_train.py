@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Effect, Forms, Parameter, Setting, varied
 from calibration.gap.shapes import smooth
-from calibration.machine import Array
 
 LEAD_M = (4.0e-3, 4.0e-2)
 PITCH_M = (1.0e-5, 2.0e-3)

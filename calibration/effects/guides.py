@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
 from calibration.gap.shapes import brownian, smooth
-from calibration.machine import Array
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14

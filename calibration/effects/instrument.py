@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
 from calibration.gap.nuisance import HOUR_S, LEVER_M
 from calibration.gap.shapes import brownian, centred, products
-from calibration.machine import Array
 
 ONSETS = 12
 PER_KELVIN = 0.93e-6  # change of the refractive index

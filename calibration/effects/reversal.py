@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder, varied
 from calibration.gap.shapes import smooth
-from calibration.machine import Array
 
 REST_S = ladder(1.5, 15.0, 3)
 RATED_N = 6000.0  # force at rated torque, for the plausible range only: the torque's own scale is unknown

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder
 from calibration.gap.shapes import smooth
-from calibration.machine import Array
 
 TAUS_S = ladder(250.0, 7000.0, 6)
 LAGS_S = ladder(400.0, 5000.0, 4)

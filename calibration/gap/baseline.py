@@ -11,17 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame, station_frame
 from calibration.data_checks import check_number
-from calibration.frame import Frame, station_frame
 from calibration.gap.moments import Moments, moments_of
 from calibration.gap.nuisance import nuisance_columns
-from calibration.machine import Array, Machine
+from calibration.machine import Machine
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.model import Model, Poses, Systematic
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording
 from calibration.report_frame import fit_report_frame
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 NEST_PRIOR_M = 5.0e-3

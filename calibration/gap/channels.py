@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import COORDINATES, Array, across
-from calibration.rotation import skew
+from calibration.base.arrays import Array
+from calibration.base.rotation import skew
+from calibration.machine import COORDINATES, across
 
 if TYPE_CHECKING:
     from calibration.gap.baseline import Seen

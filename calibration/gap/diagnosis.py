@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.gap import location, shrink
@@ -29,7 +30,6 @@ from calibration.gap.telling import equivalents, found_effect
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore, scored
 from calibration.gap.verdict import probabilities
-from calibration.machine import Array
 from calibration.recording import Recording
 
 CLUES = 4

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Acts, Form
 from calibration.gap.baseline import Baseline, taken_out
 from calibration.gap.channels import Channels
-from calibration.machine import Array
 
 SIZES = 9
 

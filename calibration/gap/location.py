@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
+from calibration.base.arrays import Array
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
 from calibration.gap.result import Share, Spectrum
 from calibration.gap.shapes import brownian, products, smooth
 from calibration.gap.shrink import Field, regions
-from calibration.machine import COORDINATES, Array
+from calibration.machine import COORDINATES
 
 RIDGES = (1e-3, 1e-1)  # of a column's own square: coordinates with many shapes want more
 LONGEST_M, SHORTEST_M = 0.06, 2.0e-5

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 from calibration.recording import Recording
 
 

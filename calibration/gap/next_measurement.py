@@ -15,6 +15,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix
 from calibration.effects.base import Acts, Effect
 from calibration.gap.baseline import Baseline, Seen
 from calibration.gap.channels import Channels
@@ -24,8 +26,7 @@ from calibration.gap.result import NONE, UNKNOWN, Candidate, PlannedVisit
 from calibration.gap.search import Explanation
 from calibration.gap.setting import setting_from
 from calibration.inverse import rigid_drives
-from calibration.machine import Array, Machine
-from calibration.rotation import rotation_matrix
+from calibration.machine import Machine
 from calibration.visits import Visits
 
 VISITS = 60

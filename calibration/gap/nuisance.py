@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.gap.channels import Channels
 from calibration.gap.shapes import brownian, waves
-from calibration.machine import Array
 
 if TYPE_CHECKING:
     from calibration.gap.baseline import Baseline

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 SHORTEST_M = 1.0e-5
 OVERSAMPLED = 1.6

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Acts, Curve, Form, Tangent
 from calibration.gap.evidence import Readout, Weighed, weigh
-from calibration.machine import Array
 
 FOLLOWED = 4  # starts that are worth following
 STEPS = 8

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 NONE, UNKNOWN = "none", "unknown"
 KINDS = (

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Acts, Effect, Setting
 from calibration.effects.catalogue import Catalogue
 from calibration.gap.evidence import Readout, Weighed, log_sum, weigh
 from calibration.gap.formless import Formless, weigh_formless
 from calibration.gap.refit import refit
-from calibration.machine import Array
 
 MOST_CAUSES = 3
 SEEN = 6.0  # of log evidence: below it nothing is taken into the model

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.effects.base import Setting
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
-from calibration.machine import Array
 from calibration.sensitivity import Sensitivity
 
 

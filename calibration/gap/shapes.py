@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.machine import Array
+from calibration.base.arrays import Array
 
 
 def unit(x: Array) -> Array:

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
 from calibration.gap.baseline import Baseline
 from calibration.gap.evidence import Readout
 from calibration.gap.result import GapFigures
-from calibration.machine import Array
 
 REGIONS = 5
 LEAST_VISITS = 3

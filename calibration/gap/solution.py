@@ -15,12 +15,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.frame import Frame
+from calibration.base.arrays import Array
+from calibration.base.frame import Frame
 from calibration.gap.baseline import NEST_PRIOR_M, Baseline
 from calibration.gap.evidence import Readout
 from calibration.gap.search import Cause
 from calibration.gap.twin_parts import Fit, whole_model
-from calibration.machine import Array
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 
 MOST_STEPS = 12

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.gap.baseline import Baseline
 from calibration.gap.evidence import Readout
 from calibration.gap.result import FoundEffect, Quantity
 from calibration.gap.search import Cause, Explanation, taken
 from calibration.gap.verdict import presence
-from calibration.machine import Array
 
 EQUIVALENT_SIGMA = 0.3
 TOLD_APART, TOLD_APART_SHARE = 10.0, 0.05  # of log evidence, by which the data do tell an effect from the first

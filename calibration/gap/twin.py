@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame
 from calibration.effects.base import Acts, Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from calibration.frame import Frame
 from calibration.gap import twin_data
 from calibration.gap.baseline import Baseline
 from calibration.gap.evidence import Readout
@@ -24,8 +26,7 @@ from calibration.gap.moments import Moments, beside, held, remembered
 from calibration.gap.search import Cause
 from calibration.gap.solution import Joint, Solution, fit_before
 from calibration.gap.twin_parts import Added, Asked, Campaign, Fit, Told, places_m, visits_of
-from calibration.machine import Array, Machine, parse_machine
-from calibration.toml_file import InputError
+from calibration.machine import Machine, parse_machine
 from calibration.visits import Visits
 
 # Readings of the campaign for each that is asked for at once: means that forms take of all rows stay the campaign's.

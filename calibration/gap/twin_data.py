@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame
 from calibration.effects.base import OnCurve
 from calibration.effects.catalogue import Catalogue
-from calibration.frame import Frame
 from calibration.gap.moments import ARRAYS, History, Moments
 from calibration.gap.twin_parts import Added, Campaign, Fit, whole_model
-from calibration.machine import Array, Machine
-from calibration.toml_file import InputError
+from calibration.machine import Machine
 
 FORMAT = 2
 LARGEST = 1e12  # of any number

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import equilibrium
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame
 from calibration.effects.base import OnCurve, Setting
-from calibration.frame import Frame
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
 from calibration.gap.moments import Moments, Remembered
 from calibration.gap.setting import setting_from
-from calibration.machine import PARTS, Array, Machine
+from calibration.machine import PARTS, Machine
 from calibration.model import Model, Poses, Systematic
 from calibration.parameters import ParameterSet
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 NEIGHBOURS = 4  # poses of the campaign from which a search starts, the nearest first

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.gap import shrink
 from calibration.gap.evidence import Readout
 from calibration.gap.result import GapFigures
 from calibration.gap.solution import Joint, stated_m
 from calibration.gap.twin import Twin
-from calibration.machine import Array
 
 
 @dataclass(frozen=True)

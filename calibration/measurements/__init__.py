@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.machine import Machine
 from calibration.model import Poses, Unknown
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.machine import Machine
 from calibration.measurements import Whitened
 from calibration.model import Poses, Unknown
 

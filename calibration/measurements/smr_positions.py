@@ -8,12 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.frame import Frame
-from calibration.machine import Array, Machine
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.frame import Frame
+from calibration.base.rotation import skew
+from calibration.machine import Machine
 from calibration.measurements import Whitened
 from calibration.model import Poses, Unknown
-from calibration.rotation import skew
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 
 FRAME_PRIOR_M = 10.0  # so wide that it says nothing

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from calibration import station
+from calibration.base.arrays import Array
+from calibration.base.frame import Frame
+from calibration.base.rotation import rotation_matrix
 from calibration.compensation import nominal_drives
-from calibration.frame import Frame
 from calibration.identification import Estimator, Fit, identify
-from calibration.machine import Array, Machine, load_machine, shipped_machine
+from calibration.machine import Machine, load_machine, shipped_machine
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
 from calibration.problem import Layout
-from calibration.rotation import rotation_matrix
 from calibration.visits import Visits
 
 TEMPERATURES_C = {"struts": 21.0, "columns": 20.7, "base": 20.5, "platform": 22.0}

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("mujoco", reason="mujoco, a development dependency, is not installed")
 
-from calibration.rotation import rotation_vector
+from calibration.base.rotation import rotation_vector
 from tests.calibration.mujoco_model import MujocoMachine, with_errors
 from tests.calibration.test_reference_model import every_machine, twin
 

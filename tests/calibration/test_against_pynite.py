@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("Pynite", reason="PyNiteFEA, a development dependency, is not installed")
 
-from calibration.rotation import rotation_vector
+from calibration.base.rotation import rotation_vector
 from tests.calibration import pynite_model
 from tests.calibration.mujoco_model import with_errors
 from tests.calibration.test_reference_model import twin

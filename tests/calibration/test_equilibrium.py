@@ -9,12 +9,12 @@ import pytest
 from scipy.optimize import minimize
 
 from calibration import equilibrium
+from calibration.base.rotation import rotation_matrix, rotation_vector, turns
 from calibration.compensation import nominal_drives
 from calibration.equilibrium import Status, conditions, solve, state_at
 from calibration.inverse import drives_for
 from calibration.machine import load_machine, parse_machine, shipped_machine, shipped_machines
 from calibration.parameters import ParameterSet
-from calibration.rotation import rotation_matrix, rotation_vector, turns
 
 
 def poses(machine, count, seed):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from calibration.base.errors import InputError
 from calibration.compensation import predict_poses
 from calibration.measurements.smr_positions import Observations, SmrPositions
 from calibration.report_frame import fit_report_frame
-from calibration.toml_file import InputError
 
 RIGS = 12
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from calibration.base.errors import InputError
 from calibration.delta_printer import measured_printer
 from calibration.klipper import parse_printer, read_printer
-from calibration.toml_file import InputError
 from tests.calibration.delta_reference import STORED, misses, own_printer, printer_cfg
 
 CFG = Path(__file__).parents[1] / "data" / "printer.cfg"

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from calibration.base.errors import InputError
 from calibration.delta_printer import measured_printer
 from calibration.explanations import alike, explanations
 from calibration.identification import identify
@@ -22,7 +23,6 @@ from calibration.measurement_header import ColumnEntry, DistancesEntry, Measurem
 from calibration.model import Model
 from calibration.parameters import ParameterSet
 from calibration.step_size import check_step_size
-from calibration.toml_file import InputError
 from calibration.visits import Visits
 from tests.calibration.delta_reference import TRUE, Rows, own_printer, printer_cfg
 

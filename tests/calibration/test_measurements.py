@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_vector
 from calibration.identification import identify
 from calibration.machine import load_machine, shipped_machine
 from calibration.measurements import parts
@@ -17,8 +19,6 @@ from calibration.parameters import ParameterSet
 from calibration.pose_selection import Load, visits_at, workspace_poses
 from calibration.prediction import monte_carlo, predict_tool
 from calibration.problem import Layout
-from calibration.rotation import rotation_vector
-from calibration.toml_file import InputError
 
 LOADS = (Load(), Load(40.0, (0.01, 0.02, 0.05)))
 SIGMA_M, SIGMA_RAD = 7e-6, 3e-5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import orth, subspace_angles
 
-from calibration.frame import Frame
+from calibration.base.frame import Frame
 from calibration.inverse import drives_for
 from calibration.machine import load_machine, shipped_machine, shipped_machines
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_vector
 from calibration.identification import identify
 from calibration.inverse import drives_for
 from calibration.machine import load_machine, parse_machine, shipped_machine
@@ -20,8 +22,6 @@ from calibration.pose_selection import (
     visits_at,
     workspace_poses,
 )
-from calibration.rotation import rotation_vector
-from calibration.toml_file import InputError
 
 SIGMA_M, SIGMA_RAD = 7e-6, 3e-5
 UNLOADED = (Load(),)

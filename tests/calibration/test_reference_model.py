@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from calibration import inverse
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_vector
 from calibration.equilibrium import Conditions, Equilibrium, carriers_of, solve, state_at
-from calibration.machine import Array, Geometry, Machine, parse_machine, shipped_machine, shipped_machines
+from calibration.machine import Geometry, Machine, parse_machine, shipped_machine, shipped_machines
 from calibration.parameters import ParameterSet
-from calibration.rotation import rotation_vector
 from tests.calibration.reference_model import (
     COORDINATES,
     EXTENDED,

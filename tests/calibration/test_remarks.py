@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
 from calibration.data_checks import check_cover
 from calibration.measurements.smr_positions import Observations
 from calibration.remarks import remarks
-from calibration.toml_file import InputError
 
 
 @pytest.fixture(scope="module")

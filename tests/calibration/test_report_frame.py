@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_vector
 from calibration.measurements.smr_positions import Observations
 from calibration.report_frame import compose, fit_report_frame
-from calibration.rotation import rotation_vector
-from calibration.toml_file import InputError
 
 SHIFT_M = np.array([1e-3, 0.0, 0.0])
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from pkm_rig.config import embedded_rig_path, load_rig
 from pkm_rig.plc_connection import plc_line, register_map
 

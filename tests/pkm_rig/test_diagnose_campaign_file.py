@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from pkm_rig import calibrate as job
 from pkm_rig.campaign_file import campaign_text, write_candidates
 from pkm_rig.cli import app

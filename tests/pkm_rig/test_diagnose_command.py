@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from calibration.base.errors import InputError
 from calibration.gap.result import Diagnosis
 from calibration.machine import shipped_machine
 from calibration.recording_folder import read_folder
-from calibration.toml_file import InputError
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file

@@ -8,13 +8,13 @@ import json
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.diagnosis import diagnose_and_add
 from calibration.gap.twin import Twin
 from calibration.machine import load_machine, shipped_machine
 from calibration.recording import Recording
 from calibration.recording_header import RecordingFile
-from calibration.toml_file import InputError
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from mock_devices.affected_machine import AffectedMachine, effects_of, moments
 from mock_devices.motion_history import MotionHistory
 from pkm_rig.config import embedded_rig_path, machine_path

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
 from drivers.homing import Homing
 from pkm_rig import homing

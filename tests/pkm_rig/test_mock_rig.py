@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trustme
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import load_rig

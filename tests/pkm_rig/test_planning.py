@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from calibration.base.errors import InputError
 from calibration.machine import load_machine, shipped_machine
-from calibration.toml_file import InputError
 from pkm_rig import planning
 from pkm_rig.cli import app
 from pkm_rig.config import CampaignSettings, embedded_rig_path, load_rig

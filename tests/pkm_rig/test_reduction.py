@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from pkm_rig.analysis import identify_recording, model_comparison
 from pkm_rig.figures import noise_floor
 from pkm_rig.reduction import between_good_checks, nest_shift, reduce, without_left_open

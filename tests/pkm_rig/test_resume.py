@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
 from pkm_rig.further_visits import same_rig

@@ -4,7 +4,7 @@ import sqlite3
 
 import pytest
 
-from calibration.toml_file import InputError
+from calibration.base.errors import InputError
 from pkm_rig.store import Store, StoreError
 from tests.pkm_rig.plant_recording import record
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from calibration import equilibrium
+from calibration.base.frame import Frame, station_frame
 from calibration.compensation import nominal_drives
 from calibration.equilibrium import Conditions
-from calibration.frame import Frame, station_frame
 from calibration.machine import Geometry, Machine, load_machine, shipped_machine
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording, make_recording

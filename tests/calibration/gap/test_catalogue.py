@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
 from calibration.effects import catalogue as module
 from calibration.effects.base import Effect, Forms, Parameter
 from calibration.effects.catalogue import INSIDE_GEOMETRY, Catalogue, load_catalogue
@@ -16,7 +17,6 @@ from calibration.gap.baseline import baseline_of
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
 from calibration.gap.setting import periodograms, setting_of
-from calibration.toml_file import InputError
 from mock_devices.effects.catalogue import SPECS
 from tests.calibration.gap.campaigns import simulated
 

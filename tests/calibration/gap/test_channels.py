@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from calibration import equilibrium
-from calibration.frame import Frame, station_frame
+from calibration.base.frame import Frame, station_frame
+from calibration.base.rotation import rotation_matrix
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import AXES, Channels
 from calibration.gap.moments import History, Moments
 from calibration.machine import COORDINATES, load_machine, shipped_machine
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
-from calibration.rotation import rotation_matrix
 from calibration.station import angles, points
 from calibration.visits import Visits
 from tests.calibration.gap.campaigns import Rest, drawn_poses

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.frame import station_frame
+from calibration.base.frame import station_frame
 from calibration.gap import baseline as baseline_module
 from calibration.gap import shrink
 from calibration.gap.baseline import Baseline, baseline_of

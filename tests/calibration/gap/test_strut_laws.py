@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration import equilibrium
+from calibration.base.errors import InputError
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
 from calibration.effects.strut_laws import Held, Range, curve, misfit_m, one_way, play, slipping, softer
 from calibration.gap.baseline import baseline_of
@@ -20,7 +21,6 @@ from calibration.gap.refit import refit
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
 from calibration.machine import load_machine
-from calibration.toml_file import InputError
 from mock_devices.effects import EffectChoice
 from tests.calibration.gap.campaigns import PLANAR, Rest, drawn_geometry, drawn_poses, plant, recorded, simulated
 

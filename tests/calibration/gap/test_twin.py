@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from calibration.base.errors import InputError
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.baseline import baseline_of
 from calibration.gap.diagnosis import diagnose_and_add, diagnose_and_score
@@ -18,7 +19,6 @@ from calibration.gap.evidence import Readout
 from calibration.gap.moments import moments_of
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
-from calibration.toml_file import InputError
 from mock_devices.effects import EffectChoice
 from tests.calibration.gap.campaigns import PLANAR, example, noise_free_m, plant, recorded, simulated
 

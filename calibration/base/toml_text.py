@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from calibration.toml_file import Section
+from calibration.base.toml_file import Section
 
 
 def to_toml(section: Section) -> str:

@@ -8,9 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-
-class InputError(ValueError):
-    """Bad input or configuration; the text is one line: what is wrong, where, what to do."""
+from calibration.base.errors import InputError
 
 
 class Section(BaseModel):

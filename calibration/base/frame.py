@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.machine import Array
-from calibration.rotation import rotation_matrix
+from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.machine import Array
-from calibration.toml_file import InputError
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
 
 MAX_ROWS = 200_000
 MAX_BYTES = 100_000_000

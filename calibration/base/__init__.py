@@ -1,0 +1,1 @@
+"""What everything computes with: arrays, errors, checked files, rotations and rigid motions."""

@@ -37,7 +37,7 @@ from benchmarks.timing import (
 )
 from calibration.base.arrays import Array
 from calibration.identification import Fit, identify
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model
 from calibration.parameters import ParameterSet

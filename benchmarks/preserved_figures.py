@@ -28,7 +28,7 @@ import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries s
 from benchmarks.demo_check import run_seed
 from calibration.compensation import CompensationTable, predict_poses
 from calibration.gap.diagnosis import diagnose
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording import Recording
 from calibration.recording_header import RecordingFile
 from drivers.table_image import TableImage, encode_table, machine_id_of

@@ -14,7 +14,7 @@ from benchmarks.rig_truth import Array, Payload, deviations, draw_errors, genera
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.closure import MeasuredPoses
 from calibration.compensation import nominal_drives
-from calibration.machine import Machine, load_machine
+from calibration.machine.description import Machine, load_machine
 from calibration.parameters import ParameterSet
 from calibration.visits import Visits
 

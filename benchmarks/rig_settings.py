@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.machine import shipped_machine
+from calibration.machine.description import shipped_machine
 
 WITHIN_95 = 1.959964  # standard deviations
 ESTIMATORS = ("map", "least_squares", "tikhonov", "l_curve", "truncated_svd")

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
 from calibration.closure import MeasuredPoses, close_loops, equal_weights
-from calibration.equilibrium import conditions, solve, state_at, workspace_middle
 from calibration.identification import Fit
-from calibration.inverse import rigid_drives
-from calibration.machine import Machine
+from calibration.machine.description import Machine
+from calibration.machine.equilibrium import conditions, solve, state_at, workspace_middle
+from calibration.machine.inverse import rigid_drives
 from calibration.model import Model
 from calibration.parameters import KINDS, ParameterSet
 from calibration.visits import Visits

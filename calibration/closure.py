@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration import equilibrium
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.equilibrium import Conditions
 from calibration.linear_system import Folding, regularised_step
-from calibration.machine import Geometry, Machine
-from calibration.mechanics import State
+from calibration.machine import equilibrium
+from calibration.machine.description import Geometry, Machine
+from calibration.machine.equilibrium import Conditions
+from calibration.machine.mechanics import State
 from calibration.parameters import Parameter, ParameterSet
 from calibration.visits import Visits
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.machine import FIXED, Machine
+from calibration.machine.description import FIXED, Machine
 from calibration.parameters import Parameter, ParameterSet
 
 MOST_TERMS = 8

@@ -12,13 +12,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import equilibrium
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_matrix
 from calibration.identification import Fit
-from calibration.inverse import drives_for
-from calibration.machine import Machine
+from calibration.machine import equilibrium
+from calibration.machine.description import Machine
+from calibration.machine.inverse import drives_for
 from calibration.report_frame import ReportFrame
 from calibration.visits import Visits
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.machine import COORDINATES, Machine
+from calibration.machine.description import COORDINATES, Machine
 from calibration.measurements.smr_positions import Observations
 
 LEAST_SPREAD = 0.25  # of the workspace, in every commanded coordinate

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.equilibrium import conditions, solve, workspace_middle
 from calibration.klipper import TOWERS, DeltaPrinter
-from calibration.machine import Machine, parse_machine
+from calibration.machine.description import Machine, parse_machine
+from calibration.machine.equilibrium import conditions, solve, workspace_middle
 from calibration.measurement_folder import MeasuredMachine
 from calibration.measurement_header import (
     ColumnEntry,

@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.linear_system import Linearised, estimator_covariance, posterior_covariance, truncated_covariance
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import SmrPositions, Station
 from calibration.model import Model, Poses

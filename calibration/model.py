@@ -13,14 +13,14 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration import equilibrium
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
-from calibration.equilibrium import Conditions, Equilibrium
-from calibration.machine import PARTS, Geometry, Machine
+from calibration.machine import equilibrium
+from calibration.machine.description import PARTS, Geometry, Machine
+from calibration.machine.equilibrium import Conditions, Equilibrium
+from calibration.machine.sensitivity import Sensitivity
 from calibration.parameters import ParameterSet
 from calibration.recording_header import PayloadEntry
-from calibration.sensitivity import Sensitivity
 from calibration.visits import Visits
 
 PAYLOAD = 1  # its place among the masses of the conditions

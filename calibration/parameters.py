@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix, skew
-from calibration.machine import Geometry, Machine, across
-from calibration.sensitivity import Sensitivity
+from calibration.machine.description import Geometry, Machine, across
+from calibration.machine.sensitivity import Sensitivity
 
 UNITS = {
     "strut_length": "m",

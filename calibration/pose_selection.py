@@ -18,9 +18,9 @@ from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.equilibrium import conditions
-from calibration.inverse import drives_for
-from calibration.machine import Machine
+from calibration.machine.description import Machine
+from calibration.machine.equilibrium import conditions
+from calibration.machine.inverse import drives_for
 from calibration.measurements import Readings
 from calibration.model import Model
 from calibration.prediction import tool_derivatives

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.recording_header import RecordingFile
 
 PHASES = ("repeatability", "nests", "calibration", "verification_before", "verification_after")

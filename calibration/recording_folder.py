@@ -15,7 +15,7 @@ import numpy as np
 from calibration.base.errors import InputError
 from calibration.base.toml_file import parse_toml, read_text
 from calibration.base.toml_text import to_toml
-from calibration.machine import parse_machine
+from calibration.machine.description import parse_machine
 from calibration.recording import TEXT_COLUMNS, Recording, column_names, make_recording
 from calibration.recording_header import RecordingFile
 

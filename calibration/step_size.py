@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.equilibrium import workspace_middle
+from calibration.machine.equilibrium import workspace_middle
 from calibration.measurement_folder import MeasuredMachine
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates

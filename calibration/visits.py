@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 

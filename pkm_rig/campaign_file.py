@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration.base.toml_text import to_toml
 from calibration.gap.result import Candidate, PlannedVisit
-from calibration.machine import COORDINATES, Machine
+from calibration.machine.description import COORDINATES, Machine
 from calibration.recording_header import PayloadEntry
 from pkm_rig.config import CampaignFile, VisitEntry, VisitsSection
 

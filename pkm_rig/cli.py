@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording_folder import read_folder, write_folder
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import can
 
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.drive_profile import DriveProfile

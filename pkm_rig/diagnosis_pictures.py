@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from calibration.base.arrays import Array
 from calibration.gap.result import Diagnosis, VisitGaps
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from pkm_rig.pictures import AFTER, BEFORE, NEUTRAL, round_scale
 
 PANELS, BINS, LEAST_IN_BIN, LEAST_SHARE = 4, 12, 3, 0.02

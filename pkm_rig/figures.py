@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from pkm_rig.reduction import CALIBRATION, Reduction
 
 COVERAGE_FACTOR = 2.0

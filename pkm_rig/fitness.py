@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration import station as station_geometry
 from calibration.base.frame import station_frame
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.report_frame import ReportFrame
 from pkm_rig.config import RigFile
 from pkm_rig.rig import Rig

@@ -18,7 +18,7 @@ from calibration.explanations import Explanation, alike, explanations
 from calibration.identification import Estimator, Fit, identify
 from calibration.klipper import read_printer
 from calibration.leave_one_out import LeftOut, leave_one_out
-from calibration.machine import COORDINATES
+from calibration.machine.description import COORDINATES
 from calibration.measurement_folder import MeasuredMachine, is_measurement_folder, read_measurements, write_measurements
 from calibration.measurements import Readings
 from calibration.measurements.tool_coordinates import ToolCoordinates

@@ -16,7 +16,7 @@ import can
 import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.machine import load_machine
+from calibration.machine.description import load_machine
 from calibration.recording_header import AccuracyEntry
 from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault

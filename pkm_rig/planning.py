@@ -12,7 +12,7 @@ from calibration import station as station_geometry
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
-from calibration.machine import COORDINATES, Machine
+from calibration.machine.description import COORDINATES, Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates

@@ -12,7 +12,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_matrix
 from calibration.compensation import nominal_drives
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from pkm_rig.config import CampaignSettings
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2

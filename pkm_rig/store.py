@@ -18,7 +18,7 @@ from sqlalchemy import event
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.base.errors import InputError
-from calibration.machine import parse_machine
+from calibration.machine.description import parse_machine
 from calibration.recording import Recording, make_recording
 from calibration.recording_header import RecordingFile
 

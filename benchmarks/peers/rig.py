@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration import equilibrium
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.equilibrium import Conditions, Equilibrium
-from calibration.inverse import drives_for
-from calibration.machine import Geometry, Machine, load_machine, shipped_machine
+from calibration.machine import equilibrium
+from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
+from calibration.machine.equilibrium import Conditions, Equilibrium
+from calibration.machine.inverse import drives_for
 from calibration.parameters import ParameterSet
 
 

@@ -15,7 +15,7 @@ from mock_devices.recording_maker import Bench
 from mock_devices.settings import MockSettings, Nuisance
 from mock_devices.visible_size import VisibleScale
 
-MACHINE = Path(__file__).parents[2] / "calibration" / "machines" / "planar4.toml"
+MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
 RICH = DesignOptions(fly_share=0.15)
 PLATFORM = DesignOptions(fly_share=0.15, platform_only=True)
 POOR = DesignOptions(

@@ -17,7 +17,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.gap.moments import Moments
 from calibration.gap.shapes import centred
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.recording_header import NuisanceEntry
 
 Place = Literal["drive", "strut", "smr", "rig"]

@@ -17,7 +17,7 @@ from calibration.base.frame import Frame, station_frame
 from calibration.data_checks import check_number
 from calibration.gap.moments import Moments, moments_of
 from calibration.gap.nuisance import nuisance_columns
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.model import Model, Poses, Systematic
 from calibration.parameters import ParameterSet

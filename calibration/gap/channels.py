@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
-from calibration.machine import COORDINATES, across
+from calibration.machine.description import COORDINATES, across
 
 if TYPE_CHECKING:
     from calibration.gap.baseline import Seen

@@ -15,7 +15,7 @@ from calibration.gap.periods import Periodogram
 from calibration.gap.result import Share, Spectrum
 from calibration.gap.shapes import brownian, products, smooth
 from calibration.gap.shrink import Field, regions
-from calibration.machine import COORDINATES
+from calibration.machine.description import COORDINATES
 
 RIDGES = (1e-3, 1e-1)  # of a column's own square: coordinates with many shapes want more
 LONGEST_M, SHORTEST_M = 0.06, 2.0e-5

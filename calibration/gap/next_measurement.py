@@ -25,8 +25,8 @@ from calibration.gap.moments import History, Moments, held, joined
 from calibration.gap.result import NONE, UNKNOWN, Candidate, PlannedVisit
 from calibration.gap.search import Explanation
 from calibration.gap.setting import setting_from
-from calibration.inverse import rigid_drives
-from calibration.machine import Machine
+from calibration.machine.description import Machine
+from calibration.machine.inverse import rigid_drives
 from calibration.visits import Visits
 
 VISITS = 60

@@ -12,7 +12,7 @@ from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
-from calibration.sensitivity import Sensitivity
+from calibration.machine.sensitivity import Sensitivity
 
 
 def setting_of(readout: Readout, found: tuple[Periodogram, ...]) -> Setting:

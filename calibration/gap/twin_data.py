@@ -15,7 +15,7 @@ from calibration.effects.base import OnCurve
 from calibration.effects.catalogue import Catalogue
 from calibration.gap.moments import ARRAYS, History, Moments
 from calibration.gap.twin_parts import Added, Campaign, Fit, whole_model
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 
 FORMAT = 2
 LARGEST = 1e12  # of any number

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import equilibrium
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
@@ -19,7 +18,8 @@ from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
 from calibration.gap.moments import Moments, Remembered
 from calibration.gap.setting import setting_from
-from calibration.machine import PARTS, Machine
+from calibration.machine import equilibrium
+from calibration.machine.description import PARTS, Machine
 from calibration.model import Model, Poses, Systematic
 from calibration.parameters import ParameterSet
 from calibration.visits import Visits

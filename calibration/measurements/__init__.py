@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.model import Poses, Unknown
 
 

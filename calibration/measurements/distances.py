@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.measurements import Whitened
 from calibration.model import Poses, Unknown
 

@@ -12,7 +12,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import skew
-from calibration.machine import Machine
+from calibration.machine.description import Machine
 from calibration.measurements import Whitened
 from calibration.model import Poses, Unknown
 from calibration.visits import Visits

@@ -49,7 +49,7 @@ from tests.calibration.reference_model import (
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parent / "certified"
-MACHINES = Path(__file__).parents[2] / "calibration" / "machines"
+MACHINES = Path(__file__).parents[2] / "calibration" / "machine" / "data"
 DIGITS = 60
 STATED_DIGITS = 32
 WIDTH = "1e-18"  # of central differences: an error of its square, far below the digits stated

@@ -11,7 +11,7 @@ from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix
 from calibration.compensation import nominal_drives
 from calibration.identification import Estimator, Fit, identify
-from calibration.machine import Machine, load_machine, shipped_machine
+from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet

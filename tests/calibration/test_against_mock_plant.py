@@ -11,8 +11,8 @@ import math
 import numpy as np
 import pytest
 
-from calibration.equilibrium import Conditions, solve
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
+from calibration.machine.equilibrium import Conditions, solve
 from calibration.parameters import ParameterSet
 from mock_devices.machine_file import read_machine_file
 from mock_devices.settings import MockSettings

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibration.identification import Fit, identify
-from calibration.machine import COORDINATES, parse_machine
+from calibration.machine.description import COORDINATES, parse_machine
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model
 from calibration.parameters import ParameterSet

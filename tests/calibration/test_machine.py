@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.machine import load_machine, parse_machine, shipped_machine, shipped_machines
+from calibration.machine.description import load_machine, parse_machine, shipped_machine, shipped_machines
 
 GUIDE = '[[guides]]\nname = "g"\nkind = "plane"\npoint_m = [0.0, 0.0, 0.0]\nstiffness_n_per_m = 1.0e8\n'
 

@@ -14,10 +14,10 @@ from calibration.base.errors import InputError
 from calibration.delta_printer import measured_printer
 from calibration.explanations import alike, explanations
 from calibration.identification import identify
-from calibration.inverse import rigid_drives
 from calibration.klipper import parse_printer
 from calibration.leave_one_out import leave_one_out
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
+from calibration.machine.inverse import rigid_drives
 from calibration.measurement_folder import MeasuredMachine, read_measurements, write_measurements
 from calibration.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
 from calibration.model import Model

@@ -10,7 +10,7 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
 from calibration.identification import identify
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.measurements import parts
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates

@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import orth, subspace_angles
 
 from calibration.base.frame import Frame
-from calibration.inverse import drives_for
-from calibration.machine import load_machine, shipped_machine, shipped_machines
+from calibration.machine.description import load_machine, shipped_machine, shipped_machines
+from calibration.machine.inverse import drives_for
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model import Model

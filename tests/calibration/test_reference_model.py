@@ -14,11 +14,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from calibration import inverse
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_vector
-from calibration.equilibrium import Conditions, Equilibrium, carriers_of, solve, state_at
-from calibration.machine import Geometry, Machine, parse_machine, shipped_machine, shipped_machines
+from calibration.machine import inverse
+from calibration.machine.description import Geometry, Machine, parse_machine, shipped_machine, shipped_machines
+from calibration.machine.equilibrium import Conditions, Equilibrium, carriers_of, solve, state_at
 from calibration.parameters import ParameterSet
 from tests.calibration.reference_model import (
     COORDINATES,

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from calibration.base.arrays import Array
-from calibration.inverse import tool_jacobian
-from calibration.machine import shipped_machine, shipped_machines
-from calibration.sensitivity import Sensitivity
+from calibration.machine.description import shipped_machine, shipped_machines
+from calibration.machine.inverse import tool_jacobian
+from calibration.machine.sensitivity import Sensitivity
 from tests.calibration.reference_model import COORDINATES, PARTS, TINY, Case, Pose, Trial, solved
 from tests.calibration.test_reference_model import TWINS, Twin, every_machine, twin
 

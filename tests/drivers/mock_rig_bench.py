@@ -18,7 +18,7 @@ from mock_devices.settings import MockSettings
 from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.embedded_bus import EmbeddedBus
 
-MACHINE = Path(calibration.__file__).parent / "machines" / "planar4.toml"
+MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
 TRANSPORTS = ("one process", "sockets")
 _channels = itertools.count()
 

@@ -20,7 +20,7 @@ from mock_devices.tracker_server import PtyTrackerServer
 from pkm_rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
-MACHINE = Path(calibration.__file__).parent / "machines" / "planar4.toml"
+MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
 
 
 def _reading(hz: float, v: float, d: float, face: int = 1) -> PolarReading:

@@ -21,7 +21,7 @@ from mock_devices.settings import MockSettings
 from pkm_rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
-MACHINE = Path(calibration.__file__).parent / "machines" / "planar4.toml"
+MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
 ON_EVERY_LINE = ("modbus-exception", "modbus-short", "modbus-stuck-coil", "modbus-stale-heartbeat")
 
 

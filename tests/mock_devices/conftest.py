@@ -37,7 +37,7 @@ def clock():
 
 @pytest.fixture(scope="session")
 def machine_path():
-    return Path(__file__).parents[2] / "calibration" / "machines" / "planar4.toml"
+    return Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from mock_devices.motion_history import MotionHistory
 from mock_devices.recording_maker import Bench
 from mock_devices.settings import MockSettings
 
-MACHINE = Path(__file__).parents[2] / "calibration" / "machines" / "planar4.toml"
+MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
 FILE = read_machine_file(MACHINE)
 STATION_M = (0.0, 0.3, 3.2)
 HOME_M = 1.1

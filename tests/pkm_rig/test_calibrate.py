@@ -10,7 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording_folder import read_folder, write_folder
 from pkm_rig import calibrate as job
 from pkm_rig import stages

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.model import Model
 from calibration.parameters import ParameterSet
 from calibration.visits import Visits

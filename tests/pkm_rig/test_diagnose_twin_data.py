@@ -12,7 +12,7 @@ from calibration.base.errors import InputError
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.diagnosis import diagnose_and_add
 from calibration.gap.twin import Twin
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording import Recording
 from calibration.recording_header import RecordingFile
 from mock_devices.campaign_design import DesignOptions, draw_design

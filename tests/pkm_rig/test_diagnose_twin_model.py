@@ -21,7 +21,7 @@ from calibration.gap.shrink import regions
 from calibration.gap.solution import Joint
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording import Recording
 from calibration.recording_header import RecordingFile
 from mock_devices.campaign_design import DesignOptions, draw_design

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.figures import Figures, decide, figures
 
 

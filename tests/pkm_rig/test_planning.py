@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.base.errors import InputError
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig import planning
 from pkm_rig.cli import app
 from pkm_rig.config import CampaignSettings, embedded_rig_path, load_rig

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.machine import load_machine, shipped_machine
+from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.config import CampaignSettings
 from pkm_rig.schedule import calibration_blocks, calibration_targets, verification_block
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import equilibrium
 from calibration.base.frame import Frame, station_frame
 from calibration.compensation import nominal_drives
-from calibration.equilibrium import Conditions
-from calibration.machine import Geometry, Machine, load_machine, shipped_machine
+from calibration.machine import equilibrium
+from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
+from calibration.machine.equilibrium import Conditions
 from calibration.parameters import ParameterSet
 from calibration.recording import Recording, make_recording
 from calibration.recording_header import RecordingFile

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from calibration import equilibrium
 from calibration.base.frame import Frame, station_frame
 from calibration.base.rotation import rotation_matrix
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import AXES, Channels
 from calibration.gap.moments import History, Moments
-from calibration.machine import COORDINATES, load_machine, shipped_machine
+from calibration.machine import equilibrium
+from calibration.machine.description import COORDINATES, load_machine, shipped_machine
 from calibration.model import Model, Systematic
 from calibration.parameters import ParameterSet
 from calibration.station import angles, points

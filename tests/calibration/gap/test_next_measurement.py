@@ -7,7 +7,7 @@ import pytest
 
 from calibration.gap.diagnosis import diagnose
 from calibration.gap.result import NONE, UNKNOWN
-from calibration.machine import load_machine
+from calibration.machine.description import load_machine
 from mock_devices.campaign_design import DesignOptions
 from mock_devices.effects import EffectChoice
 from tests.calibration.gap.campaigns import PLANAR, plant, recorded

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration import equilibrium
 from calibration.base.errors import InputError
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
 from calibration.effects.strut_laws import Held, Range, curve, misfit_m, one_way, play, slipping, softer
@@ -20,7 +19,8 @@ from calibration.gap.moments import moments_of
 from calibration.gap.refit import refit
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
-from calibration.machine import load_machine
+from calibration.machine import equilibrium
+from calibration.machine.description import load_machine
 from mock_devices.effects import EffectChoice
 from tests.calibration.gap.campaigns import PLANAR, Rest, drawn_geometry, drawn_poses, plant, recorded, simulated
 

@@ -25,9 +25,9 @@ from calibration.base.rotation import (
     turns,
     turns_about_z,
 )
-from calibration.carriers import Carrier, on_branch
-from calibration.machine import FIXED, Geometry, Machine
-from calibration.mechanics import Cholesky, Setting, State, keep_memory, sum_of_loads
+from calibration.machine.carriers import Carrier, on_branch
+from calibration.machine.description import FIXED, Geometry, Machine
+from calibration.machine.mechanics import Cholesky, Setting, State, keep_memory, sum_of_loads
 
 STEP_TOLERANCE = 1e-13  # of the last Newton step, in m and rad
 SETTLED = 5e-15  # of the error that is left, told from how much the last step was shorter than the one before

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.toml_file import parse_toml, read_text
-from calibration.machine_file import GuideEntry, LoadCase, MachineFile
+from calibration.machine.machine_file import GuideEntry, LoadCase, MachineFile
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 PARTS = ("struts", "drives", "base", "platform")
@@ -133,7 +133,7 @@ def load_machine(path: Path) -> Machine:
 
 def shipped_machines() -> tuple[str, ...]:
     """Names of the machines that come with the package."""
-    return tuple(sorted(p.stem for p in (Path(__file__).parent / "machines").glob("*.toml")))
+    return tuple(sorted(p.stem for p in (Path(__file__).parent / "data").glob("*.toml")))
 
 
 def shipped_machine(name: str) -> Path:
@@ -142,7 +142,7 @@ def shipped_machine(name: str) -> Path:
         raise InputError(
             f"machine '{name}' is not shipped (known: {', '.join(shipped_machines())}); give the path of a machine file"
         )
-    return Path(__file__).parent / "machines" / f"{name}.toml"
+    return Path(__file__).parent / "data" / f"{name}.toml"
 
 
 def parse_machine(text: str, source: str) -> Machine:

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.carriers import Carrier
-from calibration.equilibrium import Conditions, Equilibrium, carriers_of, state_at
-from calibration.machine import Geometry, Machine
-from calibration.mechanics import Cholesky, State, about
+from calibration.machine.carriers import Carrier
+from calibration.machine.description import Geometry, Machine
+from calibration.machine.equilibrium import Conditions, Equilibrium, carriers_of, state_at
+from calibration.machine.mechanics import Cholesky, State, about
 
 _AXES = np.eye(3)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
-from calibration.machine import FIXED, DriveKind, Geometry, Machine
+from calibration.machine.description import FIXED, DriveKind, Geometry, Machine
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.machine import Geometry, Machine
+from calibration.machine.description import Geometry, Machine
 
 SMALLEST_PIVOT = 1e-9  # of a diagonal element: below it a coordinate is held by nothing
 NEAR_REST = 0.03  # of a strut's length: the geometric stiffness is left out where a residual is larger

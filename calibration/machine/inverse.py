@@ -6,9 +6,9 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix, rotation_vector
-from calibration.equilibrium import Conditions, Equilibrium, conditions, solve
-from calibration.machine import Geometry, Machine
-from calibration.sensitivity import Sensitivity
+from calibration.machine.description import Geometry, Machine
+from calibration.machine.equilibrium import Conditions, Equilibrium, conditions, solve
+from calibration.machine.sensitivity import Sensitivity
 
 
 def rigid_drives(machine: Machine, geometry: Geometry, pose: Array) -> Array:

@@ -1,0 +1,1 @@
+"""The machine as its file describes it, and its mechanics: poses at rest, drives for poses, derivatives."""

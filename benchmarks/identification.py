@@ -39,10 +39,10 @@ from calibration.base.arrays import Array
 from calibration.identification import Fit, identify
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.problem import Problem
-from calibration.visits import Visits
 
 MACHINES = ("planar4", "gough8")
 SIZES = (100, 1_000, 10_000, 100_000)

@@ -12,9 +12,9 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
+from calibration.model.model import Model
+from calibration.model.visits import Visits
 from calibration.problem import Layout
-from calibration.visits import Visits
 
 
 @dataclass(frozen=True)

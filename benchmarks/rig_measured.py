@@ -15,8 +15,8 @@ from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.closure import MeasuredPoses
 from calibration.compensation import nominal_drives
 from calibration.machine.description import Machine, load_machine
-from calibration.parameters import ParameterSet
-from calibration.visits import Visits
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 
 
 def measured_targets(machine: Machine, count: int) -> Array:

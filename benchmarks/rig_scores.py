@@ -21,9 +21,9 @@ from calibration.base.errors import InputError
 from calibration.baselines import RIGID_KINDS, fit_baselines
 from calibration.identification import Fit, identify
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model, Systematic
-from calibration.parameters import ParameterSet
-from calibration.visits import Visits
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 
 
 def run_rig(study: Study, seed: int) -> dict[str, Any]:

@@ -23,9 +23,9 @@ from calibration.identification import Fit
 from calibration.machine.description import Machine
 from calibration.machine.equilibrium import conditions, solve, state_at, workspace_middle
 from calibration.machine.inverse import rigid_drives
-from calibration.model import Model
-from calibration.parameters import KINDS, ParameterSet
-from calibration.visits import Visits
+from calibration.model.model import Model
+from calibration.model.parameters import KINDS, ParameterSet
+from calibration.model.visits import Visits
 
 RIGID_KINDS = tuple(kind for kind in KINDS if kind != "ln_stiffness")
 MOST_SUBSETS = 8  # of the minimal ones, evenly chosen: a Gough platform with eight legs has 28

@@ -17,8 +17,8 @@ from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine
 from calibration.machine.equilibrium import Conditions
 from calibration.machine.mechanics import State
-from calibration.parameters import Parameter, ParameterSet
-from calibration.visits import Visits
+from calibration.model.parameters import Parameter, ParameterSet
+from calibration.model.visits import Visits
 
 STEPS = 6
 

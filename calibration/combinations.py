@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.machine.description import FIXED, Machine
-from calibration.parameters import Parameter, ParameterSet
+from calibration.model.parameters import Parameter, ParameterSet
 
 MOST_TERMS = 8
 WORTH_SAYING = 0.25  # of the largest term

@@ -19,8 +19,8 @@ from calibration.identification import Fit
 from calibration.machine import equilibrium
 from calibration.machine.description import Machine
 from calibration.machine.inverse import drives_for
+from calibration.model.visits import Visits
 from calibration.report_frame import ReportFrame
-from calibration.visits import Visits
 
 POINTS_PER_AXIS = 17
 GRID_MARGIN_M = 0.02

@@ -21,7 +21,7 @@ from calibration.measurement_header import (
     MeasurementFile,
     QuantityEntry,
 )
-from calibration.visits import Visits
+from calibration.model.visits import Visits
 
 HEIGHT_SD_M = 3e-5  # a probe repeats to 10 to 20 um, a glass bed is flat to some tens of um
 DISTANCE_SD_M = 5e-5  # a calliper on printed edges

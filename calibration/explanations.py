@@ -16,7 +16,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.identification import Fit
 from calibration.measurements import Readings
-from calibration.model import Model
+from calibration.model.model import Model
 from calibration.problem import Problem
 
 ALIKE = 0.3  # standard deviations of a reading, RMS

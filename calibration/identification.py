@@ -20,9 +20,9 @@ from calibration.linear_system import Linearised, estimator_covariance, posterio
 from calibration.machine.description import Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import SmrPositions, Station
-from calibration.model import Model, Poses
+from calibration.model.model import Model, Poses
+from calibration.model.visits import Visits
 from calibration.problem import Layout, Problem
-from calibration.visits import Visits
 
 Estimator = Literal["map", "least_squares", "tikhonov", "l_curve", "truncated_svd"]
 LEAST_SQUARES_WEIGHT = 1e-2  # of the tolerances: only keeps null directions from drifting

@@ -23,8 +23,8 @@ from calibration.measurement_header import MeasurementFile
 from calibration.measurements import Readings
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.parameters import KINDS, ParameterSet
-from calibration.visits import Visits
+from calibration.model.parameters import KINDS, ParameterSet
+from calibration.model.visits import Visits
 
 HEADER, MACHINE, COORDINATE_TABLE, DISTANCE_TABLE = (
     "measurements.toml",

@@ -18,10 +18,10 @@ from calibration.combinations import candidates, in_words, plain
 from calibration.identification import Fit
 from calibration.linear_system import Linearised, posterior_covariance
 from calibration.measurements import Readings
-from calibration.model import Model
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.problem import Problem
-from calibration.visits import Visits
 
 OPEN = 0.1  # singular value below which a direction is open: the data take less than 0.5 % off its tolerance
 INSIDE = 1e-2  # rad: a known combination counts as open if it lies so close to the open directions

@@ -22,10 +22,10 @@ from calibration.machine.description import Machine
 from calibration.machine.equilibrium import conditions
 from calibration.machine.inverse import drives_for
 from calibration.measurements import Readings
-from calibration.model import Model
+from calibration.model.model import Model
+from calibration.model.visits import Visits
 from calibration.prediction import tool_derivatives
 from calibration.problem import Layout
-from calibration.visits import Visits
 
 Criterion = Literal["I", "D"]
 MOST_ROUNDS = 20

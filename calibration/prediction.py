@@ -17,9 +17,9 @@ from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector, skew
 from calibration.identification import Fit
 from calibration.measurements import Readings
-from calibration.model import Model
+from calibration.model.model import Model
+from calibration.model.visits import Visits
 from calibration.problem import Layout, Problem
-from calibration.visits import Visits
 
 LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
 DRAWS = 1000

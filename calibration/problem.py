@@ -18,8 +18,8 @@ from calibration.machine.description import Machine
 from calibration.machine.equilibrium import Status
 from calibration.machine.mechanics import keep_memory
 from calibration.measurements import Readings, Whitened, parts
-from calibration.model import Model, Poses, Unknown
-from calibration.visits import Visits
+from calibration.model.model import Model, Poses, Unknown
+from calibration.model.visits import Visits
 
 VISITS_AT_ONCE = 1024
 WORTH_THINNING = 0.5

@@ -10,19 +10,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from calibration.base.toml_file import Section
+from calibration.model.payload import PayloadEntry
 from calibration.station import CertifiedLength, StationAccuracy
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
-
-
-class PayloadEntry(Section):
-    """A payload of the rig: mass and centre of mass in the platform frame with standard uncertainties."""
-
-    name: str
-    mass_kg: float = Field(ge=0.0, le=1.0e6)
-    u_mass_kg: float = Field(ge=0.0, default=0.0)
-    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    u_com_m: float = Field(ge=0.0, default=0.0)
 
 
 class AccuracyEntry(Section):

@@ -16,8 +16,8 @@ from calibration.machine.equilibrium import workspace_middle
 from calibration.measurement_folder import MeasuredMachine
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
 
 FACTORS = (1 / 2, 2.0, 1 / 4, 4.0, 1 / 8, 8.0, 1 / 16, 16.0, 1 / 32, 32.0)
 

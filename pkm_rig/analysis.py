@@ -15,11 +15,11 @@ from calibration.compensation import CompensationTable, Load, build_table, nomin
 from calibration.data_checks import check_cover
 from calibration.identification import Estimator, Fit, identify
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
-from calibration.model import Model, Systematic
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame
-from calibration.visits import Visits
 from pkm_rig.figures import Figures, figures, free_axes, scale_part
 from pkm_rig.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 

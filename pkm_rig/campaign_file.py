@@ -8,7 +8,7 @@ from pathlib import Path
 from calibration.base.toml_text import to_toml
 from calibration.gap.result import Candidate, PlannedVisit
 from calibration.machine.description import COORDINATES, Machine
-from calibration.recording_header import PayloadEntry
+from calibration.model.payload import PayloadEntry
 from pkm_rig.config import CampaignFile, VisitEntry, VisitsSection
 
 DECIMALS = 9  # of a target: well below what a drive can resolve

@@ -22,9 +22,9 @@ from calibration.machine.description import COORDINATES
 from calibration.measurement_folder import MeasuredMachine, is_measurement_folder, read_measurements, write_measurements
 from calibration.measurements import Readings
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
 from calibration.observability import Observability, observability_of
-from calibration.parameters import ParameterSet
 from calibration.step_size import check_step_size
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)

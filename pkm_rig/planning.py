@@ -16,9 +16,10 @@ from calibration.machine.description import COORDINATES, Machine
 from calibration.measurements import Readings
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model, Systematic
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.observability import planned_observability
-from calibration.parameters import ParameterSet
 from calibration.pose_selection import (
     Criterion,
     Instrument,
@@ -30,7 +31,6 @@ from calibration.pose_selection import (
     visits_at,
     workspace_poses,
 )
-from calibration.visits import Visits
 from pkm_rig.config import RigFile
 from pkm_rig.output import results
 

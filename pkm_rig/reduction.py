@@ -18,9 +18,9 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
 from calibration.data_checks import check_units
 from calibration.measurements.smr_positions import Observations
+from calibration.model.visits import Visits
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame, fit_report_frame
-from calibration.visits import Visits
 from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
 
 FARTHEST_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to

@@ -12,7 +12,7 @@ from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions, Equilibrium
 from calibration.machine.inverse import drives_for
-from calibration.parameters import ParameterSet
+from calibration.model.parameters import ParameterSet
 
 
 def targets(machine: Machine, n: int, seed: int) -> tuple[Array, Array]:

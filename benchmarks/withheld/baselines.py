@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from calibration.base.frame import station_frame
 from calibration.identification import identify
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
-from calibration.model import Model
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.recording import Recording
 from calibration.report_frame import fit_report_frame
-from calibration.visits import Visits
 
 Array = NDArray[np.float64]
 

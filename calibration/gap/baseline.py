@@ -19,11 +19,11 @@ from calibration.gap.moments import Moments, moments_of
 from calibration.gap.nuisance import nuisance_columns
 from calibration.machine.description import Machine
 from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
-from calibration.model import Model, Poses, Systematic
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model, Poses, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.recording import Recording
 from calibration.report_frame import fit_report_frame
-from calibration.visits import Visits
 
 NEST_PRIOR_M = 5.0e-3
 FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded poses

@@ -27,7 +27,7 @@ from calibration.gap.search import Explanation
 from calibration.gap.setting import setting_from
 from calibration.machine.description import Machine
 from calibration.machine.inverse import rigid_drives
-from calibration.visits import Visits
+from calibration.model.visits import Visits
 
 VISITS = 60
 SEED = 4  # of the poses that are proposed, so that a diagnosis says the same twice

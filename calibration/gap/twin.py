@@ -27,7 +27,7 @@ from calibration.gap.search import Cause
 from calibration.gap.solution import Joint, Solution, fit_before
 from calibration.gap.twin_parts import Added, Asked, Campaign, Fit, Told, places_m, visits_of
 from calibration.machine.description import Machine, parse_machine
-from calibration.visits import Visits
+from calibration.model.visits import Visits
 
 # Readings of the campaign for each that is asked for at once: means that forms take of all rows stay the campaign's.
 FOR_EACH = 40

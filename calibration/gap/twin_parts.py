@@ -20,9 +20,9 @@ from calibration.gap.moments import Moments, Remembered
 from calibration.gap.setting import setting_from
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine
-from calibration.model import Model, Poses, Systematic
-from calibration.parameters import ParameterSet
-from calibration.visits import Visits
+from calibration.model.model import Model, Poses, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 
 NEIGHBOURS = 4  # poses of the campaign from which a search starts, the nearest first
 SEARCHED = 4096  # rows at once

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.machine.description import Machine
-from calibration.model import Poses, Unknown
+from calibration.model.model import Poses, Unknown
 
 
 @dataclass(frozen=True)

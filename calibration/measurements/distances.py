@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.machine.description import Machine
 from calibration.measurements import Whitened
-from calibration.model import Poses, Unknown
+from calibration.model.model import Poses, Unknown
 
 
 @dataclass(frozen=True)

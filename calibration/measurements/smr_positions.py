@@ -14,8 +14,8 @@ from calibration.base.frame import Frame
 from calibration.base.rotation import skew
 from calibration.machine.description import Machine
 from calibration.measurements import Whitened
-from calibration.model import Poses, Unknown
-from calibration.visits import Visits
+from calibration.model.model import Poses, Unknown
+from calibration.model.visits import Visits
 
 FRAME_PRIOR_M = 10.0  # so wide that it says nothing
 FRAME_PRIOR_RAD = 1.0

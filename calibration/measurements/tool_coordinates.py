@@ -17,8 +17,8 @@ from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.machine.description import COORDINATES, Machine
 from calibration.measurements import Whitened
 from calibration.measurements.smr_positions import FRAME_PRIOR_M, FRAME_PRIOR_RAD
-from calibration.model import Poses, Unknown
-from calibration.visits import Visits
+from calibration.model.model import Poses, Unknown
+from calibration.model.visits import Visits
 
 
 @dataclass(frozen=True)

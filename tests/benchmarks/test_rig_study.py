@@ -16,8 +16,8 @@ from benchmarks.rig_table import ratio, within
 from benchmarks.rig_truth import Payload, ReferencePlant, deviations, draw_errors, generator, plant_of
 from calibration.identification import identify
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model, Systematic
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
 from tests.calibration.reference_model import ReferenceModel
 
 PLANAR = replace(STUDIES[0], poses=16, held_out=20)

@@ -13,10 +13,10 @@ from calibration.compensation import nominal_drives
 from calibration.identification import Estimator, Fit, identify
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
-from calibration.model import Model, Systematic
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.problem import Layout
-from calibration.visits import Visits
 
 TEMPERATURES_C = {"struts": 21.0, "columns": 20.7, "base": 20.5, "platform": 22.0}
 STATED = station.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)

@@ -13,7 +13,7 @@ import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions, solve
-from calibration.parameters import ParameterSet
+from calibration.model.parameters import ParameterSet
 from mock_devices.machine_file import read_machine_file
 from mock_devices.settings import MockSettings
 from mock_devices.true_machine import TrueMachine, draw_machine

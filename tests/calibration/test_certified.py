@@ -13,9 +13,9 @@ import pytest
 from calibration.identification import Fit, identify
 from calibration.machine.description import COORDINATES, parse_machine
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
-from calibration.parameters import ParameterSet
-from calibration.visits import Visits
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from tests.calibration.certify import DIGITS, EXTENDED, FOLDER, STATED_DIGITS, TASKS, ManyDraws, Objective
 
 PROBLEMS = tuple(sorted(path.stem for path in FOLDER.glob("*.json")))

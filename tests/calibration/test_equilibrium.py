@@ -14,7 +14,7 @@ from calibration.machine import equilibrium
 from calibration.machine.description import load_machine, parse_machine, shipped_machine, shipped_machines
 from calibration.machine.equilibrium import Status, conditions, solve, state_at
 from calibration.machine.inverse import drives_for
-from calibration.parameters import ParameterSet
+from calibration.model.parameters import ParameterSet
 
 
 def poses(machine, count, seed):

@@ -20,10 +20,10 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import rigid_drives
 from calibration.measurement_folder import MeasuredMachine, read_measurements, write_measurements
 from calibration.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
-from calibration.model import Model
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.step_size import check_step_size
-from calibration.visits import Visits
 from tests.calibration.delta_reference import TRUE, Rows, own_printer, printer_cfg
 
 COLUMNS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")

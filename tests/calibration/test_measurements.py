@@ -14,8 +14,8 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.measurements import parts
 from calibration.measurements.distances import Distances
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model, Systematic
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
 from calibration.pose_selection import Load, visits_at, workspace_poses
 from calibration.prediction import monte_carlo, predict_tool
 from calibration.problem import Layout

@@ -11,11 +11,11 @@ from calibration.machine.description import load_machine, shipped_machine, shipp
 from calibration.machine.inverse import drives_for
 from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.observability import observability_of, planned_observability
-from calibration.parameters import ParameterSet
 from calibration.problem import Problem
-from calibration.visits import Visits
 
 POSES = 60
 

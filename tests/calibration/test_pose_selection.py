@@ -11,8 +11,8 @@ from calibration.identification import identify
 from calibration.machine.description import load_machine, parse_machine, shipped_machine
 from calibration.machine.inverse import drives_for
 from calibration.measurements.tool_coordinates import ToolCoordinates
-from calibration.model import Model
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
 from calibration.pose_selection import (
     Load,
     Selection,

@@ -19,7 +19,7 @@ from calibration.base.rotation import rotation_vector
 from calibration.machine import inverse
 from calibration.machine.description import Geometry, Machine, parse_machine, shipped_machine, shipped_machines
 from calibration.machine.equilibrium import Conditions, Equilibrium, carriers_of, solve, state_at
-from calibration.parameters import ParameterSet
+from calibration.model.parameters import ParameterSet
 from tests.calibration.reference_model import (
     COORDINATES,
     EXTENDED,

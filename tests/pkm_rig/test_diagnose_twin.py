@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.model import Model
-from calibration.parameters import ParameterSet
-from calibration.visits import Visits
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from pkm_rig.twin_rig import PAST_ROWS, LiveTwin, Look
 
 MACHINE = load_machine(shipped_machine("planar4"))

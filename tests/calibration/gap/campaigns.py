@@ -14,7 +14,7 @@ from calibration.compensation import nominal_drives
 from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions
-from calibration.parameters import ParameterSet
+from calibration.model.parameters import ParameterSet
 from calibration.recording import Recording, make_recording
 from calibration.recording_header import RecordingFile
 from calibration.station import StationAccuracy, angles, covariances

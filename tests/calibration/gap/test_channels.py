@@ -14,10 +14,10 @@ from calibration.gap.channels import AXES, Channels
 from calibration.gap.moments import History, Moments
 from calibration.machine import equilibrium
 from calibration.machine.description import COORDINATES, load_machine, shipped_machine
-from calibration.model import Model, Systematic
-from calibration.parameters import ParameterSet
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from calibration.station import angles, points
-from calibration.visits import Visits
 from tests.calibration.gap.campaigns import Rest, drawn_poses
 
 VISITS = 5

@@ -19,9 +19,9 @@ from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Geometry, Machine
 from calibration.machine.equilibrium import Conditions, Equilibrium
 from calibration.machine.sensitivity import Sensitivity
-from calibration.parameters import ParameterSet
-from calibration.recording_header import PayloadEntry
-from calibration.visits import Visits
+from calibration.model.parameters import ParameterSet
+from calibration.model.payload import PayloadEntry
+from calibration.model.visits import Visits
 
 PAYLOAD = 1  # its place among the masses of the conditions
 

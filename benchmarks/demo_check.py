@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from calibration.compensation import predict_poses
-from calibration.measurements.smr_positions import Observations
+from calibration.instruments.smr_positions import Observations
 from calibration.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
 from pkm_rig import calibrate as job

@@ -37,8 +37,8 @@ from benchmarks.timing import (
 )
 from calibration.base.arrays import Array
 from calibration.identification import Fit, identify
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.measurements.tool_coordinates import ToolCoordinates
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.visits import Visits
 from calibration.problem import Layout

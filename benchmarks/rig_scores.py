@@ -20,7 +20,7 @@ from benchmarks.rig_truth import Array, deviations, generator
 from calibration.base.errors import InputError
 from calibration.baselines import RIGID_KINDS, fit_baselines
 from calibration.identification import Fit, identify
-from calibration.measurements.tool_coordinates import ToolCoordinates
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

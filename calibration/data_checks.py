@@ -6,8 +6,8 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.instruments.smr_positions import Observations
 from calibration.machine.description import COORDINATES, Machine
-from calibration.measurements.smr_positions import Observations
 
 LEAST_SPREAD = 0.25  # of the workspace, in every commanded coordinate
 SPACING_ERROR = 0.05  # relative, between reflectors; mountings err by millimetres at most

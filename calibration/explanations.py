@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.identification import Fit
-from calibration.measurements import Readings
+from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 from calibration.problem import Problem
 

@@ -16,10 +16,10 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
+from calibration.instruments.readings import Readings
+from calibration.instruments.smr_positions import SmrPositions, Station
 from calibration.linear_system import Linearised, estimator_covariance, posterior_covariance, truncated_covariance
 from calibration.machine.description import Machine
-from calibration.measurements import Readings
-from calibration.measurements.smr_positions import SmrPositions, Station
 from calibration.model.model import Model, Poses
 from calibration.model.visits import Visits
 from calibration.problem import Layout, Problem

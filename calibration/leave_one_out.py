@@ -15,7 +15,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.identification import Fit
-from calibration.measurements import parts
+from calibration.instruments.readings import parts
 from calibration.problem import VISITS_AT_ONCE
 
 

@@ -17,12 +17,12 @@ from calibration.base.csv_table import counts, read_table, write_table
 from calibration.base.errors import InputError
 from calibration.base.toml_file import parse_toml, read_text
 from calibration.base.toml_text import to_toml
+from calibration.instruments.distances import Distances
+from calibration.instruments.readings import Readings
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, Machine, parse_machine
 from calibration.machine.equilibrium import workspace_middle
 from calibration.measurement_header import MeasurementFile
-from calibration.measurements import Readings
-from calibration.measurements.distances import Distances
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.parameters import KINDS, ParameterSet
 from calibration.model.visits import Visits
 

@@ -16,8 +16,8 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.combinations import candidates, in_words, plain
 from calibration.identification import Fit
+from calibration.instruments.readings import Readings
 from calibration.linear_system import Linearised, posterior_covariance
-from calibration.measurements import Readings
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

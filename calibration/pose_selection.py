@@ -18,10 +18,10 @@ from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.instruments.readings import Readings
 from calibration.machine.description import Machine
 from calibration.machine.equilibrium import conditions
 from calibration.machine.inverse import drives_for
-from calibration.measurements import Readings
 from calibration.model.model import Model
 from calibration.model.visits import Visits
 from calibration.prediction import tool_derivatives

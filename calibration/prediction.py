@@ -16,7 +16,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector, skew
 from calibration.identification import Fit
-from calibration.measurements import Readings
+from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 from calibration.model.visits import Visits
 from calibration.problem import Layout, Problem

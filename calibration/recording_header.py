@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from calibration.base.toml_file import Section
+from calibration.instruments.station import CertifiedLength, StationAccuracy
 from calibration.model.payload import PayloadEntry
-from calibration.station import CertifiedLength, StationAccuracy
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 

@@ -16,8 +16,8 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
+from calibration.instruments.smr_positions import Observations
 from calibration.machine.description import Machine
-from calibration.measurements.smr_positions import Observations
 
 FARTHEST = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
 

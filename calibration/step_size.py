@@ -12,10 +12,10 @@ from fractions import Fraction
 import numpy as np
 
 from calibration.base.errors import InputError
+from calibration.instruments.distances import Distances
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.equilibrium import workspace_middle
 from calibration.measurement_folder import MeasuredMachine
-from calibration.measurements.distances import Distances
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 

@@ -14,7 +14,7 @@ from calibration.closure import MeasuredPoses
 from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
 from calibration.data_checks import check_cover
 from calibration.identification import Estimator, Fit, identify
-from calibration.measurements.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

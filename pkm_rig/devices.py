@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration import station as station_geometry
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
+from calibration.instruments import station as station_geometry
 from calibration.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
 from drivers.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig import Rig

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration import station as station_geometry
 from calibration.base.frame import station_frame
+from calibration.instruments import station as station_geometry
 from calibration.machine.description import Machine
 from calibration.report_frame import ReportFrame
 from pkm_rig.config import RigFile

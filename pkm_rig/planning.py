@@ -8,14 +8,14 @@ from typing import Any, get_args
 import numpy as np
 from rich.table import Table
 
-from calibration import station as station_geometry
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
+from calibration.instruments import station as station_geometry
+from calibration.instruments.readings import Readings
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, Machine
-from calibration.measurements import Readings
-from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

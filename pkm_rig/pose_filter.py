@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
-from calibration.measurements.smr_positions import Observations
+from calibration.instruments.smr_positions import Observations
 from calibration.recording_header import AccuracyEntry
 from calibration.report_frame import ReportFrame, compose
 

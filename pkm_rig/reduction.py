@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import station
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
 from calibration.data_checks import check_units
-from calibration.measurements.smr_positions import Observations
+from calibration.instruments import station
+from calibration.instruments.smr_positions import Observations
 from calibration.model.visits import Visits
 from calibration.recording import Recording
 from calibration.report_frame import ReportFrame, fit_report_frame

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.base.frame import station_frame
 from calibration.identification import identify
-from calibration.measurements.smr_positions import Observations, SmrPositions, Station
+from calibration.instruments.smr_positions import Observations, SmrPositions, Station
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

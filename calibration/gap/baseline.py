@@ -17,8 +17,8 @@ from calibration.base.frame import Frame, station_frame
 from calibration.data_checks import check_number
 from calibration.gap.moments import Moments, moments_of
 from calibration.gap.nuisance import nuisance_columns
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.machine.description import Machine
-from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.model.model import Model, Poses, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

@@ -21,7 +21,7 @@ from calibration.gap.baseline import NEST_PRIOR_M, Baseline
 from calibration.gap.evidence import Readout
 from calibration.gap.search import Cause
 from calibration.gap.twin_parts import Fit, whole_model
-from calibration.measurements.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 
 MOST_STEPS = 12
 HALVINGS = 6

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calibration import station
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix
 from calibration.compensation import nominal_drives
 from calibration.identification import Estimator, Fit, identify
+from calibration.instruments import station
+from calibration.instruments.smr_positions import Observations, SmrPositions, Station
 from calibration.machine.description import Machine, load_machine, shipped_machine
-from calibration.measurements.smr_positions import Observations, SmrPositions, Station
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

@@ -7,9 +7,9 @@ from calibration.baselines import fit_baselines, minimal_subsets, without_struts
 from calibration.closure import MeasuredPoses
 from calibration.compensation import predict_poses
 from calibration.identification import identify
+from calibration.instruments.smr_positions import SmrPositions, Station
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.equilibrium import conditions, solve
-from calibration.measurements.smr_positions import SmrPositions, Station
 from calibration.pose_selection import Load, visits_at, workspace_poses
 from calibration.report_frame import fit_report_frame
 from tests.calibration.conftest import SMRS

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from calibration.identification import Fit, identify
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, parse_machine
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

@@ -10,10 +10,10 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
 from calibration.identification import identify
+from calibration.instruments.distances import Distances
+from calibration.instruments.readings import parts
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.measurements import parts
-from calibration.measurements.distances import Distances
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.pose_selection import Load, visits_at, workspace_poses

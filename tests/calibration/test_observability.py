@@ -7,10 +7,10 @@ import pytest
 from scipy.linalg import orth, subspace_angles
 
 from calibration.base.frame import Frame
+from calibration.instruments.smr_positions import Observations, SmrPositions, Station
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
 from calibration.machine.inverse import drives_for
-from calibration.measurements.smr_positions import Observations, SmrPositions, Station
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

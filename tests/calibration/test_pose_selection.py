@@ -8,9 +8,9 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
 from calibration.identification import identify
+from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, parse_machine, shipped_machine
 from calibration.machine.inverse import drives_for
-from calibration.measurements.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.pose_selection import (

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.data_checks import check_cover
-from calibration.measurements.smr_positions import Observations
+from calibration.instruments.smr_positions import Observations
 from calibration.remarks import remarks
 
 

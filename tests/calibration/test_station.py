@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration import station
+from calibration.instruments import station
 
 STATED = station.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration import station
+from calibration.instruments import station
 from calibration.recording import Recording, column_names, make_recording
 from calibration.recording_header import RecordingFile, StationEntry
 from mock_devices.plant import Plant

@@ -12,12 +12,12 @@ from calibration.base.rotation import rotation_matrix
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import AXES, Channels
 from calibration.gap.moments import History, Moments
+from calibration.instruments.station import angles, points
 from calibration.machine import equilibrium
 from calibration.machine.description import COORDINATES, load_machine, shipped_machine
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.station import angles, points
 from tests.calibration.gap.campaigns import Rest, drawn_poses
 
 VISITS = 5

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.instruments.readings import Whitened
 from calibration.machine.description import Machine
-from calibration.measurements import Whitened
 from calibration.model.model import Poses, Unknown
 
 

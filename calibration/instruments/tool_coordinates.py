@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
+from calibration.instruments.readings import Whitened
+from calibration.instruments.smr_positions import FRAME_PRIOR_M, FRAME_PRIOR_RAD
 from calibration.machine.description import COORDINATES, Machine
-from calibration.measurements import Whitened
-from calibration.measurements.smr_positions import FRAME_PRIOR_M, FRAME_PRIOR_RAD
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
 

@@ -12,8 +12,8 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import skew
+from calibration.instruments.readings import Whitened
 from calibration.machine.description import Machine
-from calibration.measurements import Whitened
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
 

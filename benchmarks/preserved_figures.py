@@ -29,8 +29,8 @@ from benchmarks.demo_check import run_seed
 from calibration.compensation import CompensationTable, predict_poses
 from calibration.gap.diagnosis import diagnose
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.recording import Recording
-from calibration.recording_header import RecordingFile
+from calibration.recording.header import RecordingFile
+from calibration.recording.recording import Recording
 from drivers.table_image import TableImage, encode_table, machine_id_of
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice

@@ -15,9 +15,9 @@ from calibration.base.errors import InputError
 from calibration.instruments.distances import Distances
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.equilibrium import workspace_middle
-from calibration.measurement_folder import MeasuredMachine
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
+from calibration.recording.measurement_folder import MeasuredMachine
 
 FACTORS = (1 / 2, 2.0, 1 / 4, 4.0, 1 / 8, 8.0, 1 / 16, 16.0, 1 / 32, 32.0)
 

@@ -18,7 +18,7 @@ from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositio
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from calibration.report_frame import ReportFrame
 from pkm_rig.figures import Figures, figures, free_axes, scale_part
 from pkm_rig.reduction import CALIBRATION, Reduction, last_calibration_check, reduce

@@ -13,7 +13,7 @@ import numpy as np
 from calibration.base.errors import InputError
 from calibration.compensation import CompensationTable
 from calibration.observability import observability_of
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from calibration.remarks import remarks
 from drivers.errors import DeviceError
 from drivers.table_bank import CompensationState

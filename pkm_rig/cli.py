@@ -13,7 +13,7 @@ import typer
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.recording_folder import read_folder, write_folder
+from calibration.recording.folder import read_folder, write_folder
 from drivers.errors import DeviceError
 from pkm_rig import calibrate as job
 from pkm_rig import diagnose as diagnosing

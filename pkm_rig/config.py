@@ -12,7 +12,7 @@ from calibration.base.toml_file import Section, read_toml
 from calibration.compensation import GRID_MARGIN_M
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.payload import PayloadEntry
-from calibration.recording_header import LengthEntry, Name, NuisanceEntry, StationEntry
+from calibration.recording.header import LengthEntry, Name, NuisanceEntry, StationEntry
 from drivers.drive_profile import DriveProfile, load_profile
 from drivers.homing import Homing
 

@@ -17,7 +17,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.instruments import station as station_geometry
-from calibration.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
+from calibration.recording.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
 from drivers.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig import Rig
 from pkm_rig.schedule import PlannedVisit

@@ -13,7 +13,7 @@ from calibration.gap.diagnosis import diagnose, diagnose_and_score
 from calibration.gap.result import Diagnosis
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from pkm_rig import diagnosis_pictures
 from pkm_rig.analysis import calibration_part
 from pkm_rig.campaign_file import write_candidates

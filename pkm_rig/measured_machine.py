@@ -13,18 +13,23 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.data_checks import check_number
-from calibration.delta_printer import measured_printer
 from calibration.explanations import Explanation, alike, explanations
 from calibration.identification import Estimator, Fit, identify
 from calibration.instruments.readings import Readings
 from calibration.instruments.tool_coordinates import ToolCoordinates
-from calibration.klipper import read_printer
 from calibration.leave_one_out import LeftOut, leave_one_out
 from calibration.machine.description import COORDINATES
-from calibration.measurement_folder import MeasuredMachine, is_measurement_folder, read_measurements, write_measurements
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.observability import Observability, observability_of
+from calibration.recording.delta_printer import measured_printer
+from calibration.recording.klipper import read_printer
+from calibration.recording.measurement_folder import (
+    MeasuredMachine,
+    is_measurement_folder,
+    read_measurements,
+    write_measurements,
+)
 from calibration.step_size import check_step_size
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)

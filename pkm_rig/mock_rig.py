@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine
-from calibration.recording_header import AccuracyEntry
+from calibration.recording.header import AccuracyEntry
 from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.faulty_bus import FaultyBus

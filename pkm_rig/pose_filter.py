@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
 from calibration.instruments.smr_positions import Observations
-from calibration.recording_header import AccuracyEntry
+from calibration.recording.header import AccuracyEntry
 from calibration.report_frame import ReportFrame, compose
 
 GATE_PROBABILITY = 0.9999

@@ -19,7 +19,7 @@ from calibration.data_checks import check_units
 from calibration.instruments import station
 from calibration.instruments.smr_positions import Observations
 from calibration.model.visits import Visits
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from calibration.report_frame import ReportFrame, fit_report_frame
 from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
 

@@ -16,8 +16,8 @@ import numpy as np
 from bluesky import RunEngine
 
 import pkm_rig
-from calibration.recording import Recording
-from calibration.recording_header import RecordingFile, StationEntry
+from calibration.recording.header import RecordingFile, StationEntry
+from calibration.recording.recording import Recording
 from drivers.errors import DeviceError, SettingsChanged
 from pkm_rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
 from pkm_rig.plans import CampaignRefused, Plan, Stage

@@ -8,8 +8,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from calibration.base.errors import InputError
-from calibration.recording import Recording
-from calibration.recording_folder import read_folder
+from calibration.recording.folder import read_folder
+from calibration.recording.recording import Recording
 from pkm_rig.clock import ScaledClock
 from pkm_rig.config import embedded_rig_path, load_rig
 from pkm_rig.connection import connected

@@ -15,7 +15,7 @@ from calibration.compensation import predict_poses
 from calibration.identification import Estimator
 from calibration.observability import HELD
 from calibration.prediction import monte_carlo, predict_tool
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from pkm_rig.analysis import Calibration, identify_recording, pose_u
 from pkm_rig.calibrate import Outcome, Written, identified_summary, judge, last_attempt
 from pkm_rig.diagnose import attempt

@@ -19,8 +19,8 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.base.errors import InputError
 from calibration.machine.description import parse_machine
-from calibration.recording import Recording, make_recording
-from calibration.recording_header import RecordingFile
+from calibration.recording.header import RecordingFile
+from calibration.recording.recording import Recording, make_recording
 
 _metadata = sa.MetaData()
 

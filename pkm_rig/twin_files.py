@@ -11,7 +11,7 @@ from calibration.base.errors import InputError
 from calibration.base.toml_file import read_text
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.twin import Twin
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 
 TWIN_FOLDER, TWIN_NAME, MACHINE_NAME = "twin", "twin.json", "machine.toml"
 FORMAT = 1

@@ -17,7 +17,7 @@ from calibration.instruments.smr_positions import Observations, SmrPositions, St
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from calibration.report_frame import fit_report_frame
 
 Array = NDArray[np.float64]

@@ -78,7 +78,7 @@ def _answer(
 
     from benchmarks.withheld.answers import to_data  # noqa: PLC0415
     from benchmarks.withheld.baselines import simple_answers  # noqa: PLC0415
-    from calibration.recording_folder import read_folder  # noqa: PLC0415
+    from calibration.recording.folder import read_folder  # noqa: PLC0415
 
     recording = read_folder(folder)
     without = tuple(entry["without"])

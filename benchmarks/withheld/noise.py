@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.withheld.baselines import residuals_after_identification
-from calibration.recording import Recording
-from calibration.recording_folder import read_folder, write_folder
+from calibration.recording.folder import read_folder, write_folder
+from calibration.recording.recording import Recording
 
 Array = NDArray[np.float64]
 

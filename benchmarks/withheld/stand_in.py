@@ -19,7 +19,7 @@ from calibration.gap.result import (
     VisitGaps,
     Withheld,
 )
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 
 
 def diagnose(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:

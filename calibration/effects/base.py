@@ -18,7 +18,7 @@ from calibration.base.arrays import Array
 from calibration.gap.moments import Moments
 from calibration.gap.shapes import centred
 from calibration.machine.description import Machine
-from calibration.recording_header import NuisanceEntry
+from calibration.recording.header import NuisanceEntry
 
 Place = Literal["drive", "strut", "smr", "rig"]
 Measured = Literal["norm", "sum", "rms", "range"]

@@ -22,7 +22,7 @@ from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from calibration.report_frame import fit_report_frame
 
 NEST_PRIOR_M = 5.0e-3

@@ -30,7 +30,7 @@ from calibration.gap.telling import equivalents, found_effect
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore, scored
 from calibration.gap.verdict import probabilities
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 
 CLUES = 4
 SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 
 
 @dataclass(frozen=True)

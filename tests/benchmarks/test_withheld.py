@@ -21,7 +21,7 @@ from benchmarks.withheld.mimics import Mimics
 from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
-from calibration.recording_folder import read_folder
+from calibration.recording.folder import read_folder
 from mock_devices.campaign_timeline import plan as timeline_of
 from mock_devices.effects import CATALOGUE, OUTSIDE, SPECS, EffectChoice
 from mock_devices.recording_files import write_recording

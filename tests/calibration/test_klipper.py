@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.delta_printer import measured_printer
-from calibration.klipper import parse_printer, read_printer
+from calibration.recording.delta_printer import measured_printer
+from calibration.recording.klipper import parse_printer, read_printer
 from tests.calibration.delta_reference import STORED, misses, own_printer, printer_cfg
 
 CFG = Path(__file__).parents[1] / "data" / "printer.cfg"

@@ -11,18 +11,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.delta_printer import measured_printer
 from calibration.explanations import alike, explanations
 from calibration.identification import identify
-from calibration.klipper import parse_printer
 from calibration.leave_one_out import leave_one_out
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import rigid_drives
-from calibration.measurement_folder import MeasuredMachine, read_measurements, write_measurements
-from calibration.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
+from calibration.recording.delta_printer import measured_printer
+from calibration.recording.klipper import parse_printer
+from calibration.recording.measurement_folder import MeasuredMachine, read_measurements, write_measurements
+from calibration.recording.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
 from calibration.step_size import check_step_size
 from tests.calibration.delta_reference import TRUE, Rows, own_printer, printer_cfg
 

@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.recording import make_recording
-from calibration.recording_folder import read_folder, write_folder
+from calibration.recording.folder import read_folder, write_folder
+from calibration.recording.recording import make_recording
 from tests.pkm_rig.plant_recording import record
 
 

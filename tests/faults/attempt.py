@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from mock_devices.faults import Fault
 from pkm_rig.plans import CampaignRefused
 from tests.faults.short_campaign import (

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.compensation import CompensationTable, Load
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from drivers.errors import DeviceError
 from mock_devices.faults import Fault, FaultPlan
 from pkm_rig.config import embedded_rig_path, load_rig

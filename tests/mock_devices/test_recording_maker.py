@@ -10,8 +10,8 @@ import pytest
 from effects_bench import FILE, MACHINE, bench
 
 from calibration.instruments.station import covariances as expected_covariances
-from calibration.recording import column_names as expected_columns
-from calibration.recording_folder import read_folder
+from calibration.recording.folder import read_folder
+from calibration.recording.recording import column_names as expected_columns
 from mock_devices.campaign_design import DesignOptions, draw_design, nominal_drives
 from mock_devices.effects import EffectChoice
 from mock_devices.recording_files import to_toml, write_recording

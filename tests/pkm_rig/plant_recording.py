@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.instruments import station
-from calibration.recording import Recording, column_names, make_recording
-from calibration.recording_header import RecordingFile, StationEntry
+from calibration.recording.header import RecordingFile, StationEntry
+from calibration.recording.recording import Recording, column_names, make_recording
 from mock_devices.plant import Plant
 from pkm_rig.clock import VirtualClock
 from pkm_rig.config import embedded_rig_path, load_rig, machine_path

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.recording_folder import read_folder, write_folder
+from calibration.recording.folder import read_folder, write_folder
 from pkm_rig import calibrate as job
 from pkm_rig import stages
 from pkm_rig.diagnose import Attempt

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from calibration.recording_folder import write_folder
+from calibration.recording.folder import write_folder
 from pkm_rig.cli import main
 from pkm_rig.config import embedded_rig_path
 from pkm_rig.store import Store

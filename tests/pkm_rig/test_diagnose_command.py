@@ -16,7 +16,7 @@ from rich.console import Console
 from calibration.base.errors import InputError
 from calibration.gap.result import Diagnosis
 from calibration.machine.description import shipped_machine
-from calibration.recording_folder import read_folder
+from calibration.recording.folder import read_folder
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file

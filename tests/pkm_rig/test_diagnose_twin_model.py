@@ -22,8 +22,8 @@ from calibration.gap.solution import Joint
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.recording import Recording
-from calibration.recording_header import RecordingFile
+from calibration.recording.header import RecordingFile
+from calibration.recording.recording import Recording
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file

@@ -11,8 +11,8 @@ import pytest
 
 from calibration.effects.catalogue import load_catalogue
 from calibration.gap.diagnosis import diagnose
-from calibration.recording import Recording
-from calibration.recording_folder import read_folder
+from calibration.recording.folder import read_folder
+from calibration.recording.recording import Recording
 from pkm_rig.analysis import calibration_part, identify_recording
 from pkm_rig.config import load_rig
 from pkm_rig.reduction import without_left_open

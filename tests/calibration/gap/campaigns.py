@@ -16,8 +16,8 @@ from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions
 from calibration.model.parameters import ParameterSet
-from calibration.recording import Recording, make_recording
-from calibration.recording_header import RecordingFile
+from calibration.recording.header import RecordingFile
+from calibration.recording.recording import Recording, make_recording
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file

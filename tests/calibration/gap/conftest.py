@@ -4,7 +4,7 @@ import pytest
 
 from calibration.gap.baseline import Baseline, baseline_of
 from calibration.gap.evidence import Readout
-from calibration.recording import Recording
+from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
 from mock_devices.recording_maker import Bench
 from mock_devices.settings import Nuisance

@@ -11,7 +11,7 @@ from calibration.base.errors import InputError
 from calibration.gap.baseline import Baseline, baseline_of, usable_rows
 from calibration.gap.diagnosis import diagnose
 from calibration.gap.evidence import Readout
-from calibration.recording import make_recording
+from calibration.recording.recording import make_recording
 from mock_devices.settings import Nuisance
 from tests.calibration.gap.campaigns import changed, plant, recorded, simulated
 

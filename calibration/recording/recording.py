@@ -15,7 +15,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.machine.description import Machine
-from calibration.recording_header import RecordingFile
+from calibration.recording.header import RecordingFile
 
 PHASES = ("repeatability", "nests", "calibration", "verification_before", "verification_after")
 TEXT_COLUMNS = ("uid", "phase", "smr")

@@ -10,18 +10,18 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.klipper import TOWERS, DeltaPrinter
 from calibration.machine.description import Machine, parse_machine
 from calibration.machine.equilibrium import conditions, solve, workspace_middle
-from calibration.measurement_folder import MeasuredMachine
-from calibration.measurement_header import (
+from calibration.model.visits import Visits
+from calibration.recording.klipper import TOWERS, DeltaPrinter
+from calibration.recording.measurement_folder import MeasuredMachine
+from calibration.recording.measurement_header import (
     ColumnEntry,
     DistancesEntry,
     FormerEntry,
     MeasurementFile,
     QuantityEntry,
 )
-from calibration.model.visits import Visits
 
 HEIGHT_SD_M = 3e-5  # a probe repeats to 10 to 20 um, a glass bed is flat to some tens of um
 DISTANCE_SD_M = 5e-5  # a calliper on printed edges

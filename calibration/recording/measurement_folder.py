@@ -22,9 +22,9 @@ from calibration.instruments.readings import Readings
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, Machine, parse_machine
 from calibration.machine.equilibrium import workspace_middle
-from calibration.measurement_header import MeasurementFile
 from calibration.model.parameters import KINDS, ParameterSet
 from calibration.model.visits import Visits
+from calibration.recording.measurement_header import MeasurementFile
 
 HEADER, MACHINE, COORDINATE_TABLE, DISTANCE_TABLE = (
     "measurements.toml",

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from calibration.base.toml_file import Section
-from calibration.recording_header import Name
+from calibration.recording.header import Name
 
 Column = Literal["x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"]
 Kind = Literal[

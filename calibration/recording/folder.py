@@ -16,8 +16,8 @@ from calibration.base.errors import InputError
 from calibration.base.toml_file import parse_toml, read_text
 from calibration.base.toml_text import to_toml
 from calibration.machine.description import parse_machine
-from calibration.recording import TEXT_COLUMNS, Recording, column_names, make_recording
-from calibration.recording_header import RecordingFile
+from calibration.recording.header import RecordingFile
+from calibration.recording.recording import TEXT_COLUMNS, Recording, column_names, make_recording
 
 MAX_ROWS = 200_000
 MAX_CSV_BYTES = 300_000_000

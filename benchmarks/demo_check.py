@@ -23,14 +23,14 @@ import numpy as np
 
 from calibration.compensation import predict_poses
 from calibration.instruments.smr_positions import Observations
-from calibration.report_frame import ReportFrame, fit_report_frame
+from calibration.reduction.reduction import Reduction
+from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
 from pkm_rig import calibrate as job
 from pkm_rig.calibrate import Outcome
 from pkm_rig.config import embedded_rig_path, load_rig
 from pkm_rig.connection import connected
 from pkm_rig.mock_rig import embedded
-from pkm_rig.reduction import Reduction
 from pkm_rig.session import one_core, open_store
 
 SEEDS = tuple(range(1, 21))

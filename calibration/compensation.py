@@ -20,7 +20,7 @@ from calibration.machine import equilibrium
 from calibration.machine.description import Machine
 from calibration.machine.inverse import drives_for
 from calibration.model.visits import Visits
-from calibration.report_frame import ReportFrame
+from calibration.reduction.report_frame import ReportFrame
 
 POINTS_PER_AXIS = 17
 GRID_MARGIN_M = 0.02

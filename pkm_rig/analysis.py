@@ -12,16 +12,16 @@ from calibration.base.arrays import Array
 from calibration.baselines import Baseline, fit_baselines
 from calibration.closure import MeasuredPoses
 from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
-from calibration.data_checks import check_cover
 from calibration.identification import Estimator, Fit, identify
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.report_frame import ReportFrame
-from pkm_rig.figures import Figures, figures, free_axes, scale_part
-from pkm_rig.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
+from calibration.reduction.data_checks import check_cover
+from calibration.reduction.figures import Figures, figures, free_axes, scale_part
+from calibration.reduction.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
+from calibration.reduction.report_frame import ReportFrame
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from calibration.base.errors import InputError
 from calibration.compensation import CompensationTable
 from calibration.observability import observability_of
 from calibration.recording.recording import Recording
+from calibration.reduction.figures import Decision, Figures, decide, noise_floor, visit_figures
+from calibration.reduction.reduction import Reduction, reduce
 from calibration.remarks import remarks
 from drivers.errors import DeviceError
 from drivers.table_bank import CompensationState
@@ -24,11 +26,9 @@ from pkm_rig.analysis import (
     orientation_prediction,
 )
 from pkm_rig.diagnose import Attempt, attempt
-from pkm_rig.figures import Decision, Figures, decide, noise_floor, visit_figures
 from pkm_rig.fitness import check_rig
 from pkm_rig.further_visits import adds_visits, first_pose, numbered_from, same_rig, visited_thrice
 from pkm_rig.plans import CampaignRefused, Plan, calibration, prepare, verification
-from pkm_rig.reduction import Reduction, reduce
 from pkm_rig.rig import Rig
 from pkm_rig.runner import Runner, describe_campaign, new_campaign_id, running, settings_event
 from pkm_rig.schedule import Block, calibration_blocks, verification_block

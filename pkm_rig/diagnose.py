@@ -14,12 +14,12 @@ from calibration.gap.result import Diagnosis
 from calibration.gap.twin import Twin
 from calibration.gap.twin_score import TwinScore
 from calibration.recording.recording import Recording
+from calibration.reduction.reduction import without_left_open
 from pkm_rig import diagnosis_pictures
 from pkm_rig.analysis import calibration_part
 from pkm_rig.campaign_file import write_candidates
 from pkm_rig.diagnosis_output import by_gain, diagnosis_json, gap_json
 from pkm_rig.diagnosis_text import summary
-from pkm_rig.reduction import without_left_open
 from pkm_rig.twin_files import TWIN_FOLDER, write_twin
 
 PICTURES_FOLDER = "diagnosis"

@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from calibration.gap.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.diagnosis_output import by_gain, ranked, strongest_shares
-from pkm_rig.figures import COVERAGE_FACTOR
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED = ("m", "rad", "s")

@@ -7,7 +7,7 @@ import numpy as np
 from calibration.base.frame import station_frame
 from calibration.instruments import station as station_geometry
 from calibration.machine.description import Machine
-from calibration.report_frame import ReportFrame
+from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.config import RigFile
 from pkm_rig.rig import Rig
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from calibration.reduction.figures import LEAST_VISITS
 from pkm_rig.config import StationConnection
-from pkm_rig.figures import LEAST_VISITS
 from pkm_rig.schedule import Block
 from pkm_rig.store import Store
 

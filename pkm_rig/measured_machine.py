@@ -12,7 +12,6 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.data_checks import check_number
 from calibration.explanations import Explanation, alike, explanations
 from calibration.identification import Estimator, Fit, identify
 from calibration.instruments.readings import Readings
@@ -30,6 +29,7 @@ from calibration.recording.measurement_folder import (
     read_measurements,
     write_measurements,
 )
+from calibration.reduction.data_checks import check_number
 from calibration.step_size import check_step_size
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)

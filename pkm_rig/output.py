@@ -20,8 +20,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from calibration.reduction.figures import Figures
 from pkm_rig.calibrate import Outcome
-from pkm_rig.figures import Figures
 from pkm_rig.report import remark, short_table
 
 Tell = Callable[[int, int, str], None]  # advance, total, what

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.base.arrays import Array
+from calibration.reduction.figures import free_axes
+from calibration.reduction.reduction import CALIBRATION, Reduction, nest_shift
 from pkm_rig.analysis import Calibration, ErrorMap
-from pkm_rig.figures import free_axes
-from pkm_rig.reduction import CALIBRATION, Reduction, nest_shift
 
 mpl.use("Agg")
 

@@ -14,10 +14,10 @@ import pkm_rig
 from calibration.compensation import predict_poses
 from calibration.identification import Fit
 from calibration.observability import observability_of
+from calibration.reduction.figures import COVERAGE_FACTOR, Figures
 from pkm_rig import diagnosis_output, diagnosis_pictures, diagnosis_text, pictures
 from pkm_rig.analysis import error_map
 from pkm_rig.calibrate import Outcome, Verified
-from pkm_rig.figures import COVERAGE_FACTOR, Figures
 
 MODEL_NAMES = {
     "deformation_aware": "deformation-aware, one model for all payloads (this calibration)",

@@ -18,10 +18,10 @@ from bluesky import RunEngine
 import pkm_rig
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
+from calibration.reduction.reduction import CALIBRATION, between_good_checks
 from drivers.errors import DeviceError, SettingsChanged
 from pkm_rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
 from pkm_rig.plans import CampaignRefused, Plan, Stage
-from pkm_rig.reduction import CALIBRATION, between_good_checks
 from pkm_rig.rig import Rig
 from pkm_rig.store import Store, StoreError
 

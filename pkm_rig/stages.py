@@ -16,13 +16,13 @@ from calibration.identification import Estimator
 from calibration.observability import HELD
 from calibration.prediction import monte_carlo, predict_tool
 from calibration.recording.recording import Recording
+from calibration.reduction.figures import figures
+from calibration.reduction.reduction import CALIBRATION
 from pkm_rig.analysis import Calibration, identify_recording, pose_u
 from pkm_rig.calibrate import Outcome, Written, identified_summary, judge, last_attempt
 from pkm_rig.diagnose import attempt
-from pkm_rig.figures import figures
 from pkm_rig.fitness import check_rig, in_plane_u_m
 from pkm_rig.output import results
-from pkm_rig.reduction import CALIBRATION
 from pkm_rig.rig import Rig
 from pkm_rig.store import Store
 

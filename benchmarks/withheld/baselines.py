@@ -18,7 +18,7 @@ from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.report_frame import fit_report_frame
+from calibration.reduction.report_frame import fit_report_frame
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
-from calibration.data_checks import check_number
 from calibration.gap.moments import Moments, moments_of
 from calibration.gap.nuisance import nuisance_columns
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
@@ -23,7 +22,8 @@ from calibration.model.model import Model, Poses, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.report_frame import fit_report_frame
+from calibration.reduction.data_checks import check_number
+from calibration.reduction.report_frame import fit_report_frame
 
 NEST_PRIOR_M = 5.0e-3
 FRAME_PRIOR = 5.0e-3  # m and rad about the frame that was fitted to commanded poses

@@ -11,7 +11,7 @@ from calibration.instruments.smr_positions import SmrPositions, Station
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.equilibrium import conditions, solve
 from calibration.pose_selection import Load, visits_at, workspace_poses
-from calibration.report_frame import fit_report_frame
+from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import SMRS
 
 

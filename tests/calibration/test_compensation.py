@@ -8,7 +8,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from calibration.compensation import Load, build_table, corrected_drives, drive_box, predict_poses
 from calibration.model.visits import Visits
-from calibration.report_frame import fit_report_frame
+from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import PLATE_COM_M, TEMPERATURES_C
 
 

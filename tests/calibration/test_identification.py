@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from calibration.base.errors import InputError
 from calibration.compensation import predict_poses
 from calibration.instruments.smr_positions import Observations, SmrPositions
-from calibration.report_frame import fit_report_frame
+from calibration.reduction.report_frame import fit_report_frame
 
 RIGS = 12
 

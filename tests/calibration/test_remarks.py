@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.data_checks import check_cover
 from calibration.instruments.smr_positions import Observations
+from calibration.reduction.data_checks import check_cover
 from calibration.remarks import remarks
 
 

@@ -6,7 +6,7 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
 from calibration.instruments.smr_positions import Observations
-from calibration.report_frame import compose, fit_report_frame
+from calibration.reduction.report_frame import compose, fit_report_frame
 
 SHIFT_M = np.array([1e-3, 0.0, 0.0])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig.figures import Figures, decide, figures
+from calibration.reduction.figures import Figures, decide, figures
 
 
 def made(rms, u):

@@ -13,9 +13,9 @@ from calibration.effects.catalogue import load_catalogue
 from calibration.gap.diagnosis import diagnose
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
+from calibration.reduction.reduction import without_left_open
 from pkm_rig.analysis import calibration_part, identify_recording
 from pkm_rig.config import load_rig
-from pkm_rig.reduction import without_left_open
 from pkm_rig.session import STORE_NAME, open_store
 from pkm_rig.stages import stored_outcome
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.machine.description import Machine
-from pkm_rig.reduction import CALIBRATION, Reduction
+from calibration.reduction.reduction import CALIBRATION, Reduction
 
 COVERAGE_FACTOR = 2.0
 LEAST_VISITS = 3

@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.base.rotation import skew
 from calibration.instruments.smr_positions import Observations
 from calibration.recording.header import AccuracyEntry
-from calibration.report_frame import ReportFrame, compose
+from calibration.reduction.report_frame import ReportFrame, compose
 
 GATE_PROBABILITY = 0.9999
 START_SD_M = 1.0e-3

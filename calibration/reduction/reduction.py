@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
-from calibration.data_checks import check_units
 from calibration.instruments import station
 from calibration.instruments.smr_positions import Observations
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.report_frame import ReportFrame, fit_report_frame
-from pkm_rig.pose_filter import FilteredPoses, filter_poses, follow_drift
+from calibration.reduction.data_checks import check_units
+from calibration.reduction.pose_filter import FilteredPoses, filter_poses, follow_drift
+from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
 FARTHEST_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to
 CALIBRATION = "calibration"

@@ -36,13 +36,13 @@ from benchmarks.timing import (
     print_table,
 )
 from calibration.base.arrays import Array
-from calibration.identification import Fit, identify
+from calibration.identification.estimators import Fit, identify
+from calibration.identification.problem import Problem
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.problem import Problem
 
 MACHINES = ("planar4", "gough8")
 SIZES = (100, 1_000, 10_000, 100_000)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.identification.problem import Layout
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model
 from calibration.model.visits import Visits
-from calibration.problem import Layout
 
 
 @dataclass(frozen=True)

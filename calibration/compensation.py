@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_matrix
-from calibration.identification import Fit
+from calibration.identification.estimators import Fit
 from calibration.machine import equilibrium
 from calibration.machine.description import Machine
 from calibration.machine.inverse import drives_for

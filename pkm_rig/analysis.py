@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from calibration.base.arrays import Array
-from calibration.baselines import Baseline, fit_baselines
-from calibration.closure import MeasuredPoses
 from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
-from calibration.identification import Estimator, Fit, identify
+from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.rigid.closure import MeasuredPoses
+from calibration.identification.rigid.models import Baseline, fit_baselines
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet

@@ -12,11 +12,11 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.compensation import CompensationTable
-from calibration.observability import observability_of
+from calibration.identification.observability import observability_of
+from calibration.identification.remarks import remarks
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import Decision, Figures, decide, noise_floor, visit_figures
 from calibration.reduction.reduction import Reduction, reduce
-from calibration.remarks import remarks
 from drivers.errors import DeviceError
 from drivers.table_bank import CompensationState
 from pkm_rig.analysis import (

@@ -12,15 +12,16 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.explanations import Explanation, alike, explanations
-from calibration.identification import Estimator, Fit, identify
+from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.explanations import Explanation, alike, explanations
+from calibration.identification.leave_one_out import LeftOut, leave_one_out
+from calibration.identification.observability import Observability, observability_of
+from calibration.identification.step_size import check_step_size
 from calibration.instruments.readings import Readings
 from calibration.instruments.tool_coordinates import ToolCoordinates
-from calibration.leave_one_out import LeftOut, leave_one_out
 from calibration.machine.description import COORDINATES
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
-from calibration.observability import Observability, observability_of
 from calibration.recording.delta_printer import measured_printer
 from calibration.recording.klipper import read_printer
 from calibration.recording.measurement_folder import (
@@ -30,7 +31,6 @@ from calibration.recording.measurement_folder import (
     write_measurements,
 )
 from calibration.reduction.data_checks import check_number
-from calibration.step_size import check_step_size
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
 SHARE = 0.8  # of the readings' numbers; with less left over the fit follows its readings

@@ -11,16 +11,8 @@ from rich.table import Table
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
-from calibration.instruments import station as station_geometry
-from calibration.instruments.readings import Readings
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
-from calibration.instruments.tool_coordinates import ToolCoordinates
-from calibration.machine.description import COORDINATES, Machine
-from calibration.model.model import Model, Systematic
-from calibration.model.parameters import ParameterSet
-from calibration.model.visits import Visits
-from calibration.observability import planned_observability
-from calibration.pose_selection import (
+from calibration.identification.observability import planned_observability
+from calibration.identification.pose_selection import (
     Criterion,
     Instrument,
     Load,
@@ -31,6 +23,14 @@ from calibration.pose_selection import (
     visits_at,
     workspace_poses,
 )
+from calibration.instruments import station as station_geometry
+from calibration.instruments.readings import Readings
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
+from calibration.instruments.tool_coordinates import ToolCoordinates
+from calibration.machine.description import COORDINATES, Machine
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
 from pkm_rig.config import RigFile
 from pkm_rig.output import results
 

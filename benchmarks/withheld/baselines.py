@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.frame import station_frame
-from calibration.identification import identify
+from calibration.identification.estimators import identify
 from calibration.instruments.smr_positions import Observations, SmrPositions, Station
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet

@@ -14,7 +14,7 @@ from benchmarks.rig_measured import Rig, measured_targets
 from benchmarks.rig_settings import STUDIES
 from benchmarks.rig_table import ratio, within
 from benchmarks.rig_truth import Payload, ReferencePlant, deviations, draw_errors, generator, plant_of
-from calibration.identification import identify
+from calibration.identification.estimators import identify
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet

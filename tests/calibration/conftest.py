@@ -9,14 +9,14 @@ from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix
 from calibration.compensation import nominal_drives
-from calibration.identification import Estimator, Fit, identify
+from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.problem import Layout
 from calibration.instruments import station
 from calibration.instruments.smr_positions import Observations, SmrPositions, Station
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.problem import Layout
 
 TEMPERATURES_C = {"struts": 21.0, "columns": 20.7, "base": 20.5, "platform": 22.0}
 STATED = station.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)

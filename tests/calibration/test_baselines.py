@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.baselines import fit_baselines, minimal_subsets, without_struts
-from calibration.closure import MeasuredPoses
 from calibration.compensation import predict_poses
-from calibration.identification import identify
+from calibration.identification.estimators import identify
+from calibration.identification.pose_selection import Load, visits_at, workspace_poses
+from calibration.identification.rigid.closure import MeasuredPoses
+from calibration.identification.rigid.models import fit_baselines, minimal_subsets, without_struts
 from calibration.instruments.smr_positions import SmrPositions, Station
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.equilibrium import conditions, solve
-from calibration.pose_selection import Load, visits_at, workspace_poses
 from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import SMRS
 

@@ -11,9 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.explanations import alike, explanations
-from calibration.identification import identify
-from calibration.leave_one_out import leave_one_out
+from calibration.identification.estimators import identify
+from calibration.identification.explanations import alike, explanations
+from calibration.identification.leave_one_out import leave_one_out
+from calibration.identification.step_size import check_step_size
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import rigid_drives
 from calibration.model.model import Model
@@ -23,7 +24,6 @@ from calibration.recording.delta_printer import measured_printer
 from calibration.recording.klipper import parse_printer
 from calibration.recording.measurement_folder import MeasuredMachine, read_measurements, write_measurements
 from calibration.recording.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
-from calibration.step_size import check_step_size
 from tests.calibration.delta_reference import TRUE, Rows, own_printer, printer_cfg
 
 COLUMNS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")

@@ -9,16 +9,16 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
-from calibration.identification import identify
+from calibration.identification.estimators import identify
+from calibration.identification.pose_selection import Load, visits_at, workspace_poses
+from calibration.identification.prediction import monte_carlo, predict_tool
+from calibration.identification.problem import Layout
 from calibration.instruments.distances import Distances
 from calibration.instruments.readings import parts
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
-from calibration.pose_selection import Load, visits_at, workspace_poses
-from calibration.prediction import monte_carlo, predict_tool
-from calibration.problem import Layout
 
 LOADS = (Load(), Load(40.0, (0.01, 0.02, 0.05)))
 SIGMA_M, SIGMA_RAD = 7e-6, 3e-5
@@ -156,7 +156,7 @@ def test_blocks_of_visits_give_the_same_fit(monkeypatch):
     value = pose_of(model, truth, visits)
     seen = [with_noise(readings_of(k, model, visits, value), rng) for k in ("full pose", "calliper")]
     whole = identify(model, visits, seen)
-    monkeypatch.setattr("calibration.problem.VISITS_AT_ONCE", 7)
+    monkeypatch.setattr("calibration.identification.problem.VISITS_AT_ONCE", 7)
     assert len(list(parts(seen[1], 7))) > 10
     cut = identify(model, visits, seen)
     u = np.sqrt(np.diag(whole.covariance))

@@ -7,6 +7,8 @@ import pytest
 from scipy.linalg import orth, subspace_angles
 
 from calibration.base.frame import Frame
+from calibration.identification.observability import observability_of, planned_observability
+from calibration.identification.problem import Problem
 from calibration.instruments.smr_positions import Observations, SmrPositions, Station
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
@@ -14,8 +16,6 @@ from calibration.machine.inverse import drives_for
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.observability import observability_of, planned_observability
-from calibration.problem import Problem
 
 POSES = 60
 

@@ -7,13 +7,8 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
-from calibration.identification import identify
-from calibration.instruments.tool_coordinates import ToolCoordinates
-from calibration.machine.description import load_machine, parse_machine, shipped_machine
-from calibration.machine.inverse import drives_for
-from calibration.model.model import Model
-from calibration.model.parameters import ParameterSet
-from calibration.pose_selection import (
+from calibration.identification.estimators import identify
+from calibration.identification.pose_selection import (
     Load,
     Selection,
     candidate_poses,
@@ -22,6 +17,11 @@ from calibration.pose_selection import (
     visits_at,
     workspace_poses,
 )
+from calibration.instruments.tool_coordinates import ToolCoordinates
+from calibration.machine.description import load_machine, parse_machine, shipped_machine
+from calibration.machine.inverse import drives_for
+from calibration.model.model import Model
+from calibration.model.parameters import ParameterSet
 
 SIGMA_M, SIGMA_RAD = 7e-6, 3e-5
 UNLOADED = (Load(),)

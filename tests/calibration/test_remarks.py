@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.identification.remarks import remarks
 from calibration.instruments.smr_positions import Observations
 from calibration.reduction.data_checks import check_cover
-from calibration.remarks import remarks
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,9 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.identification import Fit
+from calibration.identification.estimators import Fit
+from calibration.identification.problem import VISITS_AT_ONCE
 from calibration.instruments.readings import parts
-from calibration.problem import VISITS_AT_ONCE
 
 
 @dataclass(frozen=True)

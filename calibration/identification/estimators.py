@@ -16,13 +16,18 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
+from calibration.identification.linear_system import (
+    Linearised,
+    estimator_covariance,
+    posterior_covariance,
+    truncated_covariance,
+)
+from calibration.identification.problem import Layout, Problem
 from calibration.instruments.readings import Readings
 from calibration.instruments.smr_positions import SmrPositions, Station
-from calibration.linear_system import Linearised, estimator_covariance, posterior_covariance, truncated_covariance
 from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses
 from calibration.model.visits import Visits
-from calibration.problem import Layout, Problem
 
 Estimator = Literal["map", "least_squares", "tikhonov", "l_curve", "truncated_svd"]
 LEAST_SQUARES_WEIGHT = 1e-2  # of the tolerances: only keeps null directions from drifting

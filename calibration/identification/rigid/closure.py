@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.linear_system import Folding, regularised_step
+from calibration.identification.linear_system import Folding, regularised_step
 from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine
 from calibration.machine.equilibrium import Conditions

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.identification import Fit
+from calibration.identification.estimators import Fit
+from calibration.identification.problem import Problem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
-from calibration.problem import Problem
 
 ALIKE = 0.3  # standard deviations of a reading, RMS
 ABSORBED = 1e-9  # of the largest singular value: directions of the fit itself

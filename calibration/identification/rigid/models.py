@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.closure import MeasuredPoses, close_loops, equal_weights
-from calibration.identification import Fit
+from calibration.identification.estimators import Fit
+from calibration.identification.rigid.closure import MeasuredPoses, close_loops, equal_weights
 from calibration.machine.description import Machine
 from calibration.machine.equilibrium import conditions, solve, state_at, workspace_middle
 from calibration.machine.inverse import rigid_drives

@@ -15,11 +15,11 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector, skew
-from calibration.identification import Fit
+from calibration.identification.estimators import Fit
+from calibration.identification.problem import Layout, Problem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 from calibration.model.visits import Visits
-from calibration.problem import Layout, Problem
 
 LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
 DRAWS = 1000

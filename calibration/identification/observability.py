@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.combinations import candidates, in_words, plain
-from calibration.identification import Fit
+from calibration.identification.combinations import candidates, in_words, plain
+from calibration.identification.estimators import Fit
+from calibration.identification.linear_system import Linearised, posterior_covariance
+from calibration.identification.problem import Problem
 from calibration.instruments.readings import Readings
-from calibration.linear_system import Linearised, posterior_covariance
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.problem import Problem
 
 OPEN = 0.1  # singular value below which a direction is open: the data take less than 0.5 % off its tolerance
 INSIDE = 1e-2  # rad: a known combination counts as open if it lies so close to the open directions

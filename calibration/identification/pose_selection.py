@@ -18,14 +18,14 @@ from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.identification.prediction import tool_derivatives
+from calibration.identification.problem import Layout
 from calibration.instruments.readings import Readings
 from calibration.machine.description import Machine
 from calibration.machine.equilibrium import conditions
 from calibration.machine.inverse import drives_for
 from calibration.model.model import Model
 from calibration.model.visits import Visits
-from calibration.prediction import tool_derivatives
-from calibration.problem import Layout
 
 Criterion = Literal["I", "D"]
 MOST_ROUNDS = 20

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.identification.linear_system import Folding, Linearised, regularised_step
 from calibration.instruments.readings import Readings, Whitened, parts
-from calibration.linear_system import Folding, Linearised, regularised_step
 from calibration.machine.description import Machine
 from calibration.machine.equilibrium import Status
 from calibration.machine.mechanics import keep_memory

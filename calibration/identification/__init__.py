@@ -1,0 +1,1 @@
+"""From readings to parameters with their uncertainty: estimators, what the data decide, which poses to measure."""

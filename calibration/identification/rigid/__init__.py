@@ -1,0 +1,1 @@
+"""Rigid models of the same readings, for comparison: none of them knows that parts deform."""

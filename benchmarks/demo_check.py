@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.compensation import predict_poses
+from calibration.identification.prediction import predict_poses
 from calibration.instruments.smr_positions import Observations
 from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame

@@ -12,9 +12,9 @@ from scipy.stats import qmc
 from benchmarks.rig_settings import Study
 from benchmarks.rig_truth import Array, Payload, deviations, draw_errors, generator, plant_of
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
-from calibration.compensation import nominal_drives
 from calibration.identification.rigid.closure import MeasuredPoses
 from calibration.machine.description import Machine, load_machine
+from calibration.machine.inverse import nominal_drives
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 

@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from calibration.base.arrays import Array
-from calibration.compensation import CompensationTable, Load, build_table, nominal_drives, predict_poses
+from calibration.compensation.tables import CompensationTable, build_table
 from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.prediction import predict_poses
 from calibration.identification.rigid.closure import MeasuredPoses
 from calibration.identification.rigid.models import Baseline, fit_baselines
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
+from calibration.machine.inverse import nominal_drives
+from calibration.model.load import Load
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

@@ -11,7 +11,7 @@ import bluesky.plan_stubs as bps
 import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.compensation import CompensationTable
+from calibration.compensation.tables import CompensationTable
 from calibration.identification.observability import observability_of
 from calibration.identification.remarks import remarks
 from calibration.recording.recording import Recording

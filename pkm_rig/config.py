@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from calibration.base.errors import InputError
 from calibration.base.toml_file import Section, read_toml
-from calibration.compensation import GRID_MARGIN_M
+from calibration.compensation.tables import GRID_MARGIN_M
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.payload import PayloadEntry
 from calibration.recording.header import LengthEntry, Name, NuisanceEntry, StationEntry

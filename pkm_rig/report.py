@@ -11,9 +11,9 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 import pkm_rig
-from calibration.compensation import predict_poses
 from calibration.identification.estimators import Fit
 from calibration.identification.observability import observability_of
+from calibration.identification.prediction import predict_poses
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures
 from pkm_rig import diagnosis_output, diagnosis_pictures, diagnosis_text, pictures
 from pkm_rig.analysis import error_map

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame, station_frame
-from calibration.compensation import CompensationTable
+from calibration.compensation.tables import CompensationTable
 from calibration.machine.description import Machine
 from drivers.drive_group import DriveGroup
 from drivers.errors import DeviceError, PlcError, TableError

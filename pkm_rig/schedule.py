@@ -11,8 +11,8 @@ from scipy.stats import qmc
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_matrix
-from calibration.compensation import nominal_drives
 from calibration.machine.description import Machine
+from calibration.machine.inverse import nominal_drives
 from pkm_rig.config import CampaignSettings
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2

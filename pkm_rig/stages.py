@@ -11,10 +11,9 @@ import numpy as np
 from rich.table import Table
 
 from calibration.base.errors import InputError
-from calibration.compensation import predict_poses
 from calibration.identification.estimators import Estimator
 from calibration.identification.observability import HELD
-from calibration.identification.prediction import monte_carlo, predict_tool
+from calibration.identification.prediction import monte_carlo, predict_poses, predict_tool
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import figures
 from calibration.reduction.reduction import CALIBRATION

@@ -20,6 +20,7 @@ from calibration.identification.problem import Layout, Problem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 from calibration.model.visits import Visits
+from calibration.reduction.report_frame import ReportFrame
 
 LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
 DRAWS = 1000
@@ -121,3 +122,16 @@ def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = DRAWS) -> Pred
     mean = total / draws
     covariance = square / draws - mean[:, :, None] * mean[:, None, :]
     return Predicted(np.concatenate([tool, rotation_vector(rotation)], axis=1) + mean, covariance)
+
+
+def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
+    """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium.
+
+    As the station would measure them: what its ranges have in common acts on measured and predicted poses alike.
+    """
+    poses = fit.predict(visits)
+    mounting = np.array([fit.mounting_m(i) for i in report.smrs])
+    turned = np.einsum("nij,kj->nki", poses.rest.rotation, mounting) * poses.at.factors["platform"][:, None, None]
+    places = poses.rest.position_m[:, None] + turned
+    points = fit.stated(places.reshape(-1, 3)).reshape(places.shape)
+    return report.poses(points, poses.rest.coordinates())

@@ -93,3 +93,10 @@ def _pinv(matrix: Array) -> Array:
     out = np.full((matrix.shape[0], matrix.shape[2], matrix.shape[1]), np.nan)
     out[good] = np.linalg.pinv(matrix[good])
     return out
+
+
+def nominal_drives(machine: Machine, target_m: Array) -> Array:
+    """Drive coordinates (n, d) of the nominal machine without load for platform poses (n, 6); NaN out of reach."""
+    tool = target_m.copy()
+    tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
+    return drives_for(machine, machine.nominal, tool)[0]

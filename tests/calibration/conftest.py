@@ -8,12 +8,12 @@ import pytest
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix
-from calibration.compensation import nominal_drives
 from calibration.identification.estimators import Estimator, Fit, identify
 from calibration.identification.problem import Layout
 from calibration.instruments import station
 from calibration.instruments.smr_positions import Observations, SmrPositions, Station
 from calibration.machine.description import Machine, load_machine, shipped_machine
+from calibration.machine.inverse import nominal_drives
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits

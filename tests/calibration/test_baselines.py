@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.compensation import predict_poses
 from calibration.identification.estimators import identify
 from calibration.identification.pose_selection import Load, visits_at, workspace_poses
+from calibration.identification.prediction import predict_poses
 from calibration.identification.rigid.closure import MeasuredPoses
 from calibration.identification.rigid.models import fit_baselines, minimal_subsets, without_struts
 from calibration.instruments.smr_positions import SmrPositions, Station

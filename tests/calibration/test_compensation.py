@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from calibration.compensation import Load, build_table, corrected_drives, drive_box, predict_poses
+from calibration.compensation.tables import build_table, corrected_drives, drive_box
+from calibration.identification.prediction import predict_poses
+from calibration.model.load import Load
 from calibration.model.visits import Visits
 from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import PLATE_COM_M, TEMPERATURES_C

@@ -9,11 +9,10 @@ import pytest
 from scipy.optimize import minimize
 
 from calibration.base.rotation import rotation_matrix, rotation_vector, turns
-from calibration.compensation import nominal_drives
 from calibration.machine import equilibrium
 from calibration.machine.description import load_machine, parse_machine, shipped_machine, shipped_machines
 from calibration.machine.equilibrium import Status, conditions, solve, state_at
-from calibration.machine.inverse import drives_for
+from calibration.machine.inverse import drives_for, nominal_drives
 from calibration.model.parameters import ParameterSet
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.base.errors import InputError
-from calibration.compensation import predict_poses
+from calibration.identification.prediction import predict_poses
 from calibration.instruments.smr_positions import Observations, SmrPositions
 from calibration.reduction.report_frame import fit_report_frame
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.compensation import CompensationTable, Load
+from calibration.compensation.tables import CompensationTable
+from calibration.model.load import Load
 from calibration.recording.recording import Recording
 from drivers.errors import DeviceError
 from mock_devices.faults import Fault, FaultPlan

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.compensation import CompensationTable, Load
+from calibration.compensation.tables import CompensationTable
+from calibration.model.load import Load
 from drivers.errors import ConnectionFailed, DeviceError, IdentityMismatch, InterlockOpen, SdoRefused, TableError
 from pkm_rig.fitness import in_plane_u_m
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file

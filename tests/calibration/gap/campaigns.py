@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from calibration.base.frame import Frame, station_frame
-from calibration.compensation import nominal_drives
 from calibration.instruments.station import StationAccuracy, angles, covariances
 from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions
+from calibration.machine.inverse import nominal_drives
 from calibration.model.parameters import ParameterSet
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording

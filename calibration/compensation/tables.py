@@ -14,37 +14,17 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.rotation import rotation_matrix
 from calibration.identification.estimators import Fit
+from calibration.identification.prediction import predict_poses
 from calibration.machine import equilibrium
 from calibration.machine.description import Machine
-from calibration.machine.inverse import drives_for
-from calibration.model.visits import Visits
+from calibration.machine.inverse import nominal_drives
+from calibration.model.load import Load
 from calibration.reduction.report_frame import ReportFrame
 
 POINTS_PER_AXIS = 17
 GRID_MARGIN_M = 0.02
 BEYOND_WORKSPACE_M = 0.07
-
-
-@dataclass(frozen=True)
-class Load:
-    """The payload and the temperatures (sensor to degC) that a prediction or a table is for."""
-
-    payload_kg: float
-    payload_com_m: tuple[float, float, float]
-    temperatures_c: dict[str, float]
-
-    def visits(self, drives: Array, target_m: Array) -> Visits:
-        """The same load for n poses."""
-        n = len(drives)
-        return Visits(
-            drives,
-            target_m,
-            np.full(n, self.payload_kg),
-            np.tile(self.payload_com_m, (n, 1)),
-            {name: np.full(n, t) for name, t in self.temperatures_c.items()},
-        )
 
 
 @dataclass(frozen=True)
@@ -64,19 +44,6 @@ class CompensationTable:
     def temperature_c(self) -> float:
         """Mean of the temperatures for which the table was computed."""
         return float(np.mean(list(self.load.temperatures_c.values())))
-
-
-def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
-    """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium.
-
-    As the station would measure them: what its ranges have in common acts on measured and predicted poses alike.
-    """
-    poses = fit.predict(visits)
-    mounting = np.array([fit.mounting_m(i) for i in report.smrs])
-    turned = np.einsum("nij,kj->nki", poses.rest.rotation, mounting) * poses.at.factors["platform"][:, None, None]
-    places = poses.rest.position_m[:, None] + turned
-    points = fit.stated(places.reshape(-1, 3)).reshape(places.shape)
-    return report.poses(points, poses.rest.coordinates())
 
 
 def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load) -> Array:
@@ -106,22 +73,6 @@ def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load)
 def _commanded_error(fit: Fit, report: ReportFrame, drives: Array, target: Array, load: Load) -> Array:
     position, rotation = report.tool_error(predict_poses(fit, report, load.visits(drives, target)), target)
     return np.concatenate([position, rotation], axis=1)
-
-
-def nominal_drives(machine: Machine, target_m: Array) -> Array:
-    """Drive coordinates (n, d) of the nominal machine without load for platform poses (n, 6); NaN out of reach."""
-    tool = target_m.copy()
-    tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
-    return drives_for(machine, machine.nominal, tool)[0]
-
-
-def drive_box(machine: Machine) -> Array:
-    """Smallest box (d, 2) of drive positions that covers the workspace, with a margin."""
-    corners = [np.linspace(lo, hi, 9) for lo, hi in machine.commanded_limits]
-    target = np.zeros((9 ** len(corners), 6))
-    target[:, machine.commanded] = list(product(*corners))
-    drives = nominal_drives(machine, target)
-    return np.stack([drives.min(axis=0) - GRID_MARGIN_M, drives.max(axis=0) + GRID_MARGIN_M], axis=1)
 
 
 def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
@@ -165,3 +116,12 @@ def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, NDArray[np.bo
     lo, hi = machine.workspace[:2, 0] - BEYOND_WORKSPACE_M, machine.workspace[:2, 1] + BEYOND_WORKSPACE_M
     pose[:, :2] = np.clip(np.nan_to_num(rest.position_m[:, :2]), lo, hi)
     return pose, rest.converged
+
+
+def drive_box(machine: Machine) -> Array:
+    """Smallest box (d, 2) of drive positions that covers the workspace, with a margin."""
+    corners = [np.linspace(lo, hi, 9) for lo, hi in machine.commanded_limits]
+    target = np.zeros((9 ** len(corners), 6))
+    target[:, machine.commanded] = list(product(*corners))
+    drives = nominal_drives(machine, target)
+    return np.stack([drives.min(axis=0) - GRID_MARGIN_M, drives.max(axis=0) + GRID_MARGIN_M], axis=1)

@@ -1,0 +1,1 @@
+"""Tables of drive corrections that put the tool where it is commanded, and what they leave of its error."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.gap.moments import History, Moments
+from calibration.effects.context import History, Moments
 
 PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 

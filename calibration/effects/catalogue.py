@@ -14,7 +14,7 @@ from pathlib import Path
 
 from calibration.base.errors import InputError
 from calibration.effects import control, drive_train, guides, instrument, reversal, structure, thermal
-from calibration.effects.base import Effect
+from calibration.effects.api import Effect
 
 ENTRY_POINTS = "pkm_rig.effects"
 RESERVED = ("none", "unknown")
@@ -49,7 +49,7 @@ class Catalogue:
 def load_catalogue(files: Sequence[Path] = (), *, without: Collection[str] = ()) -> Catalogue:
     """The shipped effects, those of installed packages (entry points `pkm_rig.effects`) and those of files.
 
-    A file or an entry point holds `EFFECTS`, a sequence of `calibration.effects.base.Effect`. InputError in one line.
+    A file or an entry point holds `EFFECTS`, a sequence of `calibration.effects.api.Effect`. InputError in one line.
     """
     found = sorted(
         (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder, varied
-from calibration.gap.shapes import products, smooth
+from calibration.effects.api import Effect, Forms, Parameter, Setting, ladder, varied
+from calibration.effects.basis_functions import products, smooth
 
 REFERENCE_SPEED_M_PER_S = 0.5
 REST_S = ladder(0.5, 16.0, 7)

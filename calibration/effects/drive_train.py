@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Effect, Forms, Parameter, Setting, varied
-from calibration.gap.shapes import smooth
+from calibration.effects.api import Effect, Forms, Parameter, Setting, varied
+from calibration.effects.basis_functions import smooth
 
 LEAD_M = (4.0e-3, 4.0e-2)
 PITCH_M = (1.0e-5, 2.0e-3)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
-from calibration.gap.shapes import brownian, smooth
+from calibration.effects.api import Effect, Forms, Parameter, Setting, strongest_onset, varied
+from calibration.effects.basis_functions import brownian, smooth
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14

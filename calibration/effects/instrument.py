@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Effect, Forms, Parameter, Setting, strongest_onset, varied
-from calibration.gap.nuisance import HOUR_S, LEVER_M
-from calibration.gap.shapes import brownian, centred, products
+from calibration.effects.api import Effect, Forms, Parameter, Setting, strongest_onset, varied
+from calibration.effects.basis_functions import brownian, centred, products
+from calibration.recording.header import HOUR_S, LEVER_M
 
 ONSETS = 12
 PER_KELVIN = 0.93e-6  # change of the refractive index

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder, varied
-from calibration.gap.shapes import smooth
+from calibration.effects.api import Effect, Forms, Parameter, Setting, ladder, varied
+from calibration.effects.basis_functions import smooth
 
 REST_S = ladder(1.5, 15.0, 3)
 RATED_N = 6000.0  # force at rated torque, for the plausible range only: the torque's own scale is unknown

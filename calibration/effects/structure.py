@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Curve, Effect, Forms, Parameter, Setting
+from calibration.effects.api import Curve, Effect, Forms, Parameter, Setting
+from calibration.effects.basis_functions import smooth
 from calibration.effects.strut_laws import Held, Law, Range, curve, misfit_m, one_way, play, slipping, softer
-from calibration.gap.shapes import smooth
 
 LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # over which play is taken up

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Curve, Setting, Tangent
+from calibration.effects.api import Curve, Setting, Tangent
 
 # Elongation in m beyond the linear spring's and its derivative, at tensions (n,); it grows with the tension from zero.
 Law = Callable[[Array], tuple[Array, Array]]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Effect, Forms, Parameter, Setting, ladder
-from calibration.gap.shapes import smooth
+from calibration.effects.api import Effect, Forms, Parameter, Setting, ladder
+from calibration.effects.basis_functions import smooth
 
 TAUS_S = ladder(250.0, 7000.0, 6)
 LAGS_S = ladder(400.0, 5000.0, 4)

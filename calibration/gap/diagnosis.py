@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Setting
+from calibration.effects.api import Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.gap import location, shrink
 from calibration.gap.baseline import Baseline, baseline_of

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Acts, Form
+from calibration.effects.api import Acts, Form
 from calibration.gap.baseline import Baseline, taken_out
 from calibration.gap.channels import Channels
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from calibration.base.arrays import Array
+from calibration.effects.basis_functions import brownian, products, smooth
 from calibration.gap.evidence import Readout
 from calibration.gap.periods import Periodogram
 from calibration.gap.result import Share, Spectrum
-from calibration.gap.shapes import brownian, products, smooth
 from calibration.gap.shrink import Field, regions
 from calibration.machine.description import COORDINATES
 

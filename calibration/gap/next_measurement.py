@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.effects.base import Acts, Effect
+from calibration.effects.api import Acts, Effect
+from calibration.effects.context import History, Moments, held, joined
 from calibration.gap.baseline import Baseline, Seen
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout
-from calibration.gap.moments import History, Moments, held, joined
 from calibration.gap.result import NONE, UNKNOWN, Candidate, PlannedVisit
 from calibration.gap.search import Explanation
 from calibration.gap.setting import setting_from

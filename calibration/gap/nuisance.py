@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.effects.basis_functions import brownian, waves
 from calibration.gap.channels import Channels
-from calibration.gap.shapes import brownian, waves
+from calibration.recording.header import HOUR_S
 
 if TYPE_CHECKING:
     from calibration.gap.baseline import Baseline
 
-HOUR_S = 3600.0
-LEVER_M = 3.0  # where the drift of a rig is declared
 OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
 WALK_TERMS = 14
 LOUD_M, LOUD_TERMS = 8.0e-6, 24  # a rig that wanders more is followed closer

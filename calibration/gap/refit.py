@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Acts, Curve, Form, Tangent
+from calibration.effects.api import Acts, Curve, Form, Tangent
 from calibration.gap.evidence import Readout, Weighed, weigh
 
 FOLLOWED = 4  # starts that are worth following

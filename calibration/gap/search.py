@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Acts, Effect, Setting
+from calibration.effects.api import Acts, Effect, Setting
 from calibration.effects.catalogue import Catalogue
 from calibration.gap.evidence import Readout, Weighed, log_sum, weigh
 from calibration.gap.formless import Formless, weigh_formless

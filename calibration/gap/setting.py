@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.base import Setting
+from calibration.effects.api import Setting
 from calibration.gap.baseline import Seen
 from calibration.gap.channels import Channels
 from calibration.gap.evidence import Readout

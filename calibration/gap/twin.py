@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
-from calibration.effects.base import Acts, Setting
+from calibration.effects.api import Acts, Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.effects.context import Moments, beside, held, remembered
 from calibration.gap import twin_data
 from calibration.gap.baseline import Baseline
 from calibration.gap.evidence import Readout
-from calibration.gap.moments import Moments, beside, held, remembered
 from calibration.gap.search import Cause
 from calibration.gap.solution import Joint, Solution, fit_before
 from calibration.gap.twin_parts import Added, Asked, Campaign, Fit, Told, places_m, visits_of

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
-from calibration.effects.base import OnCurve
+from calibration.effects.api import OnCurve
 from calibration.effects.catalogue import Catalogue
-from calibration.gap.moments import ARRAYS, History, Moments
+from calibration.effects.context import ARRAYS, History, Moments
 from calibration.gap.twin_parts import Added, Campaign, Fit, whole_model
 from calibration.machine.description import Machine
 

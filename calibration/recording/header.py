@@ -78,3 +78,7 @@ class RecordingFile(Section):
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1)
     nuisance: NuisanceEntry = NuisanceEntry()
     columns: dict[str, str] = Field(default_factory=dict)
+
+
+HOUR_S = 3600.0
+LEVER_M = 3.0  # where the drift of a rig is declared

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.effects.base import Setting
+from calibration.effects.api import Setting
 from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import ARRAYS, History, Moments, moments_of
 from calibration.gap.baseline import baseline_of
 from calibration.gap.diagnosis import diagnose_and_score
 from calibration.gap.evidence import Readout
-from calibration.gap.moments import ARRAYS, History, Moments, moments_of
 from calibration.gap.result import Diagnosis
 from calibration.gap.search import weigh_effects
 from calibration.gap.setting import periodograms, setting_of

@@ -11,7 +11,7 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.effects import catalogue as module
-from calibration.effects.base import Effect, Forms, Parameter
+from calibration.effects.api import Effect, Forms, Parameter
 from calibration.effects.catalogue import INSIDE_GEOMETRY, Catalogue, load_catalogue
 from calibration.gap.baseline import baseline_of
 from calibration.gap.channels import Channels

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import moments_of
 from calibration.gap.diagnosis import diagnose
-from calibration.gap.moments import moments_of
 from calibration.gap.result import KINDS, NONE, UNKNOWN
 from mock_devices.effects import EffectChoice
 from mock_devices.settings import Nuisance

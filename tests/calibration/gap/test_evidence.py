@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from calibration.effects.base import Form
+from calibration.effects.api import Form
 from calibration.gap.baseline import baseline_of
 from calibration.gap.evidence import SIZES, Readout, log_evidence_of_sizes, weigh
 

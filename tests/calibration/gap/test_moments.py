@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibration.gap.moments import moments_of
+from calibration.effects.context import moments_of
 from mock_devices.campaign_design import DesignOptions
 from tests.calibration.gap.campaigns import changed, plant, recorded
 

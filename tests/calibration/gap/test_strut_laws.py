@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
+from calibration.effects.context import moments_of
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
 from calibration.effects.strut_laws import Held, Range, curve, misfit_m, one_way, play, slipping, softer
 from calibration.gap.baseline import baseline_of
 from calibration.gap.diagnosis import diagnose, diagnose_and_add
 from calibration.gap.evidence import Readout
-from calibration.gap.moments import moments_of
 from calibration.gap.refit import refit
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import moments_of
 from calibration.gap.baseline import baseline_of
 from calibration.gap.diagnosis import diagnose_and_add, diagnose_and_score
 from calibration.gap.evidence import Readout
-from calibration.gap.moments import moments_of
 from calibration.gap.setting import periodograms, setting_of
 from calibration.gap.twin import Twin
 from mock_devices.effects import EffectChoice

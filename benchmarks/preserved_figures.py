@@ -27,7 +27,7 @@ import numpy as np
 import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries start
 from benchmarks.demo_check import run_seed
 from calibration.compensation.tables import CompensationTable
-from calibration.gap.diagnosis import diagnose
+from calibration.diagnosis.diagnose import diagnose
 from calibration.identification.prediction import predict_poses
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from calibration.base.toml_text import to_toml
-from calibration.gap.result import Candidate, PlannedVisit
+from calibration.diagnosis.result import Candidate, PlannedVisit
 from calibration.machine.description import COORDINATES, Machine
 from calibration.model.payload import PayloadEntry
 from pkm_rig.config import CampaignFile, VisitEntry, VisitsSection

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose, diagnose_and_score
+from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.twin.score import TwinScore
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from calibration.gap.diagnosis import diagnose, diagnose_and_score
-from calibration.gap.result import Diagnosis
-from calibration.gap.twin import Twin
-from calibration.gap.twin_score import TwinScore
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import without_left_open
 from pkm_rig import diagnosis_pictures

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.gap.result import KINDS, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.diagnosis.result import KINDS, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
 
 MOST_SHARES = 10
 

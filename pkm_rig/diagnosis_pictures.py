@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.base.arrays import Array
-from calibration.gap.result import Diagnosis, VisitGaps
+from calibration.diagnosis.result import Diagnosis, VisitGaps
 from calibration.machine.description import Machine
 from pkm_rig.pictures import AFTER, BEFORE, NEUTRAL, round_scale
 

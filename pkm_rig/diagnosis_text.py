@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from calibration.gap.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.diagnosis_output import by_gain, ranked, strongest_shares
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from calibration.base.errors import InputError
 from calibration.base.toml_file import read_text
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
-from calibration.gap.twin import Twin
 from calibration.recording.recording import Recording
 
 TWIN_FOLDER, TWIN_NAME, MACHINE_NAME = "twin", "twin.json", "machine.toml"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.gap.result import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 
 MOST_VISITS = 60
 _ELSEWHERE = ("withheld", "visits", "spectra", "next_measurement")

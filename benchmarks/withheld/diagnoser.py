@@ -56,8 +56,8 @@ def loaded(name: str) -> Callable[..., Any]:
 
 def real(recording: Any, without: tuple[str, ...]) -> Any:
     """The diagnosis that users have."""
+    from calibration.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from calibration.effects.catalogue import load_catalogue  # noqa: PLC0415 - sealed first
-    from calibration.gap.diagnosis import diagnose  # noqa: PLC0415
 
     return diagnose(recording, load_catalogue(without=without))
 

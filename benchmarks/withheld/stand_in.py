@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.withheld.baselines import NONE, UNKNOWN, simple_answers
-from calibration.gap.result import (
+from calibration.diagnosis.result import (
     Candidate,
     Diagnosis,
     FoundEffect,

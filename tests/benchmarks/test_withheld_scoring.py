@@ -18,7 +18,7 @@ from benchmarks.withheld.statistics import (
     wilson,
 )
 from benchmarks.withheld.table import measures
-from calibration.gap.result import KINDS as KINDS_OF_SHARES
+from calibration.diagnosis.result import KINDS as KINDS_OF_SHARES
 from mock_devices.effects import CATALOGUE, SPECS
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.gap.result import (
+from calibration.diagnosis.result import (
     NONE,
     UNKNOWN,
     Candidate,

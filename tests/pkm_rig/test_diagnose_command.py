@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from calibration.base.errors import InputError
-from calibration.gap.result import Diagnosis
+from calibration.diagnosis.result import Diagnosis
 from calibration.machine.description import shipped_machine
 from calibration.recording.folder import read_folder
 from mock_devices.campaign_design import DesignOptions, draw_design

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from calibration.gap.result import KINDS, Quantity, Share
+from calibration.diagnosis.result import KINDS, Quantity, Share
 from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig import diagnosis_output, diagnosis_pictures, diagnosis_text
 from tests.pkm_rig.diagnosis_example import example, not_explained, nothing_found

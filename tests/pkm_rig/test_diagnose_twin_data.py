@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose_and_add
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
-from calibration.gap.diagnosis import diagnose_and_add
-from calibration.gap.twin import Twin
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose_and_score
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.findings.withheld_blocks import regions
+from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.search import weigh_effects
+from calibration.diagnosis.twin.joint_fit import Joint
+from calibration.diagnosis.twin.score import TwinScore
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.api import Setting
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import ARRAYS, History, Moments, moments_of
-from calibration.gap.baseline import baseline_of
-from calibration.gap.diagnosis import diagnose_and_score
-from calibration.gap.evidence import Readout
-from calibration.gap.result import Diagnosis
-from calibration.gap.search import weigh_effects
-from calibration.gap.setting import periodograms, setting_of
-from calibration.gap.shrink import regions
-from calibration.gap.solution import Joint
-from calibration.gap.twin import Twin
-from calibration.gap.twin_score import TwinScore
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording

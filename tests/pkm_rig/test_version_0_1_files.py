@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.diagnosis.diagnose import diagnose
 from calibration.effects.catalogue import load_catalogue
-from calibration.gap.diagnosis import diagnose
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import without_left_open

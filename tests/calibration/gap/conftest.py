@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from calibration.gap.baseline import Baseline, baseline_of
-from calibration.gap.evidence import Readout
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline, baseline_of
 from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
 from mock_devices.recording_maker import Bench
@@ -35,7 +35,7 @@ def wandering() -> Recording:
 def small(wandering) -> Baseline:
     """Its baseline with every direction kept, so that dense computations must agree to rounding."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibration.gap.baseline.UNSEEN", 1e-9)
+        patch.setattr("calibration.diagnosis.linear_model.UNSEEN", 1e-9)
         return baseline_of(wandering)
 
 

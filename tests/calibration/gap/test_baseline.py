@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.gap.baseline import Baseline, baseline_of, usable_rows
-from calibration.gap.diagnosis import diagnose
-from calibration.gap.evidence import Readout
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline, baseline_of, usable_rows
 from calibration.recording.recording import make_recording
 from mock_devices.settings import Nuisance
 from tests.calibration.gap.campaigns import changed, plant, recorded, simulated

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import baseline_of
 from calibration.effects import catalogue as module
 from calibration.effects.api import Effect, Forms, Parameter
 from calibration.effects.catalogue import INSIDE_GEOMETRY, Catalogue, load_catalogue
-from calibration.gap.baseline import baseline_of
-from calibration.gap.channels import Channels
-from calibration.gap.evidence import Readout
-from calibration.gap.setting import periodograms, setting_of
 from mock_devices.effects.catalogue import SPECS
 from tests.calibration.gap.campaigns import simulated
 

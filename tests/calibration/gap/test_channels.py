@@ -9,9 +9,9 @@ import pytest
 
 from calibration.base.frame import Frame, station_frame
 from calibration.base.rotation import rotation_matrix
+from calibration.diagnosis.channels import AXES, Channels
+from calibration.diagnosis.linear_model import Seen
 from calibration.effects.context import History, Moments
-from calibration.gap.baseline import Seen
-from calibration.gap.channels import AXES, Channels
 from calibration.instruments.station import angles, points
 from calibration.machine import equilibrium
 from calibration.machine.description import COORDINATES, load_machine, shipped_machine

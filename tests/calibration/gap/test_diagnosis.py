@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import moments_of
-from calibration.gap.diagnosis import diagnose
-from calibration.gap.result import KINDS, NONE, UNKNOWN
 from mock_devices.effects import EffectChoice
 from mock_devices.settings import Nuisance
 from tests.calibration.gap.campaigns import changed, example, noise_free_m, plant, recorded, simulated

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calibration.diagnosis.evidence import SIZES, Readout, log_evidence_of_sizes, weigh
+from calibration.diagnosis.linear_model import baseline_of
 from calibration.effects.api import Form
-from calibration.gap.baseline import baseline_of
-from calibration.gap.evidence import SIZES, Readout, log_evidence_of_sizes, weigh
 
 
 def flat(columns):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.gap.diagnosis import diagnose
-from calibration.gap.result import NONE, UNKNOWN
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.machine.description import load_machine
 from mock_devices.campaign_design import DesignOptions
 from mock_devices.effects import EffectChoice

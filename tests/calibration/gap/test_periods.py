@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.gap.periods import SHORTEST_M, Periodogram
+from calibration.diagnosis.periodogram import SHORTEST_M, Periodogram
 
 
 def positions(count: int, span: float = 0.9, seed: int = 1) -> np.ndarray:

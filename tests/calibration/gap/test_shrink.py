@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from calibration.base.frame import station_frame
-from calibration.gap import baseline as baseline_module
-from calibration.gap import shrink
-from calibration.gap.baseline import Baseline, baseline_of
-from calibration.gap.evidence import Readout
-from calibration.gap.shrink import Field, figures, regions, withheld
+from calibration.diagnosis import linear_model as baseline_module
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.findings import withheld_blocks as shrink
+from calibration.diagnosis.findings.withheld_blocks import Field, figures, regions, withheld
+from calibration.diagnosis.linear_model import Baseline, baseline_of
 
 
 def flat(columns):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.diagnosis.diagnose import diagnose
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from calibration.gap.diagnosis import diagnose
 from tests.calibration.gap.campaigns import STATED, Arrivals, simulated
 
 LEFT = np.array([1.0, 0.0])

@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.curve_fit import refit
+from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.context import moments_of
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
 from calibration.effects.strut_laws import Held, Range, curve, misfit_m, one_way, play, slipping, softer
-from calibration.gap.baseline import baseline_of
-from calibration.gap.diagnosis import diagnose, diagnose_and_add
-from calibration.gap.evidence import Readout
-from calibration.gap.refit import refit
-from calibration.gap.setting import periodograms, setting_of
-from calibration.gap.twin import Twin
 from calibration.machine import equilibrium
 from calibration.machine.description import load_machine
 from mock_devices.effects import EffectChoice

@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose_and_add, diagnose_and_score
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import moments_of
-from calibration.gap.baseline import baseline_of
-from calibration.gap.diagnosis import diagnose_and_add, diagnose_and_score
-from calibration.gap.evidence import Readout
-from calibration.gap.setting import periodograms, setting_of
-from calibration.gap.twin import Twin
 from mock_devices.effects import EffectChoice
 from tests.calibration.gap.campaigns import PLANAR, example, noise_free_m, plant, recorded, simulated
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
+from calibration.diagnosis.twin.twin_model import Added, Campaign, Fit, whole_model
 from calibration.effects.api import OnCurve
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.context import ARRAYS, History, Moments
-from calibration.gap.twin_parts import Added, Campaign, Fit, whole_model
 from calibration.machine.description import Machine
 
 FORMAT = 2

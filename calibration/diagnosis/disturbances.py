@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channels import Channels
 from calibration.effects.basis_functions import brownian, waves
-from calibration.gap.channels import Channels
 from calibration.recording.header import HOUR_S
 
 if TYPE_CHECKING:
-    from calibration.gap.baseline import Baseline
+    from calibration.diagnosis.linear_model import Baseline
 
 OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
 WALK_TERMS = 14

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.effect_inputs import setting_from
+from calibration.diagnosis.linear_model import Seen
 from calibration.effects.api import OnCurve, Setting
 from calibration.effects.context import Moments, Remembered
-from calibration.gap.baseline import Seen
-from calibration.gap.channels import Channels
-from calibration.gap.setting import setting_from
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine
 from calibration.model.model import Model, Poses, Systematic

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.gap.baseline import Baseline
-from calibration.gap.evidence import Readout
-from calibration.gap.result import FoundEffect, Quantity
-from calibration.gap.search import Cause, Explanation, taken
-from calibration.gap.verdict import presence
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline
+from calibration.diagnosis.result import FoundEffect, Quantity
+from calibration.diagnosis.search import Cause, Explanation, taken
+from calibration.diagnosis.verdict import presence
 
 EQUIVALENT_SIGMA = 0.3
 TOLD_APART, TOLD_APART_SHARE = 10.0, 0.05  # of log evidence, by which the data do tell an effect from the first

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Seen
+from calibration.diagnosis.periodogram import Periodogram
 from calibration.effects.api import Setting
-from calibration.gap.baseline import Seen
-from calibration.gap.channels import Channels
-from calibration.gap.evidence import Readout
-from calibration.gap.periods import Periodogram
 from calibration.machine.sensitivity import Sensitivity
 
 

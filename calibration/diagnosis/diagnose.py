@@ -7,29 +7,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.findings import variance_shares as location
+from calibration.diagnosis.findings import withheld_blocks as shrink
+from calibration.diagnosis.findings.effect_summary import equivalents, found_effect
+from calibration.diagnosis.findings.next_measurement import candidates
+from calibration.diagnosis.linear_model import Baseline, baseline_of
+from calibration.diagnosis.non_parametric import Formless, platform_hides
+from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, GapFigures, VisitGaps, Withheld
+from calibration.diagnosis.search import Cause, Explanation, explain, taken, tested
+from calibration.diagnosis.twin.joint_fit import Joint
+from calibration.diagnosis.twin.score import TwinScore, scored
+from calibration.diagnosis.twin.twin import Twin
+from calibration.diagnosis.verdict import probabilities
 from calibration.effects.api import Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from calibration.gap import location, shrink
-from calibration.gap.baseline import Baseline, baseline_of
-from calibration.gap.evidence import Readout
-from calibration.gap.formless import Formless, platform_hides
-from calibration.gap.next_measurement import candidates
-from calibration.gap.result import (
-    NONE,
-    UNKNOWN,
-    Clue,
-    Diagnosis,
-    GapFigures,
-    VisitGaps,
-    Withheld,
-)
-from calibration.gap.search import Cause, Explanation, explain, taken, tested
-from calibration.gap.setting import periodograms, setting_of
-from calibration.gap.solution import Joint
-from calibration.gap.telling import equivalents, found_effect
-from calibration.gap.twin import Twin
-from calibration.gap.twin_score import TwinScore, scored
-from calibration.gap.verdict import probabilities
 from calibration.recording.recording import Recording
 
 CLUES = 4

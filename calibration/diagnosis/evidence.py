@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.linear_model import Baseline, taken_out
 from calibration.effects.api import Acts, Form
-from calibration.gap.baseline import Baseline, taken_out
-from calibration.gap.channels import Channels
 
 SIZES = 9
 

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.effect_inputs import setting_from
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline, Seen
+from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, PlannedVisit
+from calibration.diagnosis.search import Explanation
 from calibration.effects.api import Acts, Effect
 from calibration.effects.context import History, Moments, held, joined
-from calibration.gap.baseline import Baseline, Seen
-from calibration.gap.channels import Channels
-from calibration.gap.evidence import Readout
-from calibration.gap.result import NONE, UNKNOWN, Candidate, PlannedVisit
-from calibration.gap.search import Explanation
-from calibration.gap.setting import setting_from
 from calibration.machine.description import Machine
 from calibration.machine.inverse import rigid_drives
 from calibration.model.visits import Visits

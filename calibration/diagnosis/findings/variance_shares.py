@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.findings.withheld_blocks import Field, regions
+from calibration.diagnosis.periodogram import Periodogram
+from calibration.diagnosis.result import Share, Spectrum
 from calibration.effects.basis_functions import brownian, products, smooth
-from calibration.gap.evidence import Readout
-from calibration.gap.periods import Periodogram
-from calibration.gap.result import Share, Spectrum
-from calibration.gap.shrink import Field, regions
 from calibration.machine.description import COORDINATES
 
 RIDGES = (1e-3, 1e-1)  # of a column's own square: coordinates with many shapes want more

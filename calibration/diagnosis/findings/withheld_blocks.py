@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.gap.baseline import Baseline
-from calibration.gap.evidence import Readout
-from calibration.gap.result import GapFigures
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline
+from calibration.diagnosis.result import GapFigures
 
 REGIONS = 5
 LEAST_VISITS = 3

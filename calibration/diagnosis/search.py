@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.curve_fit import refit
+from calibration.diagnosis.evidence import Readout, Weighed, log_sum, weigh
+from calibration.diagnosis.non_parametric import Formless, weigh_formless
 from calibration.effects.api import Acts, Effect, Setting
 from calibration.effects.catalogue import Catalogue
-from calibration.gap.evidence import Readout, Weighed, log_sum, weigh
-from calibration.gap.formless import Formless, weigh_formless
-from calibration.gap.refit import refit
 
 MOST_CAUSES = 3
 SEEN = 6.0  # of log evidence: below it nothing is taken into the model

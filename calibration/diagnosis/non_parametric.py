@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.evidence import Readout, log_evidence_of_sizes, log_sum
 from calibration.effects.api import Setting
 from calibration.effects.basis_functions import brownian, products, smooth
-from calibration.gap.channels import Channels
-from calibration.gap.evidence import Readout, log_evidence_of_sizes, log_sum
 
 WITHOUT_VISITS = ("light.", "station.", "floor.", "smr.")
 UNSEEN = 1e-9  # sigma a unit of a channel

@@ -13,9 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit
 
-from calibration.gap.evidence import log_sum
-from calibration.gap.result import NONE, UNKNOWN
-from calibration.gap.search import Cause, Explanation
+from calibration.diagnosis.evidence import log_sum
+from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.search import Cause, Explanation
 
 NOTHING = 7.0  # of log evidence: prior odds of `none`
 PLAIN_EXCESS = 12.0

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.gap import shrink
-from calibration.gap.evidence import Readout
-from calibration.gap.result import GapFigures
-from calibration.gap.solution import Joint, stated_m
-from calibration.gap.twin import Twin
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.findings import withheld_blocks as shrink
+from calibration.diagnosis.result import GapFigures
+from calibration.diagnosis.twin.joint_fit import Joint, stated_m
+from calibration.diagnosis.twin.twin import Twin
 
 
 @dataclass(frozen=True)

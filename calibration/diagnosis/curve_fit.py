@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.evidence import Readout, Weighed, weigh
 from calibration.effects.api import Acts, Curve, Form, Tangent
-from calibration.gap.evidence import Readout, Weighed, weigh
 
 FOLLOWED = 4  # starts that are worth following
 STEPS = 8

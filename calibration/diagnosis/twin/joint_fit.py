@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
-from calibration.gap.baseline import NEST_PRIOR_M, Baseline
-from calibration.gap.evidence import Readout
-from calibration.gap.search import Cause
-from calibration.gap.twin_parts import Fit, whole_model
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import NEST_PRIOR_M, Baseline
+from calibration.diagnosis.search import Cause
+from calibration.diagnosis.twin.twin_model import Fit, whole_model
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 
 MOST_STEPS = 12

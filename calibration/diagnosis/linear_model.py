@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
+from calibration.diagnosis.disturbances import nuisance_columns
 from calibration.effects.context import Moments, moments_of
-from calibration.gap.nuisance import nuisance_columns
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
 from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses, Systematic

@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline
+from calibration.diagnosis.search import Cause
+from calibration.diagnosis.twin import plain_data as twin_data
+from calibration.diagnosis.twin.joint_fit import Joint, Solution, fit_before
+from calibration.diagnosis.twin.twin_model import Added, Asked, Campaign, Fit, Told, places_m, visits_of
 from calibration.effects.api import Acts, Setting
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.effects.context import Moments, beside, held, remembered
-from calibration.gap import twin_data
-from calibration.gap.baseline import Baseline
-from calibration.gap.evidence import Readout
-from calibration.gap.search import Cause
-from calibration.gap.solution import Joint, Solution, fit_before
-from calibration.gap.twin_parts import Added, Asked, Campaign, Fit, Told, places_m, visits_of
 from calibration.machine.description import Machine, parse_machine
 from calibration.model.visits import Visits
 

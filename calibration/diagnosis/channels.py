@@ -18,7 +18,7 @@ from calibration.base.rotation import skew
 from calibration.machine.description import COORDINATES, across
 
 if TYPE_CHECKING:
-    from calibration.gap.baseline import Seen
+    from calibration.diagnosis.linear_model import Seen
 
 AXES = "xyz"
 

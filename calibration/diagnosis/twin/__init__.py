@@ -1,0 +1,1 @@
+"""The twin of a rig: the fitted model with the effects that a diagnosis found, simulated and scored."""

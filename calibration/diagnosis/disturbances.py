@@ -12,7 +12,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.effects.basis_functions import brownian, waves
-from calibration.recording.header import HOUR_S
+from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 if TYPE_CHECKING:
     from calibration.diagnosis.linear_model import Baseline
@@ -46,7 +46,7 @@ def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
         own = stated.drift_m_per_sqrt_h
         if kind.startswith("r"):
             own = stated.drift_rad_per_sqrt_h if kind == "rz" else stated.drift_of_level_rad_per_sqrt_h
-        sd = np.hypot(own, per_axis / (LEVER_M if kind.startswith("r") else 1.0))
+        sd = np.hypot(own, per_axis / (DRIFT_LEVER_M if kind.startswith("r") else 1.0))
         add(name, walk * sd, "drift")
     if declared.reseat_m > 0.0:
         numbers = np.unique(m.exchanges)[1:]

@@ -7,7 +7,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import Effect, Forms, Parameter, Setting, strongest_onset, varied
 from calibration.effects.basis_functions import brownian, centred, products
-from calibration.recording.header import HOUR_S, LEVER_M
+from calibration.recording.header import HOUR_S, DRIFT_LEVER_M
 
 ONSETS = 12
 PER_KELVIN = 0.93e-6  # change of the refractive index
@@ -19,7 +19,7 @@ def drift(s: Setting, _: int) -> Forms:
     f, t = Forms(), s.moments.elapsed_s
 
     def frame(shape: Array) -> list[int]:
-        return [c for k in FRAME for c in f.add((f"station.{k}", shape / (LEVER_M if k[0] == "r" else 1.0)))]
+        return [c for k in FRAME for c in f.add((f"station.{k}", shape / (DRIFT_LEVER_M if k[0] == "r" else 1.0)))]
 
     for shape in (t / HOUR_S, 1.0 - np.exp(-t / 900.0), 1.0 - np.exp(-t / 2700.0)):
         f.form(frame(shape))

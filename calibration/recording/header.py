@@ -81,4 +81,4 @@ class RecordingFile(Section):
 
 
 HOUR_S = 3600.0
-LEVER_M = 3.0  # where the drift of a rig is declared
+DRIFT_LEVER_M = 3.0  # where the drift of a rig is declared

@@ -26,12 +26,12 @@ from calibration.instruments.smr_positions import Observations
 from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
-from pkm_rig import calibrate as job
-from pkm_rig.calibrate import Outcome
-from pkm_rig.config import embedded_rig_path, load_rig
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import embedded
-from pkm_rig.session import one_core, open_store
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs.calibrate import Outcome
+from pkm_rig.jobs.session import one_core, open_store
+from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.virtual.mock_rig import embedded
 
 SEEDS = tuple(range(1, 21))
 

@@ -16,14 +16,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pkm_rig.config import CampaignSettings, RigFile, embedded_rig_path, load_rig
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import embedded
-from pkm_rig.plans import visits
-from pkm_rig.runner import describe_campaign, running
-from pkm_rig.schedule import Block, calibration_blocks
-from pkm_rig.session import one_core
-from pkm_rig.store import Store, now_text
+from pkm_rig.jobs.session import one_core
+from pkm_rig.rig.config import CampaignSettings, RigFile, embedded_rig_path, load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.rig.plans import visits
+from pkm_rig.rig.runner import describe_campaign, running
+from pkm_rig.rig.schedule import Block, calibration_blocks
+from pkm_rig.rig.store import Store, now_text
+from pkm_rig.virtual.mock_rig import embedded
 
 LIMIT = 0.02
 SHORT_POSES = 20

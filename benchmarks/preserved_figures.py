@@ -28,6 +28,7 @@ import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries s
 from benchmarks.demo_check import run_seed
 from calibration.compensation.tables import CompensationTable
 from calibration.diagnosis.diagnose import diagnose
+from calibration.identification.calibration import Calibration, identify_recording, pose_u
 from calibration.identification.prediction import predict_poses
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
@@ -38,10 +39,9 @@ from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recording_maker import make_recording
 from mock_devices.settings import MockSettings
-from pkm_rig.analysis import Calibration, identify_recording, pose_u
-from pkm_rig.calibrate import identified_summary
-from pkm_rig.diagnosis_output import diagnosis_json
-from pkm_rig.session import one_core, open_store
+from pkm_rig.jobs.calibrate import identified_summary
+from pkm_rig.jobs.session import one_core, open_store
+from pkm_rig.report.diagnosis_json import diagnosis_json
 
 FILE = Path(__file__).parent / "preserved" / "figures.npz"
 RELATIVE = 1e-9

@@ -8,10 +8,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pkm_rig import pictures
-from pkm_rig.analysis import error_map
-from pkm_rig.session import open_store
-from pkm_rig.stages import stored_outcome
+from calibration.identification.calibration import error_map
+from pkm_rig.jobs.session import open_store
+from pkm_rig.jobs.stages import stored_outcome
+from pkm_rig.report import pictures
 
 
 def main() -> None:

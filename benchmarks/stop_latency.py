@@ -23,11 +23,11 @@ import numpy as np
 
 from drivers.cia402 import QUICK_STOP
 from drivers.errors import DeviceError
-from pkm_rig.clock import ScaledClock
-from pkm_rig.config import load_rig
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import served
-from pkm_rig.rig import Rig
+from pkm_rig.rig.clock import ScaledClock
+from pkm_rig.rig.config import load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.rig.rig import Rig
+from pkm_rig.virtual.mock_rig import served
 
 LIMIT_MS = 20.0
 EXAMPLE = Path(__file__).parents[1] / "examples" / "mock-rig.toml"

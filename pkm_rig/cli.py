@@ -15,20 +15,30 @@ from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
 from drivers.errors import DeviceError
-from pkm_rig import calibrate as job
-from pkm_rig import diagnose as diagnosing
-from pkm_rig import diagnosis_text, homing, interim, mock_rig, planning, stages
-from pkm_rig.calibrate import Outcome
-from pkm_rig.config import embedded_rig_path, load_rig, with_visits
-from pkm_rig.measured_machine import find_measurements, identify_measured, import_printer
-from pkm_rig.measured_print import print_measured
-from pkm_rig.output import messages, outcome_json, print_json, print_outcome, print_result, progress_bar, results
-from pkm_rig.plans import CampaignRefused
-from pkm_rig.report import write_report
-from pkm_rig.schedule import calibration_blocks
-from pkm_rig.session import find_recording, open_rig, open_store
-from pkm_rig.store import StoreError
-from pkm_rig.twin_files import find_twin
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs import diagnose as diagnosing
+from pkm_rig.jobs import homing, interim, planning, stages
+from pkm_rig.jobs.calibrate import Outcome
+from pkm_rig.jobs.measured_machine import find_measurements, identify_measured, import_printer
+from pkm_rig.jobs.session import find_recording, open_rig, open_store
+from pkm_rig.report import diagnosis_text
+from pkm_rig.report.html import write_report
+from pkm_rig.report.measured_text import print_measured
+from pkm_rig.report.terminal import (
+    messages,
+    outcome_json,
+    print_json,
+    print_outcome,
+    print_result,
+    progress_bar,
+    results,
+)
+from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+from pkm_rig.rig.plans import CampaignRefused
+from pkm_rig.rig.schedule import calibration_blocks
+from pkm_rig.rig.store import StoreError
+from pkm_rig.virtual import mock_rig
+from pkm_rig.virtual.twin_files import find_twin
 
 REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
 

@@ -28,9 +28,9 @@ from drivers.socketcand import open_bus
 from mock_devices.rig import MockRig
 from mock_devices.settings import MockSettings
 from mock_devices.socketcand_server import SocketCandServer
-from pkm_rig.clock import ScaledClock
-from pkm_rig.config import embedded_rig_path, load_rig, machine_path
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import ScaledClock
+from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 HERE = Path(__file__).parent
 DEBIAN = ("mbpoll", "libmodbus5", "libmodbus-dev")

@@ -25,10 +25,10 @@ from mock_devices.plant import Plant, ReadingNoise
 from mock_devices.recording_columns import points
 from mock_devices.recording_maker import Bench
 from mock_devices.rig import MockRig
-from pkm_rig.config import embedded_rig_path, load_rig, machine_path
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import embedded
-from pkm_rig.rig import Rig
+from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
+from pkm_rig.rig.connection import connected
+from pkm_rig.rig.rig import Rig
+from pkm_rig.virtual.mock_rig import embedded
 
 Array = NDArray[np.float64]
 

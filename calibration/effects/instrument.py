@@ -7,7 +7,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import Effect, Forms, Parameter, Setting, strongest_onset, varied
 from calibration.effects.basis_functions import brownian, centred, products
-from calibration.recording.header import HOUR_S, DRIFT_LEVER_M
+from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 ONSETS = 12
 PER_KELVIN = 0.93e-6  # change of the refractive index

@@ -14,8 +14,8 @@ from drivers.drive_group import DriveGroup
 from drivers.servo_drive import DriveExpectation, ServoDrive
 from mock_devices.faults import FaultPlan
 from mock_devices.mock_drive import DriveServer
-from pkm_rig.clock import VirtualClock
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import VirtualClock
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 MASTER = 127
 GUARD_S = 0.25  # host time: a computer that is busy for a moment is no lost frame

@@ -15,8 +15,8 @@ from drivers.socketcand import open_bus
 from mock_devices.faults import FaultPlan
 from mock_devices.rig import MockRig
 from mock_devices.settings import MockSettings
-from pkm_rig.clock import RigClock, ScaledClock, VirtualClock
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
 TRANSPORTS = ("one process", "sockets")

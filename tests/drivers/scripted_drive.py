@@ -16,8 +16,8 @@ import can
 from drivers.can_line import CanLine
 from drivers.drive_group import DriveGroup
 from drivers.servo_drive import DriveExpectation, ServoDrive
-from pkm_rig.clock import VirtualClock
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import VirtualClock
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 VENDOR, PRODUCT = 0x99, 0x402
 Object = tuple[int, int]

@@ -23,8 +23,8 @@ from drivers.socketcand import open_bus
 from mock_devices.mock_drive import DriveServer
 from mock_devices.slcan_adapter import SlcanAdapter
 from mock_devices.socketcand_server import SocketCandServer
-from pkm_rig.clock import ScaledClock
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import ScaledClock
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 SLOW = 20.0  # rig seconds a second: what is host time elsewhere is multiplied by it
 IMAGE = DriveObject(0x2101, 1, "", "image")

@@ -17,7 +17,7 @@ from mock_devices.plant import Plant
 from mock_devices.settings import InstrumentProfile, MockSettings
 from mock_devices.station import Station
 from mock_devices.tracker_server import PtyTrackerServer
-from pkm_rig.clock import VirtualClock
+from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
 MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"

@@ -19,8 +19,8 @@ from drivers.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.table_bank import Activation, TableBank, activate_all
 from drivers.table_image import TableImage, machine_id_of
 from mock_devices.mock_drive import DriveServer
-from pkm_rig.clock import VirtualClock
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import VirtualClock
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 _channels = itertools.count()
 

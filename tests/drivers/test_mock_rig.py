@@ -11,7 +11,7 @@ from drivers.drive_group import DriveGroup
 from drivers.modbus_line import TcpLine
 from drivers.plc import Plc
 from drivers.servo_drive import DriveExpectation, ServoDrive
-from pkm_rig.clock import ScaledClock
+from pkm_rig.rig.clock import ScaledClock
 from tests.drivers.mock_rig_bench import TRANSPORTS, Bench, mock_rigs
 
 

@@ -18,7 +18,7 @@ from mock_devices.faults import Fault, FaultPlan
 from mock_devices.plant import Plant
 from mock_devices.plc_server import PlcServer
 from mock_devices.settings import MockSettings
-from pkm_rig.clock import VirtualClock
+from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
 MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"

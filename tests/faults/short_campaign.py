@@ -15,15 +15,15 @@ from calibration.model.load import Load
 from calibration.recording.recording import Recording
 from drivers.errors import DeviceError
 from mock_devices.faults import Fault, FaultPlan
-from pkm_rig.config import embedded_rig_path, load_rig
-from pkm_rig.connection import connected
-from pkm_rig.interlock import Supervisor
-from pkm_rig.mock_rig import Embedded, embedded
-from pkm_rig.plans import CampaignRefused, visits
-from pkm_rig.rig import Rig
-from pkm_rig.runner import describe_campaign, running
-from pkm_rig.schedule import Block, calibration_blocks
-from pkm_rig.store import Store, StoreError, now_text
+from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.rig.plans import CampaignRefused, visits
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.runner import describe_campaign, running
+from pkm_rig.rig.schedule import Block, calibration_blocks
+from pkm_rig.rig.store import Store, StoreError, now_text
+from pkm_rig.rig.supervision import Supervisor
+from pkm_rig.virtual.mock_rig import Embedded, embedded
 
 CAMPAIGN = "short"
 GUARD_S = 0.2  # host time in which an answer has to come, while a fault may keep it away

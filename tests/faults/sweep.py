@@ -18,7 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from mock_devices.faults import FAULTS, Fault
-from pkm_rig.session import one_core
+from pkm_rig.jobs.session import one_core
 from tests.faults.attempt import ENDED_RIGHT, STOPPED, UNTOUCHED, WRONG, Result, attempt, reference
 from tests.faults.short_campaign import Key
 

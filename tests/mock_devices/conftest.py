@@ -13,8 +13,8 @@ import pytest
 from mock_devices.machine_file import read_machine_file
 from mock_devices.plant import Plant
 from mock_devices.settings import MockSettings
-from pkm_rig.clock import VirtualClock
-from pkm_rig.embedded_bus import EmbeddedBus
+from pkm_rig.rig.clock import VirtualClock
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `images` and `standing`
 

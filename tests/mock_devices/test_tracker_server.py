@@ -16,7 +16,7 @@ from mock_devices.plant import Plant
 from mock_devices.settings import MockSettings
 from mock_devices.station import Station
 from mock_devices.tracker_server import PtyTrackerServer, TcpTrackerServer
-from pkm_rig.clock import VirtualClock
+from pkm_rig.rig.clock import VirtualClock
 
 
 @pytest.fixture(params=[PtyTrackerServer, TcpTrackerServer])

@@ -4,9 +4,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from pkm_rig.config import embedded_rig_path, load_rig
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import embedded
+from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.virtual.mock_rig import embedded
 
 SHORT = {
     "calibration_poses": 12,

@@ -8,11 +8,11 @@ from calibration.instruments import station
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording, column_names, make_recording
 from mock_devices.plant import Plant
-from pkm_rig.clock import VirtualClock
-from pkm_rig.config import embedded_rig_path, load_rig, machine_path
-from pkm_rig.mock_rig import settings_of
-from pkm_rig.rig import PART_SENSORS
-from pkm_rig.schedule import calibration_blocks, verification_block
+from pkm_rig.rig.clock import VirtualClock
+from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
+from pkm_rig.rig.rig import PART_SENSORS
+from pkm_rig.rig.schedule import calibration_blocks, verification_block
+from pkm_rig.virtual.mock_rig import settings_of
 from tests.pkm_rig.conftest import SHORT
 
 

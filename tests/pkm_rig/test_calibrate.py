@@ -12,12 +12,12 @@ import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
-from pkm_rig import calibrate as job
-from pkm_rig import stages
-from pkm_rig.diagnose import Attempt
-from pkm_rig.output import outcome_json
-from pkm_rig.report import short_table, write_report
-from pkm_rig.store import Store
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs import stages
+from pkm_rig.jobs.diagnose import Attempt
+from pkm_rig.report.html import short_table, write_report
+from pkm_rig.report.terminal import outcome_json
+from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 from tests.pkm_rig.test_rig import flat_table
 

@@ -13,8 +13,8 @@ import pytest
 
 from calibration.recording.folder import write_folder
 from pkm_rig.cli import main
-from pkm_rig.config import embedded_rig_path
-from pkm_rig.store import Store
+from pkm_rig.rig.config import embedded_rig_path
+from pkm_rig.rig.store import Store
 from tests.pkm_rig.plant_recording import record
 
 

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from pkm_rig.clock import ScaledClock, VirtualClock
+from pkm_rig.rig.clock import ScaledClock, VirtualClock
 
 
 @pytest.fixture

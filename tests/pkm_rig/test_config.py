@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from calibration.base.errors import InputError
-from pkm_rig.config import embedded_rig_path, load_rig
-from pkm_rig.plc_connection import plc_line, register_map
+from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.plc_connection import plc_line, register_map
 
 
 @pytest.fixture

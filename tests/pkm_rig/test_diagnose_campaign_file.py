@@ -9,12 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.base.errors import InputError
-from pkm_rig import calibrate as job
-from pkm_rig.campaign_file import campaign_text, write_candidates
 from pkm_rig.cli import app
-from pkm_rig.config import with_visits
-from pkm_rig.schedule import calibration_blocks
-from pkm_rig.store import Store
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs.campaign_file import campaign_text, write_candidates
+from pkm_rig.rig.config import with_visits
+from pkm_rig.rig.schedule import calibration_blocks
+from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 from tests.pkm_rig.diagnosis_example import example, planned
 

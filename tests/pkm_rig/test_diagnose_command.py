@@ -23,13 +23,14 @@ from mock_devices.machine_file import read_machine_file
 from mock_devices.recording_files import write_recording
 from mock_devices.recording_maker import Bench
 from mock_devices.settings import MockSettings, Nuisance
-from pkm_rig import diagnose, diagnosis_text
 from pkm_rig.cli import main
-from pkm_rig.config import embedded_rig_path, load_rig, with_visits
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import TwinFiles, embedded
-from pkm_rig.schedule import calibration_blocks
-from pkm_rig.twin_files import find_twin, read_twin
+from pkm_rig.jobs import diagnose
+from pkm_rig.report import diagnosis_text
+from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+from pkm_rig.rig.connection import connected
+from pkm_rig.rig.schedule import calibration_blocks
+from pkm_rig.virtual.mock_rig import TwinFiles, embedded
+from pkm_rig.virtual.twin_files import find_twin, read_twin
 
 MACHINE = shipped_machine("planar4")
 

@@ -13,7 +13,8 @@ from rich.console import Console
 
 from calibration.diagnosis.result import KINDS, Quantity, Share
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig import diagnosis_output, diagnosis_pictures, diagnosis_text
+from pkm_rig.report import diagnosis_json as diagnosis_output
+from pkm_rig.report import diagnosis_pictures, diagnosis_text
 from tests.pkm_rig.diagnosis_example import example, not_explained, nothing_found
 
 EXAMPLES = {"effect": example, "none": nothing_found, "unknown": not_explained}

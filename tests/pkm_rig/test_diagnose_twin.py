@@ -9,7 +9,7 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from pkm_rig.twin_rig import PAST_ROWS, LiveTwin, Look
+from pkm_rig.virtual.twin_rig import PAST_ROWS, LiveTwin, Look
 
 MACHINE = load_machine(shipped_machine("planar4"))
 

@@ -10,11 +10,11 @@ import pytest
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
 from drivers.homing import Homing
-from pkm_rig import homing
-from pkm_rig.config import HomingEntry, embedded_rig_path, load_rig
-from pkm_rig.connection import connected
-from pkm_rig.further_visits import same_rig
-from pkm_rig.mock_rig import embedded
+from pkm_rig.jobs import homing
+from pkm_rig.jobs.further_visits import same_rig
+from pkm_rig.rig.config import HomingEntry, embedded_rig_path, load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.virtual.mock_rig import embedded
 from tests.pkm_rig.conftest import short_rig_file
 
 INDEX_M = 1.12  # the next one above where the mock machine is parked

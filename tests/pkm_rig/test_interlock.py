@@ -60,7 +60,7 @@ def test_a_payload_is_changed_without_power_and_the_guard_may_be_open_meanwhile(
 
 
 def test_heartbeats_of_drives_are_watched(monkeypatch):
-    monkeypatch.setattr("pkm_rig.connection.EMBEDDED_GUARD_S", 1.0)  # the closed drive is asked on leaving
+    monkeypatch.setattr("pkm_rig.rig.connection.EMBEDDED_GUARD_S", 1.0)  # the closed drive is asked on leaving
     file, machine = short_rig_file()
     with mock_and_rig(file, machine) as (mock, rig):
         rig.enable()
@@ -73,7 +73,7 @@ def test_heartbeats_of_drives_are_watched(monkeypatch):
 
 
 def test_compensation_goes_off_on_the_drive_that_can_still_be_reached(monkeypatch):
-    monkeypatch.setattr("pkm_rig.connection.EMBEDDED_GUARD_S", 0.2)
+    monkeypatch.setattr("pkm_rig.rig.connection.EMBEDDED_GUARD_S", 0.2)
     file, machine = short_rig_file()
     from tests.pkm_rig.test_rig import flat_table, write  # noqa: PLC0415
 

@@ -12,11 +12,11 @@ import trustme
 
 from calibration.base.errors import InputError
 from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
-from pkm_rig.clock import ScaledClock
-from pkm_rig.config import load_rig
-from pkm_rig.connection import connected
-from pkm_rig.mock_rig import how_to_connect, served
-from pkm_rig.stages import check
+from pkm_rig.jobs.stages import check
+from pkm_rig.rig.clock import ScaledClock
+from pkm_rig.rig.config import load_rig
+from pkm_rig.rig.connection import connected
+from pkm_rig.virtual.mock_rig import how_to_connect, served
 
 
 def free_ports(count):

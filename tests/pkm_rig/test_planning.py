@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig import planning
 from pkm_rig.cli import app
-from pkm_rig.config import CampaignSettings, embedded_rig_path, load_rig
-from pkm_rig.schedule import calibration_targets
+from pkm_rig.jobs import planning
+from pkm_rig.rig.config import CampaignSettings, embedded_rig_path, load_rig
+from pkm_rig.rig.schedule import calibration_targets
 
 
 @pytest.fixture(scope="module")

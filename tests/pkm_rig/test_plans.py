@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pkm_rig import calibrate as job
-from pkm_rig.devices import rigid_fit
-from pkm_rig.plans import CampaignRefused
-from pkm_rig.store import Store
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.rig.devices import rigid_fit
+from pkm_rig.rig.plans import CampaignRefused
+from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.identification.calibration import identify_recording, model_comparison
 from calibration.reduction.figures import noise_floor
 from calibration.reduction.reduction import between_good_checks, nest_shift, reduce, without_left_open
-from pkm_rig.analysis import identify_recording, model_comparison
 from tests.pkm_rig.plant_recording import plant_of, record
 
 SIZE = {"calibration_poses": 24, "nest_every_visits": 6}

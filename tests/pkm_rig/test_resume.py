@@ -8,9 +8,9 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.reduction.reduction import between_good_checks
 from drivers.errors import DeviceError
-from pkm_rig import calibrate as job
-from pkm_rig.further_visits import same_rig
-from pkm_rig.store import Store
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs.further_visits import same_rig
+from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 

@@ -8,7 +8,7 @@ import pytest
 from calibration.compensation.tables import CompensationTable
 from calibration.model.load import Load
 from drivers.errors import ConnectionFailed, DeviceError, IdentityMismatch, InterlockOpen, SdoRefused, TableError
-from pkm_rig.fitness import in_plane_u_m
+from pkm_rig.rig.fitness import in_plane_u_m
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 CENTRE = np.array([1.118, 1.118])
@@ -94,9 +94,9 @@ def test_a_rig_with_an_open_interlock_is_not_even_connected():
 
 
 def _connect_with_fault(file, machine):
-    from pkm_rig.config import embedded_rig_path  # noqa: PLC0415
-    from pkm_rig.connection import connected  # noqa: PLC0415
-    from pkm_rig.mock_rig import embedded  # noqa: PLC0415
+    from pkm_rig.rig.config import embedded_rig_path  # noqa: PLC0415
+    from pkm_rig.rig.connection import connected  # noqa: PLC0415
+    from pkm_rig.virtual.mock_rig import embedded  # noqa: PLC0415
 
     with embedded(file, embedded_rig_path()) as mock, mock.clock.activity():
         mock.mock.plc.set_interlock(3, False)
@@ -105,7 +105,7 @@ def _connect_with_fault(file, machine):
 
 
 def test_a_wrong_node_id_names_the_node(monkeypatch):
-    monkeypatch.setattr("pkm_rig.connection.EMBEDDED_GUARD_S", 1.0)
+    monkeypatch.setattr("pkm_rig.rig.connection.EMBEDDED_GUARD_S", 1.0)
     file, machine = short_rig_file()
     drives = (file.drives[0], file.drives[1].model_copy(update={"node_id": 9}))
     with pytest.raises(ConnectionFailed, match="9"), mock_and_rig(file.model_copy(update={"drives": drives}), machine):

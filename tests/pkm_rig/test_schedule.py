@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig.config import CampaignSettings
-from pkm_rig.schedule import calibration_blocks, calibration_targets, verification_block
+from pkm_rig.rig.config import CampaignSettings
+from pkm_rig.rig.schedule import calibration_blocks, calibration_targets, verification_block
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import pytest
 from drivers.atmosphere import atmospheric_ppm
 from drivers.errors import SettingsChanged, StaleData
 from mock_devices.faults import Fault, FaultPlan
-from pkm_rig.config import embedded_rig_path
-from pkm_rig.connection import connected
-from pkm_rig.devices import Context, StationDevice, Worker
-from pkm_rig.mock_rig import embedded
+from pkm_rig.rig.config import embedded_rig_path
+from pkm_rig.rig.connection import connected
+from pkm_rig.rig.devices import Context, StationDevice, Worker
+from pkm_rig.virtual.mock_rig import embedded
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 WARMER = ((0.0, 0.0), (600.0, 0.0), (601.0, 3.0), (90000.0, 3.0))

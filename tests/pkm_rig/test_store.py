@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from calibration.base.errors import InputError
-from pkm_rig.store import Store, StoreError
+from pkm_rig.rig.store import Store, StoreError
 from tests.pkm_rig.plant_recording import record
 
 

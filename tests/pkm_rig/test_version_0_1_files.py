@@ -11,13 +11,13 @@ import pytest
 
 from calibration.diagnosis.diagnose import diagnose
 from calibration.effects.catalogue import load_catalogue
+from calibration.identification.calibration import calibration_part, identify_recording
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import without_left_open
-from pkm_rig.analysis import calibration_part, identify_recording
-from pkm_rig.config import load_rig
-from pkm_rig.session import STORE_NAME, open_store
-from pkm_rig.stages import stored_outcome
+from pkm_rig.jobs.session import STORE_NAME, open_store
+from pkm_rig.jobs.stages import stored_outcome
+from pkm_rig.rig.config import load_rig
 
 DATA = Path(__file__).parents[1] / "data" / "version_0_1"
 EXPECTED = json.loads((DATA / "expected.json").read_text(encoding="utf-8"))

@@ -1,0 +1,82 @@
+"""Candidates of a diagnosis as campaign files, which `pkm-rig measure --campaign` takes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from calibration.base.toml_text import to_toml
+from calibration.diagnosis.result import Candidate, PlannedVisit
+from calibration.machine.description import COORDINATES, Machine
+from calibration.model.payload import PayloadEntry
+from pkm_rig.rig.config import CampaignFile, VisitEntry, VisitsSection
+
+DECIMALS = 9  # of a target: well below what a drive can resolve
+
+
+def campaign_text(candidate: Candidate, machine: Machine, payloads: tuple[PayloadEntry, ...], campaign: str) -> str:
+    """A candidate's visits as TOML, with what they are for as comments."""
+    visits = tuple(_entry(visit, machine) for visit in candidate.visits)
+    used = sorted({visit.payload for visit in candidate.visits})
+    loads = "; ".join(f"{n}: {payloads[n].name}, {payloads[n].mass_kg:g} kg" for n in used if n < len(payloads))
+    lines = [
+        f"{candidate.name}: {candidate.adds}",
+        f"tells apart: {', '.join(candidate.settles) or 'what is open'}; {candidate.gain_bit:.2f} bit expected "
+        f"in {candidate.minutes:.0f} min",
+        f"after campaign {campaign} of machine {machine.name}",
+        f"target: {', '.join(COORDINATES[c] for c in machine.commanded)} of the tool, m and rad; "
+        f"direction: {', '.join(machine.drive_names)}, +1 from below",
+        f"payloads: {loads}",
+        "",
+        "pkm-rig measure --rig RIG.toml --campaign THIS-FILE                    as a campaign of its own",
+        f"pkm-rig measure --rig RIG.toml --campaign THIS-FILE --resume {campaign}  added to that campaign,",
+        "  as long as station and nests stand where they stood and it was not verified",
+    ]
+    head = "".join(f"# {_one_line(line)}\n" if line else "#\n" for line in lines)
+    return head + to_toml(CampaignFile(campaign=VisitsSection(visits=visits)))
+
+
+def write_candidates(
+    candidates: list[Candidate], machine: Machine, payloads: tuple[PayloadEntry, ...], campaign: str, folder: Path
+) -> dict[str, str | None]:
+    """Write one file a candidate that has visits, in the order given; name to path, None without visits.
+
+    Files of an earlier diagnosis in that folder go first, so that none is taken for one of this. Raises OSError.
+    """
+    for old in folder.glob("next-*.toml"):
+        old.unlink()
+    files: dict[str, str | None] = {}
+    for number, candidate in enumerate(candidates, start=1):
+        files[candidate.name] = None
+        if candidate.visits:
+            path = folder / f"next-{number}-{_file_name(candidate.name)}.toml"
+            path.write_text(campaign_text(candidate, machine, payloads, campaign), encoding="utf-8")
+            files[candidate.name] = str(path)
+    return files
+
+
+def _entry(visit: PlannedVisit, machine: Machine) -> VisitEntry:
+    low, high = machine.commanded_limits.T
+    target = [
+        min(max(round(float(visit.target_m[c]), DECIMALS), float(a)), float(b))
+        if a - 1e-6 < visit.target_m[c] < b + 1e-6  # round-off only: what lies outside is to be said, not moved
+        else float(visit.target_m[c])
+        for c, a, b in zip(machine.commanded, low, high, strict=True)
+    ]
+    return VisitEntry.model_validate(
+        {
+            "target": tuple(target),
+            "direction": tuple(1 if side > 0 else -1 for side in visit.direction),
+            "payload": visit.payload,
+            "speed_m_per_s": float(visit.speed_m_per_s),
+            "dwell_s": float(visit.dwell_s),
+        }
+    )
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:60] or "candidate"
+
+
+def _one_line(text: str) -> str:
+    return re.sub(r"[\x00-\x1f\x7f]+", " ", text)

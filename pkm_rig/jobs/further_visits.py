@@ -1,0 +1,67 @@
+"""Visits that join a campaign: which rig file may go on with it, and how their poses are numbered."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from calibration.reduction.figures import LEAST_VISITS
+from pkm_rig.rig.config import StationConnection
+from pkm_rig.rig.schedule import Block
+from pkm_rig.rig.store import Store
+
+SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length")
+SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campaigns have the defaults
+
+RigFile = Mapping[str, Any]  # as the campaign's settings are stored
+
+
+def adds_visits(then: RigFile, now: RigFile) -> bool:
+    """Whether a rig file gives visits that it did not give when the campaign was begun."""
+    given = now["campaign"]["visits"]
+    return bool(given) and given != then["campaign"].get("visits")
+
+
+def same_rig(then: RigFile, now: RigFile, *, adds: bool) -> bool:
+    """Whether a campaign may go on; where it `adds` visits, the poses need not be the same."""
+    return all(_compared(then, key, adds) == _compared(now, key, adds) for key in SAME_TO_GO_ON)
+
+
+def _compared(rig_file: RigFile, key: str, adds: bool) -> object:
+    """A section of the rig file as far as it must be the same to go on with a campaign."""
+    section = rig_file[key]
+    if key == "station":  # its port and place may be others
+        fields = StationConnection.model_fields
+        return [section.get(name, fields[name].default) for name in SAME_OF_STATION]
+    if key == "drives":  # how one is homed changes nothing that was measured
+        return [{name: value for name, value in drive.items() if name != "homing"} for drive in section]
+    if key != "campaign":
+        return section
+    section = {**section, "visits": section.get("visits") or []}
+    return {name: value for name, value in section.items() if not adds or name not in ("visits", "targets")}
+
+
+def first_pose(store: Store, campaign: str, visits: list[Any]) -> int:
+    """Number of the first pose of added visits: the one they have had before, or the first that is free."""
+    for event in store.events(campaign, "added"):
+        if event.data["visits"] == visits:
+            return int(event.data["first_pose"])
+    first = int(store.recording(campaign)["pose"].max()) + 1 if store.has_readings(campaign) else 0
+    store.add_event(campaign, "added", {"visits": visits, "first_pose": first})
+    return first
+
+
+def numbered_from(first: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
+    """Blocks whose poses are counted from another number."""
+    return tuple(
+        replace(block, visits=tuple(replace(visit, pose=visit.pose + first) for visit in block.visits))
+        for block in blocks
+    )
+
+
+def visited_thrice(blocks: Sequence[Block]) -> bool:
+    """Whether some pose is visited three times from one side with one payload, as the noise floor needs."""
+    counts = Counter((v.pose, v.direction, v.payload) for block in blocks for v in block.visits)
+    return max(counts.values(), default=0) >= LEAST_VISITS

@@ -1,0 +1,53 @@
+"""Homing the drives of a rig that have lost their reference, on request only and interlocked like any motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calibration.base.errors import InputError
+from drivers.homing import Homing
+from pkm_rig.report.terminal import results
+from pkm_rig.rig.rig import Rig
+
+
+def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
+    """Home the drives that are not referenced, or all with `again`; tells of each where it stands (docs/json.md).
+
+    One after the other, the others under their brakes; compensation is switched off and stays off. InputError, before
+    anything moves, where the rig file does not say how; raises what a motion raises.
+    """
+    homings = [
+        _homing(rig, number) if again or not drive.reference.holds else None
+        for number, drive in enumerate(rig.drives.drives)
+    ]
+    if any(homings):
+        rig.switch_compensation(None)
+        with rig.supervisor.motion():
+            rig.drives.home(homings)
+    positions_m = rig.positions_m()
+    return {
+        "drives": {
+            drive.name: {"homed": homing is not None, "position_m": float(position_m)}
+            for drive, homing, position_m in zip(rig.drives.drives, homings, positions_m, strict=True)
+        },
+        "compensation_switched_off": any(homings),
+    }
+
+
+def show(found: dict[str, Any]) -> None:
+    """The same for people."""
+    for name, drive in found["drives"].items():
+        what = "homed" if drive["homed"] else "is referenced, not homed"
+        results.print(f"drive {name}: {what}, stands at {drive['position_m']:.6f} m")
+    if found["compensation_switched_off"]:
+        results.print("compensation is off and stays off until tables are activated (verify, calibrate)")
+
+
+def _homing(rig: Rig, number: int) -> Homing:
+    entry = rig.file.drives[number]
+    if entry.homing is None:
+        raise InputError(
+            f"rig file: drives: {entry.name} is to be homed and has no [drives.homing]; "
+            "add it (docs/drive-objects.md) or home the drive by its own means"
+        )
+    return Homing(**entry.homing.model_dump())

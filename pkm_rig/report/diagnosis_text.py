@@ -1,0 +1,204 @@
+"""A diagnosis in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.reduction.figures import COVERAGE_FACTOR
+from pkm_rig.report.diagnosis_json import by_gain, ranked, strongest_shares
+
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+PREFIXED = ("m", "rad", "s")
+MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
+
+
+def summary(found: Diagnosis) -> str:
+    """The diagnosis in one line."""
+    gap = found.gap
+    fall = f"gap {length(gap.before_m)} on withheld data (noise floor {length(gap.noise_floor_m)})"
+    if found.verdict == NONE:
+        return f"no effect beyond the model; what hides is below {length(found.hidden_m)} RMS; {fall}"
+    if found.verdict == UNKNOWN:
+        clue = f", strongest over {found.clues[0].coordinate} ({found.clues[0].channel})" if found.clues else ""
+        return f"unknown effect: structured, but nothing in the catalogue explains it{clue}; {fall}"
+    alike = f" (or {', '.join(found.equivalent)}: not told apart)" if found.equivalent else ""
+    named = " and ".join(described(effect) for effect in found.effects) or found.verdict
+    low, high = found.gap.shrink_interval
+    falls = f"gap {length(gap.before_m)} to {length(gap.after_m)} on withheld data, shrink {percent(gap.shrink)}"
+    return f"{named}{alike}; {falls} (95 %: {percent(low)} to {percent(high)})"
+
+
+def described(effect: FoundEffect) -> str:
+    """An effect in words: name, place, size with U, probability."""
+    place = f" at {effect.place}" if effect.place else ""
+    return f"{effect.effect}{place}, {sized(effect.size)}, probability {probability(effect.probability)}"
+
+
+def text(found: Diagnosis, result: Mapping[str, Any]) -> RenderableType:
+    """The diagnosis for people; `result` is its JSON object with pictures and campaign files."""
+    parts: list[RenderableType] = [
+        _line(f"campaign {found.campaign}"),
+        _line(f"verdict: {found.verdict}"),
+        _line(summary(found)),
+    ]
+    if found.equivalent:
+        together = " = ".join((found.verdict, *found.equivalent))
+        parts.append(
+            _line(f"equivalent: {together}; which one it is matters {length(found.matters_m)} RMS for the prediction")
+        )
+    if found.effects:
+        what = "raw, visible: RMS change of a coordinate in sigma, before and after the geometry is fitted again"
+        parts += [_title(f"effects ({what})"), _effects(found.effects)]
+    likely = [(n, p) for n, p in ranked(found)[:MOST_RANKED] if p >= LEAST_PROBABILITY]
+    parts.append(_line(f"\nranking: {', '.join(f'{name} {probability(p)}' for name, p in likely)}"))
+    parts += [_title("the gap, RMS on withheld data, noise floor removed"), *_gap(found.gap)]
+    if found.where:
+        parts += [_title("where: share of the gap's variance (they need not add up)"), _shares(strongest_shares(found))]
+    if found.clues:
+        parts.append(_title("clues to the unknown effect"))
+        parts += [_line(f"- {c.channel} over {c.coordinate}: {percent(c.share)} of the gap") for c in found.clues]
+    if found.inside_geometry:
+        inside = ", ".join(f"{name} {length(rms)}" for name, rms in found.inside_geometry.items())
+        parts.append(_line(f"\ninside the geometry, not causes: {inside}"))
+    parts.append(_line(f"an effect could hide {length(found.hidden_m)} RMS (95 %)"))
+    if found.not_tested:
+        parts.append(_title("not tested: this campaign's design cannot show"))
+        parts += [_line(f"- {name}: {reason}") for name, reason in found.not_tested.items()]
+    parts += [_line(f"note: {remark}") for remark in found.remarks]
+    if found.next_measurement:
+        parts += [_title("measure next, by expected information"), _candidates(by_gain(found))]
+        files = [(c["name"], c["file"]) for c in result["next_measurement"] if c["file"]]
+        parts += [_line(f"- {name}: {file}") for name, file in files]
+        if files:
+            parts.append(_line(f"next: pkm-rig measure --rig RIG.toml --campaign {files[0][1]}"))
+    if result["twin"] is not None:
+        parts += _twin(result["twin"])
+    if result["pictures"]:
+        parts.append(_line(f"\npictures: {', '.join(result['pictures'].values())}"))
+    return Group(*parts)
+
+
+def _line(content: str) -> Text:
+    return Text(content, no_wrap=False)
+
+
+def _title(content: str) -> Text:
+    return Text(f"\n{content}", style="bold")
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, left: int) -> Padding:
+    """Columns after the first `left` ones are numbers."""
+    table = Table(box=None, pad_edge=False)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number < left else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return Padding(table, (0, 0, 0, 2))
+
+
+def _effects(effects: Sequence[FoundEffect]) -> Padding:
+    rows = []
+    for e in effects:
+        sizes = (f"{e.raw_sigma:.1f}", f"{e.visible_sigma:.1f}")
+        sure = (probability(e.probability), probability(e.place_probability) if e.place else "")
+        rows.append((e.effect, e.place or "whole rig", f"{named(e.size)} = {sized(e.size)}", *sure, *sizes))
+        rows += [("", "", f"{named(q)} = {sized(q)}", "", "", "", "") for q in e.others]
+    columns = (
+        "effect",
+        "place",
+        f"size +- U (k = {COVERAGE_FACTOR:g})",
+        "prob.",
+        "of place",
+        "raw",
+        "visible",
+    )
+    return _table(columns, rows, left=3)
+
+
+def _gap(gap: GapFigures) -> list[RenderableType]:
+    low, high = gap.shrink_interval
+    return [
+        _line(f"before {length(gap.before_m)}, after {length(gap.after_m)}, noise floor {length(gap.noise_floor_m)}"),
+        _line(f"shrink {percent(gap.shrink)} (95 %: {percent(low)} to {percent(high)}); withheld: {gap.withheld}"),
+    ]
+
+
+def _twin(twin: Mapping[str, Any]) -> list[RenderableType]:
+    """How the campaign comes out when it is simulated on the twin."""
+    added = " and ".join(twin["effects"]) or "no effect: none was found"
+    shrink = twin["shrink"]
+    lines = [
+        f"twin: the identified model with {added}: {twin['folder']}",
+        f"the campaign simulated on twins made without each region's readings, held against the {twin['readings']} "
+        f"that were recorded there: missed by {_length(twin['after_m'])} RMS, without the effect by "
+        f"{_length(twin['before_m'])}, shrink {'not known' if shrink is None else percent(shrink)} (noise included: "
+        f"{twin['after_sigma']:.2f} and {twin['before_sigma']:.2f} sigma)",
+        f"serve it: pkm-rig mock --rig RIG.toml --twin {twin['folder']}",
+    ]
+    return [_title("the rig's twin"), *(_line(line) for line in lines)]
+
+
+def _length(value_m: float | None) -> str:
+    return length(math.nan if value_m is None else value_m)
+
+
+def _shares(where: Sequence[Share]) -> Padding:
+    rows = [(s.kind, s.name, percent(s.share), f"{percent(s.low)} to {percent(s.high)}") for s in where]
+    return _table(("over", "which", "share", "95 %"), rows, left=2)
+
+
+def _candidates(candidates: Sequence[Candidate]) -> Padding:
+    rows = [
+        (c.name, c.adds, ", ".join(c.settles), f"{c.minutes:.0f}", f"{c.gain_bit:.2f}", f"{c.gain_bit_per_min:.3f}")
+        for c in candidates
+    ]
+    return _table(("candidate", "adds", "settles", "min", "bit", "bit/min"), rows, left=3)
+
+
+def percent(share: float) -> str:
+    """A share in per cent."""
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "not known"
+
+
+def probability(p: float) -> str:
+    """A probability that never rounds to certainty."""
+    if not math.isfinite(p):
+        return "not known"
+    return "> 0.999" if p > 0.999 else "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def length(value_m: float) -> str:
+    """A length in micrometres."""
+    return f"{value_m * 1e6:.1f} um" if math.isfinite(value_m) else "not known"
+
+
+def named(quantity: Quantity) -> str:
+    """Its name without its unit, which stands with the number."""
+    return quantity.name.removesuffix("_" + quantity.unit.lower().replace("/", "_per_"))
+
+
+def sized(quantity: Quantity) -> str:
+    """A quantity with its expanded uncertainty, in a unit that suits its size."""
+    factor, prefix = 1.0, ""
+    if not math.isfinite(quantity.value):
+        return "not known"
+    magnitude = max(abs(quantity.value), COVERAGE_FACTOR * quantity.u)
+    if quantity.unit.partition("/")[0] in PREFIXED and math.isfinite(magnitude) and magnitude > 0.0:
+        factor, prefix = next((p for p in PREFIXES if magnitude >= p[0]), PREFIXES[-1])
+    unit = "" if quantity.unit in ("", "1") else f" {prefix}{quantity.unit}"
+    value, expanded = quantity.value / factor, COVERAGE_FACTOR * quantity.u / factor
+    if not math.isfinite(expanded) or expanded <= 0.0:
+        return f"{value:.4g}{unit}"
+    digits = 1 - math.floor(math.log10(expanded))
+    if not -3 <= digits <= 6:
+        return f"{value:.3g} +- {expanded:.2g}{unit}"
+    shown = max(digits, 0)
+    return f"{round(value, digits):.{shown}f} +- {round(expanded, digits):.{shown}f}{unit}"

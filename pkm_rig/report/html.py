@@ -1,0 +1,229 @@
+"""The report: one HTML file that carries its pictures and asks nobody for anything."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+import pkm_rig
+from calibration.identification.calibration import error_map
+from calibration.identification.estimators import Fit
+from calibration.identification.observability import observability_of
+from calibration.identification.prediction import predict_poses
+from calibration.reduction.figures import COVERAGE_FACTOR, Figures
+from pkm_rig.jobs.calibrate import Outcome, Verified
+from pkm_rig.report import diagnosis_json as diagnosis_output
+from pkm_rig.report import diagnosis_pictures, diagnosis_text, pictures
+
+MODEL_NAMES = {
+    "deformation_aware": "deformation-aware, one model for all payloads (this calibration)",
+    "leave_out_link": "rigid, redundant link left out, one geometry",
+    "leave_out_link_per_payload": "rigid, redundant link left out, refitted per payload",
+    "mean_of_minimal_subsets": "rigid, mean over what may be left out, one geometry",
+    "mean_of_minimal_subsets_per_payload": "rigid, mean over what may be left out, refitted per payload",
+    "per_leg_closure": "rigid, closure leg by leg, one geometry",
+    "per_leg_closure_per_payload": "rigid, closure leg by leg, refitted per payload",
+    "equal_weight_closure": "rigid, equal-weight closure, one geometry",
+    "equal_weight_closure_per_payload": "rigid, equal-weight closure, refitted per payload",
+}
+AS_GOOD = 1.1  # models whose error is within this factor of ours are called as good
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One line of the model comparison."""
+
+    name: str
+    position_um: float
+    orientation_urad: float
+    as_good: bool
+
+
+def model_rows(verified: Verified) -> list[ModelRow]:
+    """The comparison at one payload; says where a baseline is as good as ours."""
+    ours = verified.models["deformation_aware"]
+    return [
+        ModelRow(
+            MODEL_NAMES.get(name, name),
+            found.position_rms_m * 1e6,
+            found.orientation_rms_rad * 1e6,
+            name != "deformation_aware" and found.position_rms_m <= AS_GOOD * ours.position_rms_m,
+        )
+        for name, found in verified.models.items()
+    ]
+
+
+def remark(verified: Verified) -> str:
+    """One honest sentence on the comparison."""
+    rows = model_rows(verified)
+    good = [row.name for row in rows if row.as_good]
+    if not good:
+        return f"At {verified.payload_kg:g} kg no rigid identification predicts as well."
+    return f"At {verified.payload_kg:g} kg as good within 10 %: {'; '.join(good)}."
+
+
+def write_report(outcome: Outcome, path: Path) -> None:
+    """Write the report; pictures are drawn from the outcome alone."""
+    environment = Environment(
+        loader=PackageLoader("pkm_rig.report", "templates"),
+        autoescape=select_autoescape(),
+        undefined=StrictUndefined,
+    )
+    environment.filters["um"] = lambda metres: f"{metres * 1e6:.1f}"
+    environment.filters["percent"] = diagnosis_text.percent
+    environment.filters["probability"] = diagnosis_text.probability
+    environment.filters["sized"] = diagnosis_text.sized
+    environment.filters["urad"] = lambda rad: f"{rad * 1e6:.1f}"
+    recording = outcome.reduction.recording
+    sections = [_payload_section(outcome, verified) for verified in outcome.verified]
+    text = environment.get_template("report.html").render(
+        outcome=outcome,
+        file=recording.file,
+        machine=recording.machine,
+        sections=sections,
+        k=COVERAGE_FACTOR,
+        floor=outcome.floor,
+        conditions=_conditions(outcome),
+        parameters=_parameters(outcome.calibration.fit),
+        unobserved=list(observability_of(outcome.calibration.fit).sentences),
+        correlations=_correlations(outcome.calibration.fit),
+        pictures={
+            "conditions": pictures.data_uri(pictures.conditions(outcome.reduction)),
+            "residuals": pictures.data_uri(pictures.residuals(outcome.calibration)),
+            "parameters": pictures.data_uri(pictures.parameter_plot(outcome.calibration)),
+        },
+        fit=outcome.calibration.fit,
+        diagnosis=_diagnosis(outcome),
+        version=pkm_rig.__version__,
+        hashes=_hashes(outcome),
+        readings=len(recording),
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def _payload_section(outcome: Outcome, verified: Verified) -> dict[str, Any]:
+    written = next(w for w in outcome.written if w.payload == verified.payload)
+    maps = error_map(outcome.calibration, written.table)
+    name = outcome.reduction.recording.file.payloads[verified.payload].name
+    rows = outcome.reduction.rows("verification_before", verified.payload)
+    visits = outcome.reduction.observations.visits.take(rows)
+    predicted = predict_poses(outcome.calibration.fit, outcome.reduction.report, visits)
+    title = f"payload: {name}"
+    return {
+        "verified": verified,
+        "name": name,
+        "rows": model_rows(verified),
+        "remark": remark(verified),
+        "map": pictures.data_uri(pictures.error_maps(maps, f"Predicted error of the tool point, {title}")),
+        "u_map_um": float(np.sqrt(np.mean(maps.u_m**2))) * 1e6,
+        "scatter": pictures.data_uri(
+            pictures.verification_scatter(
+                outcome.reduction, verified.payload, f"Measured at the verification poses, {title}"
+            )
+        ),
+        "orientation": pictures.data_uri(pictures.orientation_plot(outcome.reduction, predicted, verified.payload)),
+        "largest_correction_um": float(np.max(np.abs(written.table.correction_m))) * 1e6,
+        "temperature_c": written.table.temperature_c,
+        "drives": written.drives,
+    }
+
+
+def _diagnosis(outcome: Outcome) -> dict[str, Any] | None:
+    found = outcome.diagnosis.diagnosis
+    if found is None:
+        return None
+    drawn = diagnosis_pictures.figures(found, outcome.reduction.recording.machine)
+    candidates = diagnosis_output.by_gain(found)
+    return {
+        "found": found,
+        "shares": diagnosis_output.strongest_shares(found),
+        "pictures": [pictures.data_uri(figure) for figure in drawn.values()],
+        "next": candidates[0] if candidates else None,
+    }
+
+
+def _conditions(outcome: Outcome) -> list[tuple[str, str]]:
+    recording = outcome.reduction.recording
+    hours = (recording["t_rig_s"].max() - recording["t_rig_s"].min()) / 3600.0
+    rows = [("duration (rig time)", f"{hours:.2f} h")]
+    for name, values in (("air", recording["air_temperature_c"]), *recording.temperatures_c().items()):
+        rows.append((f"temperature, {name}", f"{values.min():.2f} to {values.max():.2f} degC"))
+    rows.append(("air pressure", f"{recording['pressure_hpa'].mean():.1f} hPa"))
+    rows.append(("relative humidity", f"{recording['humidity_percent'].mean():.0f} %"))
+    rows.append(
+        (
+            "range constant taken off",
+            f"{outcome.reduction.range_constant_m * 1e6:.1f} um, "
+            f"u = {outcome.reduction.range_constant_u_m * 1e6:.1f} um",
+        )
+    )
+    for cause, count in outcome.reduction.dropped.items():
+        rows.append((f"readings left out: {cause}", str(count)))
+    return rows
+
+
+def _parameters(fit: Fit) -> list[dict[str, Any]]:
+    rows = []
+    for p, value, u in zip(fit.model.parameters.parameters, fit.theta, fit.theta_u, strict=True):
+        factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(
+            p.unit, (1e6, "ppm") if p.kind == "drive_scale" else (1.0, "1")
+        )
+        rows.append(
+            {
+                "name": p.name,
+                "value": value * factor,
+                "expanded": COVERAGE_FACTOR * u * factor,
+                "tolerance": p.tolerance * factor,
+                "unit": unit,
+                "share": float(u / p.sigma),
+            }
+        )
+    return rows
+
+
+def _correlations(fit: Fit, limit: float = 0.9) -> list[str]:
+    """Pairs of machine parameters that are known only together."""
+    n = len(fit.model.parameters)
+    cov = fit.covariance[:n, :n]
+    corr = cov / np.sqrt(np.outer(np.diag(cov), np.diag(cov)))
+    names = fit.model.parameters.names
+    pairs = [(abs(corr[i, j]), i, j) for i in range(n) for j in range(i) if abs(corr[i, j]) > limit]
+    return [f"{names[j]} with {names[i]}: {corr[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:12]]
+
+
+def _hashes(outcome: Outcome) -> list[tuple[str, str]]:
+    recording = outcome.reduction.recording
+    data = hashlib.sha256()
+    for name, column in recording.columns.items():
+        data.update(name.encode())
+        data.update(np.ascontiguousarray(column).tobytes())
+    return [
+        ("settings of the campaign", hashlib.sha256(recording.file.model_dump_json().encode()).hexdigest()),
+        ("machine file", hashlib.sha256(recording.machine.text.encode()).hexdigest()),
+        ("readings used", data.hexdigest()),
+    ]
+
+
+def short_table(outcome: Outcome) -> list[tuple[str, str, str]]:
+    """(what, um, urad) rows for the terminal."""
+
+    def row(name: str, found: Figures) -> tuple[str, str, str]:
+        expanded = COVERAGE_FACTOR * found.u_position_rms_m * 1e6
+        return (
+            name,
+            f"{found.position_rms_m * 1e6:.1f} +- {expanded:.1f}",
+            f"{found.orientation_rms_rad * 1e6:.1f}",
+        )
+
+    rows = []
+    for v in outcome.verified:
+        rows.append(row(f"before, {v.payload_kg:g} kg", v.before))
+        rows.append(row(f"after, {v.payload_kg:g} kg", v.after))
+    rows.append(row("noise floor", outcome.floor))
+    return rows

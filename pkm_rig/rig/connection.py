@@ -1,0 +1,158 @@
+"""One way to connect a rig, mock or real: every device, supervised while in use, left safe in the end."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import can
+
+from calibration.machine.description import Machine
+from drivers.can_line import CanLine
+from drivers.drive_group import DriveGroup
+from drivers.drive_profile import DriveProfile
+from drivers.errors import DeviceError
+from drivers.laser_tracker import EDMModeV2, LaserTracker, Prism
+from drivers.plc import Plc
+from drivers.servo_drive import DriveExpectation, ServoDrive
+from drivers.socketcand import open_bus
+from drivers.table_bank import TableBank
+from pkm_rig.rig.clock import RigClock, ScaledClock
+from pkm_rig.rig.config import RigFile, drive_profile
+from pkm_rig.rig.plc_connection import plc_line, register_map
+from pkm_rig.rig.rig import PLC_POLL_S, Rig
+from pkm_rig.rig.supervision import BEAT_PERIOD_S
+
+POLL_PERIOD_S = 0.05
+LEAST_HOST_POLL_S = 0.002
+SWITCH_S = 0.0005
+GUARD_S = 1.0  # host time in which an answer has to come
+EMBEDDED_GUARD_S = 20.0  # in one process a busy computer is no fault of the rig
+
+
+@contextmanager
+def connected(
+    file: RigFile,
+    machine: Machine,
+    clock: RigClock,
+    bus_factory: Callable[[], can.BusABC] | None = None,
+    *,
+    rig_path: Path = Path("rig.toml"),
+    guard_s: float | None = None,
+    homing: bool = False,
+) -> Iterator[Rig]:
+    """Connect all devices, supervise them while in use, leave them stopped and without power.
+
+    `bus_factory` replaces the bus of the rig file (embedded rig, tests); profiles of drives are looked for beside
+    `rig_path`; `guard_s` is the host time in which every answer has to come (default: by the kind of rig).
+    For `homing` drives may have lost their reference; they are then refused any other motion.
+    """
+    slow = file.time_scale or 1.0
+    station, real = file.station, guard_s is None and file.can.interface != "embedded"
+    if guard_s is not None:
+        station = station.model_copy(update={"reply_timeout_s": guard_s, "motion_timeout_s": guard_s})
+    elif file.can.interface == "embedded":
+        guard_s = EMBEDDED_GUARD_S
+    else:
+        guard_s = GUARD_S
+    with ExitStack() as stack:
+        plc = Plc(
+            plc_line(file.plc, rig_path),
+            file.plc.unit,
+            register_map(file.plc),
+            clock,
+            heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
+            poll_period_s=PLC_POLL_S,
+            reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if real else guard_s,
+            beat_period_s=BEAT_PERIOD_S * slow,
+        )
+        stack.callback(plc.close)
+        plc.connect()
+        bus = bus_factory() if bus_factory else open_bus(
+            file.can.interface, file.can.channel, file.can.host, file.can.port, file.can.bitrate
+        )  # fmt: skip
+        line = CanLine(bus)
+        stack.callback(line.close)
+        profiles = [drive_profile(entry, rig_path) for entry in file.drives]
+        travels_m = [(float(low), float(high)) for low, high in machine.travel]
+        drives = [
+            _drive(file, i, line, clock, slow, guard_s, profiles[i], travels_m[i]) for i in range(len(file.drives))
+        ]
+        for drive in drives:
+            stack.callback(drive.close)
+            drive.connect(unreferenced=homing)
+        group = DriveGroup(
+            drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
+        )
+        banks = [TableBank(drive) for drive in drives if drive.profile.compensation is not None]
+        tracker = LaserTracker(
+            station.port,
+            clock,
+            name=station.name,
+            baudrate=station.baudrate,
+            reply_timeout_s=station.reply_timeout_s,
+            motion_timeout_s=station.motion_timeout_s,
+            edm_mode=EDMModeV2[station.edm_mode.upper()],
+            prism_type=Prism[station.prism_type.upper()],
+            prism_constant_m=station.prism_constant_m,
+        )
+        stack.callback(tracker.close)
+        tracker.connect()
+        real_time = isinstance(clock, ScaledClock) and clock.time_scale == 1.0
+        period_s = file.limits.poll_period_s if real_time else None
+        if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
+            sys.setswitchinterval(SWITCH_S)
+        rig = Rig(file, machine, clock, tracker, group, banks, plc, period_s)
+        stack.callback(_leave_safe, rig)
+        rig.supervisor.start()
+        yield rig
+
+
+def _leave_safe(rig: Rig) -> None:
+    rig.supervisor.stop()
+    with contextlib.suppress(DeviceError):
+        rig.stop("the rig is being left")
+    with contextlib.suppress(DeviceError):
+        rig.drives.disable()
+    for drive in rig.drives.drives:
+        with contextlib.suppress(DeviceError):
+            drive.unwatch_master()
+
+
+def _drive(
+    file: RigFile,
+    index: int,
+    line: CanLine,
+    clock: RigClock,
+    slow: float,
+    guard_s: float,
+    profile: DriveProfile,
+    travel_m: tuple[float, float],
+) -> ServoDrive:
+    entry = file.drives[index]
+    partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
+    expected = DriveExpectation(
+        vendor=entry.vendor_id,
+        product=entry.product_code,
+        metres_per_increment=entry.metres_per_increment,
+        travel_m=travel_m,
+    )
+    return ServoDrive(
+        line,
+        entry.node_id,
+        entry.name,
+        clock,
+        expected,
+        profile=profile,
+        partner_node_id=partner,
+        master_node_id=file.can.master_node_id,
+        master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
+        heartbeat_ms=min(60_000, round(1000 * slow)),
+        heartbeat_late_s=file.limits.heartbeat_s * slow,
+        heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
+        state_limit_s=3.0 * slow,
+        sdo_timeout_s=guard_s,
+    )

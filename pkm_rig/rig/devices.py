@@ -1,0 +1,344 @@
+"""Bluesky's view of the rig: a few thin adapters around plain drivers.
+
+Work is done by one worker thread, so that no `read` or `set` ever blocks the run engine's loop; the worker
+lends the campaign's turn on the rig clock.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.base.frame import Frame
+from calibration.instruments import station as station_geometry
+from calibration.recording.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
+from drivers.laser_tracker import MeanReading, SettleCriterion, average
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.schedule import PlannedVisit
+
+WRONG_TARGET_M = 0.02
+WRONG_TARGET_AT_FIRST_M = 0.06
+WINDOW_RAD = 0.01
+WINDOW_AT_FIRST_RAD = 0.04
+SETTLED_ACROSS_M = 40e-6
+SETTLE_READINGS = 3
+SETTLE_LIMIT_S = 60.0
+LEARNED_POINTS = 5
+
+
+class WorkStatus:
+    """Bluesky's Status of one job of the worker; names device and cause."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._done = threading.Event()
+        self._error: BaseException | None = None
+        self._lock = threading.Lock()
+        self._callbacks: list[Callable[[WorkStatus], None]] = []
+
+    @property
+    def done(self) -> bool:
+        """Whether the job has ended."""
+        return self._done.is_set()
+
+    @property
+    def success(self) -> bool:
+        """Whether it has ended well."""
+        return self.done and self._error is None
+
+    def exception(self, timeout: float | None = 0.0) -> BaseException | None:
+        """Why it failed."""
+        self._done.wait(timeout)
+        return self._error
+
+    def add_callback(self, callback: Callable[[WorkStatus], None]) -> None:
+        """Be called at the end, or at once if it has ended."""
+        with self._lock:
+            if not self.done:
+                self._callbacks.append(callback)
+                return
+        callback(self)
+
+    def finish(self, error: BaseException | None) -> None:
+        """End the job."""
+        with self._lock:
+            self._error = error
+            self._done.set()
+            callbacks, self._callbacks = self._callbacks, []
+        for callback in callbacks:
+            callback(self)
+
+    def __repr__(self) -> str:
+        state = "running" if not self.done else "done" if self._error is None else f"failed: {self._error}"
+        return f"<{self._what}: {state}>"
+
+
+class Worker:
+    """One thread that does the rig's work in order."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig-worker")
+
+    def submit(self, what: str, work: Callable[[], None]) -> WorkStatus:
+        """Queue a job."""
+        status = WorkStatus(what)
+
+        def run() -> None:
+            try:
+                work()
+            except BaseException as error:
+                status.finish(error)
+            else:
+                status.finish(None)
+
+        self._pool.submit(run)
+        return status
+
+    def close(self) -> None:
+        """End the thread after the job in hand."""
+        self._pool.shutdown(wait=True)
+
+
+@dataclass
+class Aim:
+    """Where reflectors are expected: the rough frame, replaced by a fit once some points were measured."""
+
+    frame: Frame | None = None
+    expected_m: list[Array] = field(default_factory=list)
+    measured_m: list[Array] = field(default_factory=list)
+
+    @property
+    def learned(self) -> bool:
+        """Whether the frame rests on measured points."""
+        return len(self.measured_m) >= LEARNED_POINTS
+
+    def learn(self, expected_m: Array, measured_m: Array) -> None:
+        """Take one more point; from the fifth on, the frame is the rigid motion that fits them best."""
+        self.expected_m.append(expected_m)
+        self.measured_m.append(measured_m)
+        if LEARNED_POINTS <= len(self.measured_m) <= 3 * LEARNED_POINTS:
+            self.frame = rigid_fit(np.array(self.expected_m), np.array(self.measured_m))
+
+
+@dataclass
+class Context:
+    """What the next reading belongs to; written by the plan's devices, recorded with each reading."""
+
+    phase: str = "repeatability"
+    visit: PlannedVisit | None = None
+    visit_number: int = -1
+    nest_check: int = -1
+    sequence: int = 0
+    arrived_s: float = 0.0
+    fresh_arrival: bool = False
+    aim: Aim = field(default_factory=Aim)
+
+
+def rigid_fit(machine_m: Array, station_m: Array) -> Frame:
+    """Frame that maps points (n, 3) of the machine onto those of the station best (Kabsch's method)."""
+    centre, other = machine_m.mean(axis=0), station_m.mean(axis=0)
+    u, _, vt = np.linalg.svd((machine_m - centre).T @ (station_m - other))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
+    turn = vt.T @ flip @ u.T
+    return Frame(turn, other - turn @ centre)
+
+
+class MachineDevice:
+    """`set(visit)`: both drives together to the approach point, then to the target, then settled."""
+
+    name = "machine"
+    parent = None
+
+    def __init__(self, rig: Rig, worker: Worker, context: Context) -> None:
+        self._rig, self._worker, self._context = rig, worker, context
+
+    def set(self, visit: PlannedVisit) -> WorkStatus:
+        """Go to a visit's pose."""
+        return self._worker.submit(f"machine to pose {visit.pose}", lambda: self._go(visit))
+
+    def stop(self, *, success: bool = False) -> None:
+        """Stop all drives together; called by the run engine at the end of a failed plan."""
+        if not success:
+            self._rig.stop("the campaign ended")
+
+    def _go(self, visit: PlannedVisit) -> None:
+        settings = self._rig.file.campaign
+        offset = -np.array(visit.direction) * settings.approach_m
+        self._rig.move(visit.drives_m + offset, visit.speed_m_per_s)
+        self._rig.move(visit.drives_m, visit.speed_m_per_s)
+        self._context.visit = visit
+        self._context.visit_number += 1
+        self._context.arrived_s = self._rig.clock.now_s()
+        self._context.fresh_arrival = True
+        self._rig.clock.sleep_s(visit.dwell_s)
+
+
+class PayloadDevice:
+    """`set(number)`: ask the PLC for a payload and wait until it reports that it is on."""
+
+    name = "payload"
+    parent = None
+
+    def __init__(self, rig: Rig, worker: Worker) -> None:
+        self._rig, self._worker = rig, worker
+
+    def set(self, number: int) -> WorkStatus:
+        """Have a payload put on."""
+        return self._worker.submit(f"payload {number}", lambda: self._rig.change_payload(number))
+
+
+class WaitDevice:
+    """`set(seconds)`: let rig time pass."""
+
+    name = "wait"
+    parent = None
+
+    def __init__(self, rig: Rig, worker: Worker) -> None:
+        self._rig, self._worker = rig, worker
+
+    def set(self, duration_s: float) -> WorkStatus:
+        """Wait, stopping early if supervision has stopped the drives."""
+        return self._worker.submit(f"wait {duration_s:g} s", lambda: self._rig.wait(duration_s))
+
+
+class StationDevice:
+    """`set(smr)`, `trigger`, `read`: aim at a reflector by its predicted place, measure it, give the whole row."""
+
+    name = "station"
+    parent = None
+
+    def __init__(self, rig: Rig, worker: Worker, context: Context) -> None:
+        self._rig, self._worker, self._context = rig, worker, context
+        self._smr = ""
+        self._row: dict[str, float | str] = {}
+        self._stamp_s = 0.0
+
+    def set(self, smr: str) -> WorkStatus:
+        """Choose the reflector and aim at it."""
+        self._smr = smr
+        return self._worker.submit(f"station to {smr}", self._aim)
+
+    def trigger(self) -> WorkStatus:
+        """Measure."""
+        return self._worker.submit(f"station measures {self._smr}", self._measure)
+
+    def read(self) -> dict[str, dict[str, Any]]:
+        """The row of the last measurement."""
+        return {key: {"value": value, "timestamp": self._stamp_s} for key, value in self._row.items()}
+
+    def describe(self) -> dict[str, dict[str, Any]]:
+        """Columns of a recording."""
+        names = column_names([d.name for d in self._rig.file.drives], self._rig.sensors)
+        return {
+            name: {"source": "rig", "dtype": "string" if name in TEXT_COLUMNS else "number", "shape": []}
+            for name in (*names, *OPTIONAL_COLUMNS)
+            if name != "uid"
+        }
+
+    @property
+    def last_position_m(self) -> Array:
+        """The last measured point, station's frame."""
+        return np.array([float(self._row[c]) for c in ("x_m", "y_m", "z_m")])
+
+    def _expected(self) -> Array:
+        """Predicted place of the reflector in the machine frame, from the drives' commanded position."""
+        machine, visit = self._rig.machine, self._context.visit
+        smr = machine.smr(self._smr)
+        if smr.on == "floor":
+            return smr.position_m
+        if smr.on == "slider":
+            return smr.position_m + machine.nominal.axis[smr.drive] * self._rig.positions_m()[smr.drive]
+        assert visit is not None, "a platform reflector is measured at a pose"
+        return visit.target_m[:3] + smr.position_m
+
+    def _aim(self) -> None:
+        self._rig.keep_atmosphere()  # here, where no measurement is under way
+        if self._context.aim.frame is None:
+            self._context.aim.frame = self._rig.rough_frame()
+        point = self._context.aim.frame.to_station(self._expected()[None])
+        hz, v, _ = station_geometry.angles(point)
+        window = WINDOW_RAD if self._context.aim.learned else WINDOW_AT_FIRST_RAD
+        self._rig.station.point_and_aim(float(hz[0]), float(v[0]), window)
+
+    def _measure(self) -> None:
+        rig, context = self._rig, self._context
+        settings = rig.file.campaign
+        settle = None
+        if context.fresh_arrival:
+            settle = SettleCriterion(window=SETTLE_READINGS, across_m=SETTLED_ACROSS_M, limit_s=SETTLE_LIMIT_S)
+        on_floor = rig.machine.smr(self._smr).on == "floor"
+        count = settings.readings_per_nest if on_floor else settings.readings_per_smr
+        readings = rig.station.measure(count, two_face=settings.two_face, settle=settle)
+        if on_floor:  # a nest that is stored vouches for the settings of all readings since the one before
+            rig.station.require_settings()
+        context.fresh_arrival = False
+        mean = average(readings)
+        hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
+        position = station_geometry.points(hz, v, distance)[0]
+        self._refuse_wrong_target(mean)
+        stated = rig.file.station.accuracy.stated()
+        covariance = station_geometry.covariances(hz, v, distance, stated)[0] / mean.n
+        state = rig.supervisor.state()
+        first = readings[0]
+        row = rig.context_row(state)
+        row |= self._visit_columns()
+        row |= {
+            "sequence": float(context.sequence),
+            "phase": context.phase,
+            "nest_check": float(context.nest_check),
+            "smr": self._smr,
+            "t_rig_s": mean.t_rig_s,
+            "t_host_s": first.t_host_s,
+            "t_u_s": first.u_t_s,
+            "hz_rad": mean.hz_rad,
+            "v_rad": mean.v_rad,
+            "slope_distance_m": mean.slope_distance_m,
+            "station": 1.0,
+            "face": 0.0 if settings.two_face else float(first.face),
+            "prism_constant_m": first.prism_constant_m,
+            "ppm": first.ppm,
+            "edm_mode": float(first.edm_mode),
+            "prism_type": float(first.prism_type),
+            "samples": float(mean.n),
+            "flags": float(len({flag for r in readings for flag in r.flags})),
+            **{axis: float(value) for axis, value in zip(("x_m", "y_m", "z_m"), position, strict=True)},
+            **{
+                f"cov_{'xyz'[i]}{'xyz'[j]}_m2": float(covariance[i, j])
+                for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+            },
+        }
+        context.sequence += 1
+        self._row, self._stamp_s = row, first.t_host_s
+        context.aim.learn(self._expected(), position)
+
+    def _visit_columns(self) -> dict[str, float | str]:
+        context, rig = self._context, self._rig
+        visit = context.visit
+        target = np.zeros(6) if visit is None else visit.target_m
+        names = ("target_x_m", "target_y_m", "target_z_m", "target_rx_rad", "target_ry_rad", "target_rz_rad")
+        columns: dict[str, float | str] = {n: float(t) for n, t in zip(names, target, strict=True)}
+        columns |= {
+            "visit": float(context.visit_number),
+            "pose": -1.0 if visit is None else float(visit.pose),
+            "pass": 0.0 if visit is None else float(visit.pass_),
+            "speed_m_per_s": 0.0 if visit is None else visit.speed_m_per_s,
+            "dwell_s": 0.0 if visit is None else rig.clock.now_s() - context.arrived_s,
+        }
+        for index, drive in enumerate(rig.file.drives):
+            side = 0.0 if visit is None else float(visit.direction[index])
+            columns[f"{drive.name}_{DRIVE_COLUMNS[-1]}"] = side
+        return columns
+
+    def _refuse_wrong_target(self, mean: MeanReading) -> None:
+        """A reflector far from where it should be is another one, or somebody stands in the beam."""
+        aim = self._context.aim
+        assert aim.frame is not None
+        e, n, h = (float(x) for x in aim.frame.to_station(self._expected()[None])[0])
+        tolerance_m = WRONG_TARGET_M if aim.learned else WRONG_TARGET_AT_FIRST_M
+        self._rig.station.require_target(mean, (e, n, h), tolerance_m, self._smr)

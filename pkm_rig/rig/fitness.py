@@ -1,0 +1,55 @@
+"""Whether a connected rig is fit to be calibrated, before anything moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.base.frame import station_frame
+from calibration.instruments import station as station_geometry
+from calibration.machine.description import Machine
+from calibration.reduction.report_frame import ReportFrame
+from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.rig import Rig
+
+
+def check_rig(rig: Rig) -> list[str]:
+    """What is not fit, one line each; empty when the rig may be used."""
+    problems = []
+    u_m = in_plane_u_m(rig.file, rig.machine)
+    limit_m = rig.file.limits.in_plane_u_m
+    if u_m > limit_m:
+        problems.append(
+            f"station: predicted in-plane uncertainty {u_m * 1e6:.1f} um misses the goal of {limit_m * 1e6:.1f} um; "
+            "place it nearer to the normal of the machine's plane or average more readings"
+        )
+    for drive, (low, high) in zip(rig.drives.drives, rig.machine.travel, strict=True):
+        if drive.limits_m[0] > low or drive.limits_m[1] < high:
+            problems.append(
+                f"drive {drive.name}: its software limits are narrower than travel_m of the machine file; adjust one"
+            )
+    return problems
+
+
+def in_plane_u_m(rig_file: RigFile, machine: Machine) -> float:
+    """Predicted standard uncertainty of a measured tool position, worst corner of the workspace, in m.
+
+    One visit, all platform reflectors, the plane held by the machine; full covariances.
+    """
+    smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on == "platform")
+    mounting = np.array([machine.smrs[i].position_m for i in smrs])
+    frame = station_frame(rig_file.station.position_m, rig_file.station.heading_rad)
+    report = ReportFrame(machine, frame, smrs, mounting)
+    corners = np.zeros((4, 6))
+    corners[:, :2] = [(x, y) for x in machine.workspace[0] for y in machine.workspace[1]]
+    points = report.points(corners)
+    jac = report.jacobian(corners)[..., machine.dof]
+    stated = rig_file.station.accuracy.stated()
+    worst = 0.0
+    for i in range(len(corners)):
+        cov = station_geometry.covariances(*station_geometry.angles(points[i]), stated)
+        cov /= rig_file.campaign.readings_per_smr
+        information = sum(jac[i, k].T @ np.linalg.inv(cov[k]) @ jac[i, k] for k in range(len(smrs)))
+        pose_cov = np.linalg.inv(information)
+        moves = machine.dof < 3
+        worst = max(worst, float(np.sqrt(np.trace(pose_cov[np.ix_(moves, moves)]))))
+    return worst

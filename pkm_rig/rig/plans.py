@@ -1,0 +1,176 @@
+"""The campaign as Bluesky plans: warm-up, repeatability, nest checks, payload blocks, verification.
+
+A plan only says what happens; devices do it, the store keeps each reading before the next message is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import numpy as np
+from bluesky.utils import Msg
+
+from calibration.base.arrays import Array
+from pkm_rig.rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.schedule import Block, PlannedVisit
+
+Plan = Generator[Msg, Any, Any]
+
+
+class CampaignRefused(Exception):
+    """The rig works but is not fit to be calibrated now; one line with what to do."""
+
+
+@dataclass
+class Stage:
+    """The devices of one campaign and what the plans share.
+
+    `stored` holds (phase, pose, pass, SMR) of readings of an earlier run of the campaign, which are not taken again.
+    """
+
+    rig: Rig
+    context: Context
+    machine: MachineDevice
+    payload: PayloadDevice
+    station: StationDevice
+    wait: WaitDevice
+    progress: Callable[[int, str], None]
+    first_nests: dict[str, Array]
+    stored: set[tuple[str, int, int, str]] = field(default_factory=set)
+
+    def smrs(self, *on: str) -> list[str]:
+        """Names of the reflectors on some parts."""
+        return [smr.name for smr in self.rig.machine.smrs if smr.on in on]
+
+
+def prepare(stage: Stage, blocks: Sequence[Block]) -> Plan:
+    """Warm-up and repeatability check: before anything is measured that counts."""
+    first, second = [visit for block in blocks for visit in block.visits][:2]
+    yield from bps.abs_set(stage.payload, 0, wait=True)
+    yield from _warm_up(stage, [first, second])
+    yield from nest_check(stage)
+    yield from _repeatability(stage, first)
+
+
+def calibration(stage: Stage, blocks: Sequence[Block]) -> Plan:
+    """All blocks, a nest check before, between and after."""
+    for block in blocks:
+        yield from bps.abs_set(stage.payload, block.payload, wait=True)
+        yield from visits(stage, block, "calibration", stage.smrs("platform", "slider"))
+
+
+def verification(stage: Stage, block: Block, phase: str) -> Plan:
+    """One block of verification poses with the compensation as it is now."""
+    yield from visits(stage, block, phase, stage.smrs("platform"))
+
+
+def visits(stage: Stage, block: Block, phase: str, smrs: Sequence[str]) -> Plan:
+    """Visit after visit; each reading is kept before the next move; nests at start, end and every few visits."""
+    every = stage.rig.file.campaign.nest_every_visits
+    yield from nest_check(stage)
+    for number, visit in enumerate(block.visits):
+        if number and number % every == 0:
+            yield from nest_check(stage)
+        yield from _visit(stage, visit, phase, smrs)
+    yield from nest_check(stage)
+
+
+def nest_check(stage: Stage) -> Plan:
+    """Measure the floor nests; a shift beyond the limit is measured again, then the campaign ends.
+
+    The readings since the last good check are in the store and stay out of every analysis.
+    """
+    limit = stage.rig.file.campaign.nest_limit_m
+    for attempt in range(2):
+        stage.context.nest_check += 1
+        shift = 0.0
+        for nest in stage.smrs("floor"):
+            position = yield from _read(stage, "nests", nest)
+            start = stage.first_nests.setdefault(nest, position)
+            sight = start / np.linalg.norm(start)
+            off = position - start
+            shift = max(shift, float(np.linalg.norm(off - (off @ sight) * sight)))
+        if shift <= limit:
+            return
+        if attempt:
+            raise CampaignRefused(
+                f"nest check: a floor nest moved {shift * 1e6:.0f} um (limit {limit * 1e6:.0f} um); "
+                "make the station stand firmly and start again; readings since the last good check are not used"
+            )
+
+
+def _visit(stage: Stage, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
+    missing = [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in stage.stored]
+    if not missing:
+        return
+    yield from bps.abs_set(stage.machine, visit, wait=True)
+    for smr in missing:
+        yield from _read(stage, phase, smr)
+
+
+def _read(stage: Stage, phase: str, smr: str) -> Plan:
+    stage.context.phase = phase
+    yield from bps.checkpoint()
+    yield from bps.abs_set(stage.station, smr, wait=True)
+    yield from bps.trigger(stage.station, wait=True)
+    yield from bps.create("primary")
+    yield from bps.read(stage.station)
+    yield from bps.save()
+    yield from bps.checkpoint()
+    stage.progress(1, phase)
+    return stage.station.last_position_m
+
+
+def _warm_up(stage: Stage, between: Sequence[PlannedVisit]) -> Plan:
+    """Move between two poses until no part's temperature changes faster than the limit."""
+    settings = stage.rig.file.campaign
+    started = stage.rig.clock.now_s()
+    history: list[tuple[float, dict[str, float]]] = []
+    while True:
+        state = stage.rig.supervisor.state()
+        history.append((stage.rig.clock.now_s(), dict(state.temperatures_c)))
+        rate = _fastest_rate(history[-6:])
+        if rate is not None and rate <= settings.warm_up_rate_k_per_h:
+            return
+        if stage.rig.clock.now_s() - started >= settings.warm_up_max_s:
+            raise CampaignRefused(
+                f"warm-up: parts still change {rate or 0.0:.2f} K/h after {settings.warm_up_max_s / 60.0:.0f} min "
+                f"(limit {settings.warm_up_rate_k_per_h:g} K/h); let the machine warm up longer"
+            )
+        stage.progress(0, "warm-up")
+        for visit in between:
+            yield from bps.abs_set(stage.machine, replace(visit, dwell_s=0.0), wait=True)
+        yield from bps.abs_set(stage.wait, settings.warm_up_step_s, wait=True)
+
+
+def _fastest_rate(history: Sequence[tuple[float, dict[str, float]]]) -> float | None:
+    """Largest rate of change in K/h over a few samples (least squares), None with fewer than four."""
+    if len(history) < 4:
+        return None
+    t = np.array([time for time, _ in history]) / 3600.0
+    t = t - t.mean()
+    rates = [abs(float(t @ np.array([temps[name] for _, temps in history]) / (t @ t))) for name in history[0][1]]
+    return max(rates)
+
+
+def _repeatability(stage: Stage, visit: PlannedVisit) -> Plan:
+    """Visit one pose several times, approached anew; the scatter across the line of sight must be small."""
+    settings = stage.rig.file.campaign
+    smr = stage.smrs("platform")[0]
+    points = []
+    for _ in range(settings.repeatability_visits):
+        yield from bps.abs_set(stage.machine, visit, wait=True)
+        points.append((yield from _read(stage, "repeatability", smr)))
+    scatter = np.array(points) - np.mean(points, axis=0)
+    sight = np.mean(points, axis=0) / np.linalg.norm(np.mean(points, axis=0))
+    across = scatter - np.outer(scatter @ sight, sight)
+    rms = float(np.sqrt(np.sum(across**2) / (len(points) - 1)))
+    if rms > settings.repeatability_limit_m:
+        raise CampaignRefused(
+            f"repeatability: {rms * 1e6:.0f} um RMS over {len(points)} visits "
+            f"(limit {settings.repeatability_limit_m * 1e6:.0f} um); look for vibration, play or a loose reflector"
+        )

@@ -1,0 +1,65 @@
+"""The PLC of a rig file: its line and its register map."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from calibration.base.errors import InputError
+from drivers.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
+from drivers.plc_registers import Register, RegisterMap
+from pkm_rig.rig.config import PlcConnection, RegisterEntry
+
+_MEASURED = ("pressure_hpa", "humidity_percent")
+_TEMPERATURE = "_temperature_c"
+
+
+def plc_line(plc: PlcConnection, rig_path: Path) -> ModbusLine:
+    """The line to the PLC; files of certificates are beside the rig file."""
+    if plc.transport == "rtu":
+        assert plc.serial_port is not None
+        return RtuLine(plc.serial_port, plc.baudrate, plc.parity, plc.stop_bits)
+    if plc.transport == "tcp":
+        return TcpLine(plc.host, plc.port)
+    folder = rig_path.parent
+
+    def beside(name: str | None) -> Path | None:
+        return None if name is None else folder / name
+
+    ca_file = beside(plc.ca_file)
+    assert ca_file is not None
+    for path in (ca_file, beside(plc.certificate_file), beside(plc.key_file)):
+        if path is not None and not path.is_file():
+            raise InputError(f"rig file: plc: there is no file {path}")
+    return TlsLine(plc.host, ca_file, plc.port, beside(plc.certificate_file), beside(plc.key_file))
+
+
+def register_map(plc: PlcConnection) -> RegisterMap:
+    """The default map (docs/plc.md) with the rig file's changes. Raises InputError in one line."""
+    default = RegisterMap()
+    names = {field.name for field in fields(RegisterMap)}
+    changed: dict[str, Any] = dict.fromkeys(plc.without)
+    temperatures = dict(default.temperatures_c)
+    try:
+        for name, entry in plc.registers.items():
+            sensor = name.removesuffix(_TEMPERATURE)
+            if sensor in temperatures and sensor != name:
+                temperatures[sensor] = _register(temperatures[sensor], entry)
+            elif name in _MEASURED:
+                changed[name] = _register(getattr(default, name), entry)
+            elif name in names - {"temperatures_c", "interlock_bits"}:
+                if entry != RegisterEntry(address=entry.address):
+                    raise InputError(f"rig file: plc.registers.{name}: a whole word, which has an address only")
+                changed[name] = entry.address
+            else:
+                raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/plc.md")
+        if plc.interlocks:
+            changed["interlock_bits"] = dict(plc.interlocks)
+        return replace(default, temperatures_c=temperatures, **changed)
+    except ValueError as error:
+        raise InputError(f"rig file: plc: {error}") from error
+
+
+def _register(default: Register, entry: RegisterEntry) -> Register:
+    return replace(default, **entry.model_dump(exclude_none=True))

@@ -1,0 +1,272 @@
+"""One connected rig: station, drives and PLC behind one set of verbs, mock or real alike."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.base.frame import Frame, station_frame
+from calibration.compensation.tables import CompensationTable
+from calibration.machine.description import Machine
+from drivers.drive_group import DriveGroup
+from drivers.errors import DeviceError, PlcError, TableError
+from drivers.laser_tracker import LaserTracker
+from drivers.plc import Plc
+from drivers.plc_registers import PlcState
+from drivers.table_bank import Activation, CompensationState, TableBank, activate_all
+from drivers.table_image import TableImage, machine_id_of
+from pkm_rig.rig.clock import RigClock
+from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.station_air import StationAir
+from pkm_rig.rig.supervision import Supervisor
+
+PLC_POLL_S = 1.0
+PART_SENSORS = ("struts", "columns", "base", "platform")
+
+
+class Rig:
+    """Everything that is connected, and what a campaign asks of it.
+
+    All methods that move or write need supervision to be good and raise its trip otherwise.
+    """
+
+    def __init__(
+        self,
+        file: RigFile,
+        machine: Machine,
+        clock: RigClock,
+        station: LaserTracker,
+        drives: DriveGroup,
+        banks: Sequence[TableBank],
+        plc: Plc,
+        poll_period_s: float | None = None,
+    ) -> None:
+        self.file = file
+        self.machine = machine
+        self.clock = clock
+        self.station = station
+        self.drives = drives
+        self.banks = tuple(banks)
+        self.plc = plc
+        self.sensors = PART_SENSORS
+        self.compensation = 0
+        self._poll_period_s = poll_period_s
+        self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
+        self.supervisor = self.new_supervisor()
+
+    def new_supervisor(self) -> Supervisor:
+        """Supervision that has not been started: one that has tripped stays so."""
+        file, drives = self.file, self.drives
+        return Supervisor(
+            self.plc,
+            drives,
+            self.clock,
+            file.limits.interlocks,
+            self._payload_changed,
+            file.time_scale,
+            beat=lambda: drives.line.send_heartbeat(file.can.master_node_id),
+            poll_period_s=self._poll_period_s,
+        )
+
+    # --- motion
+
+    def enable(self) -> None:
+        """Power the drives; supervision must be good."""
+        self.supervisor.require_good()
+        self.drives.enable()
+
+    def stop(self, reason: str) -> None:
+        """Stop all drives together, now."""
+        self.drives.stop_all(reason)
+
+    def move(self, drives_m: Array, speed_m_per_s: float) -> None:
+        """Move all drives together to commanded positions (d,) and wait until they have settled."""
+        with self.supervisor.motion():
+            self.drives.move_to([float(q) for q in drives_m], speed_m_per_s, self.file.campaign.acceleration_m_per_s2)
+
+    def positions_m(self) -> Array:
+        """Actual drive positions (d,), sampled at one SYNC."""
+        return np.array([sample.position_m for sample in self.drives.sample()])
+
+    def wait(self, duration_s: float) -> None:
+        """Let rig time pass; raises as soon as supervision has stopped the drives."""
+        end_s = self.clock.now_s() + duration_s
+        while (left_s := end_s - self.clock.now_s()) > 0.0:
+            self.supervisor.require_good()
+            self.clock.sleep_s(min(left_s, PLC_POLL_S))
+        self.supervisor.require_good()
+
+    # --- payload
+
+    def change_payload(self, number: int) -> None:
+        """Ask for a payload and wait until the PLC reports it and all interlocks are good again.
+
+        The drives are without power meanwhile, so that whoever loads the platform may open the guard.
+        """
+        if self.supervisor.state().payload == number:
+            return
+        self.drives.disable()
+        end_s = self.clock.now_s() + self.file.campaign.payload_timeout_s
+        with self.supervisor.loading():
+            self.plc.request_payload(number, self.file.campaign.payload_timeout_s, watch=self.supervisor.require_good)
+            while self.supervisor.state().payload != number or not self.supervisor.interlocks_good():
+                if self.clock.now_s() > end_s:
+                    raise PlcError(
+                        "PLC", "interlocks", "not all good again after the payload was changed", "close the guard"
+                    )
+                self.clock.sleep_s(PLC_POLL_S)
+        self.enable()
+
+    def payload_mass_kg(self, number: int | None) -> float | None:
+        """Mass of a payload of the rig's list; None while it is unknown."""
+        if number is None:
+            return None
+        if number >= len(self.file.payloads):
+            raise PlcError(
+                "PLC", "payload", f"payload {number} is reported, the rig file lists {len(self.file.payloads)}",
+                "correct [[payloads]] or the PLC",
+            )  # fmt: skip
+        return self.file.payloads[number].mass_kg
+
+    def _payload_changed(self, number: int | None) -> None:
+        """Tell the drives at once: a table for another payload is then invalid and motion refused."""
+        mass_kg = self.payload_mass_kg(number)
+        for bank in self.banks:
+            bank.set_payload(mass_kg)
+
+    # --- compensation
+
+    def compensate(self, images: Sequence[TableImage] | None) -> list[CompensationState]:
+        """Switch compensation to these tables, or off (None), and power the drives again.
+
+        Raises TableError, after switching off again, if a table does not fit the payload that is on.
+        """
+        self.switch_compensation(images)
+        states = [bank.state() for bank in self.banks]
+        for bank, state in zip(self.banks, states, strict=True):
+            if images is not None and not state.valid:
+                self.switch_compensation(None)
+                raise TableError(
+                    bank.drive.name, bank.drive.where, "the active table does not fit the payload that is on",
+                    "compute a table for this payload",
+                )  # fmt: skip
+        self.enable()
+        return states
+
+    def switch_compensation(self, images: Sequence[TableImage] | None) -> None:
+        """Write tables into all drives and switch them on together, or switch compensation off (None).
+
+        Leaves the drives without power. A table becomes active whole and read back, on all drives or on
+        none: after any failure compensation is off everywhere and the cause is raised.
+        """
+        try:
+            self.drives.disable()
+        finally:
+            self._compensation_off()
+        if images is None:
+            return
+        try:
+            self._activate(images)
+        except BaseException:
+            with contextlib.suppress(DeviceError):
+                self._compensation_off()
+            raise
+        self.compensation = images[0].generation
+
+    def _compensation_off(self) -> None:
+        """Off on every drive that can be reached; raises the first failure afterwards."""
+        self.compensation = 0
+        failures: list[DeviceError] = []
+        for bank in self.banks:
+            try:
+                bank.set_mode(False)
+            except DeviceError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def _activate(self, images: Sequence[TableImage]) -> None:
+        if not self.banks:
+            raise TableError("drives", "profile", "these drives have no table bank", "measure and identify only")
+        written = [bank.write_inactive(image) for bank, image in zip(self.banks, images, strict=True)]
+        activate_all([Activation(b, w.bank, w.crc, w.generation) for b, w in zip(self.banks, written, strict=True)])
+        for bank in self.banks:
+            bank.set_mode(True)
+
+    def next_generation(self) -> int:
+        """A generation above that of every bank."""
+        return max((bank.state().next_generation for bank in self.banks), default=1)
+
+    def images(self, table: CompensationTable, generation: int) -> list[TableImage]:
+        """A table as images, one a drive: own axis first, then the partner's."""
+        out = []
+        for own, drive in enumerate(self.file.drives):
+            other = 1 - own
+            corrections = table.correction_m[own]
+            out.append(
+                TableImage(
+                    node_id=drive.node_id,
+                    generation=generation,
+                    payload_kg=table.load.payload_kg,
+                    temperature_c=table.temperature_c,
+                    machine_id=machine_id_of(self.machine.name),
+                    own_start_m=float(table.start_m[own]),
+                    own_step_m=float(table.step_m[own]),
+                    partner_start_m=float(table.start_m[other]),
+                    partner_step_m=float(table.step_m[other]),
+                    corrections_m=corrections if own == 0 else corrections.T,
+                    metres_per_increment=drive.metres_per_increment,
+                )
+            )
+        return out
+
+    # --- context
+
+    def rough_frame(self) -> Frame:
+        """The station's frame from its rough place in the rig file."""
+        entry = self.file.station
+        return station_frame(entry.position_m, entry.heading_rad)
+
+    def temperatures_c(self) -> dict[str, float]:
+        """Temperatures of the machine's sensors, now."""
+        state = self.supervisor.state()
+        return {name: state.temperatures_c[name] for name in self.machine.sensors.values()}
+
+    def context_row(self, state: PlcState) -> dict[str, float | str]:
+        """Drives, air, temperatures and payload at this moment, as columns of a recording."""
+        row: dict[str, float | str] = {}
+        for sample, drive in zip(self.drives.sample(), self.file.drives, strict=True):
+            row |= {
+                f"{drive.name}_commanded_m": sample.demand_m,
+                f"{drive.name}_actual_m": sample.position_m,
+                f"{drive.name}_following_error_m": sample.following_error_m,
+                f"{drive.name}_velocity_m_per_s": sample.velocity_m_per_s,
+                f"{drive.name}_torque_ratio": sample.torque_fraction,
+            }
+        payload = state.payload
+        mass_kg = self.payload_mass_kg(payload)
+        if payload is None or mass_kg is None:
+            raise PlcError("PLC", "payload", "it is being changed", "measure when it is on")
+        return row | {
+            "payload": float(payload),
+            "payload_mass_kg": mass_kg,
+            "compensation": float(self.compensation),
+            "air_temperature_c": state.temperatures_c["air"],
+            "pressure_hpa": state.pressure_hpa,
+            "humidity_percent": 100.0 * state.humidity,
+            **{f"{name}_temperature_c": state.temperatures_c[name] for name in self.sensors},
+        }
+
+    def refresh_atmosphere(self) -> None:
+        """Give the PLC's air to the station now.
+
+        Raises what the station raises, and supervision's trip rather than use a stale value.
+        """
+        self._air.set(self.supervisor.state())
+
+    def keep_atmosphere(self) -> None:
+        """The same, but only where what the station holds is old or not the air any more (`[limits]`)."""
+        self._air.keep(self.supervisor.state())

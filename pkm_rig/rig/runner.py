@@ -1,0 +1,206 @@
+"""Runs plans on a connected rig: run engine, store and progress, with one clear cause when it ends badly."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Any
+
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky import RunEngine
+
+import pkm_rig
+from calibration.recording.header import RecordingFile, StationEntry
+from calibration.recording.recording import Recording
+from calibration.reduction.reduction import CALIBRATION, between_good_checks
+from drivers.errors import DeviceError, SettingsChanged
+from pkm_rig.rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
+from pkm_rig.rig.plans import CampaignRefused, Plan, Stage
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.store import Store, StoreError
+
+SETTINGS = "settings_since_check"
+EXPECTED = (DeviceError, CampaignRefused, StoreError)
+
+
+class Runner:
+    """One campaign on one rig. `stage` is what plans are written against."""
+
+    def __init__(self, rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> None:
+        self.rig, self.store, self.campaign = rig, store, campaign
+        self._worker = Worker()
+        context = Context()
+        self.stage = Stage(
+            rig=rig,
+            context=context,
+            machine=MachineDevice(rig, self._worker, context),
+            payload=PayloadDevice(rig, self._worker),
+            station=StationDevice(rig, self._worker, context),
+            wait=WaitDevice(rig, self._worker),
+            progress=progress,
+            first_nests={},
+        )
+        self._engine = RunEngine({}, context_managers=[])
+        self._engine.log.logger.addHandler(logging.NullHandler())  # causes are raised, not logged with tracebacks
+        self._engine.subscribe(self._keep, "event")
+        self._failure: BaseException | None = None
+
+    def close(self) -> None:
+        """End the worker and the engine's loop."""
+        self._worker.close()
+        loop, thread = self._engine.loop, self._engine._th  # the engine has no close of its own
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(timeout=10.0)
+        if not thread.is_alive():
+            loop.close()
+
+    def resume(self, recording: Recording) -> None:
+        """Go on with a stored campaign: its numbers, first nest check as the reference, what can be used is kept.
+
+        The next nest check closes what has been measured since the last one, but only where the station was found with
+        the settings that it had been given: else it leaves out the number that those readings would need, so that they
+        are never used.
+        """
+        context = self.stage.context
+        context.sequence = int(recording["sequence"].max()) + 1
+        context.visit_number = int(recording["visit"].max())
+        last = int(recording["nest_check"].max())
+        said = [event.data.get(SETTINGS, {}) for event in self.store.events(self.campaign, "failed")]
+        held = self.rig.station.found_as_given or {"check": last, "held": True} in said
+        context.nest_check = last if held and {"check": last, "held": False} not in said else last + 1
+        nests = recording.rows("nests")
+        for name, position in zip(nests["smr"], nests.positions_m, strict=True):
+            self.stage.first_nests.setdefault(str(name), position)
+        done = between_good_checks(recording, context.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
+        for pose, pass_, smr in zip(*(recording[name][done] for name in ("pose", "pass", "smr")), strict=True):
+            self.stage.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
+
+    def run(self, plan: Plan, purpose: str) -> None:
+        """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""
+        self.store.add_event(self.campaign, "started", {"plan": purpose})
+        self._failure = None
+        try:
+            with open(os.devnull, "w") as quiet, contextlib.redirect_stdout(quiet):
+                self._engine(bpp.run_wrapper(plan, md={"campaign": self.campaign, "purpose": purpose}))
+        except BaseException as error:
+            cause = self._cause(error)
+            with contextlib.suppress(DeviceError):
+                self.rig.stop(str(cause) or "interrupted")
+            self._end_plan()
+            with contextlib.suppress(StoreError):
+                reason = str(cause) or type(cause).__name__
+                failed = {"plan": purpose, "reason": reason, "emergencies": emergency_log(self.rig)}
+                self.store.add_event(self.campaign, "failed", failed | self._settings())
+            if cause is error:
+                raise
+            raise cause from error
+        self.store.add_event(self.campaign, "finished", {"plan": purpose})
+
+    def _settings(self) -> dict[str, Any]:
+        """Whether the station has kept its settings since the last nest check; nothing where it does not say."""
+        if not self.store.has_readings(self.campaign):
+            return {}
+        check = int(self.store.recording(self.campaign)["nest_check"].max())
+        try:
+            self.rig.station.require_settings()
+        except SettingsChanged:
+            return {SETTINGS: {"check": check, "held": False}}
+        except (DeviceError, RuntimeError):
+            return {}
+        return {SETTINGS: {"check": check, "held": True}}
+
+    def _end_plan(self) -> None:
+        """An interrupt reaches this thread while the engine's loop goes on: end its plan before anything else."""
+        if self._engine.state != "idle":
+            with contextlib.suppress(Exception):
+                self._engine.abort("the campaign ended")
+
+    def _keep(self, _name: str, document: dict[str, Any]) -> None:
+        """Store a reading; the engine goes on only when it is on disk."""
+        data = {**document["data"], "uid": document["uid"]}
+        try:
+            self.store.add_reading(self.campaign, document["uid"], int(data["sequence"]), data)
+        except StoreError as error:
+            self._failure = error
+            raise
+
+    def _cause(self, error: BaseException) -> BaseException:
+        """The device's or the store's own error behind what the engine raised; supervision's trip comes first."""
+        if self.rig.supervisor.trip is not None:
+            return self.rig.supervisor.trip
+        if self._failure is not None:
+            return self._failure
+        seen: BaseException | None = error
+        deepest = error
+        while seen is not None:
+            if isinstance(seen, EXPECTED):
+                return seen
+            inner: Any = seen.args[0] if seen.args else None
+            status_error = inner.exception() if hasattr(inner, "exception") else None
+            deepest = status_error or deepest
+            seen = seen.__cause__ or status_error or seen.__context__
+        return deepest
+
+
+@contextmanager
+def running(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> Iterator[Runner]:
+    """A runner that is closed in the end."""
+    runner = Runner(rig, store, campaign, progress)
+    try:
+        yield runner
+    finally:
+        runner.close()
+
+
+def emergency_log(rig: Rig) -> list[dict[str, Any]]:
+    """What the drives have reported by EMCY since they were connected, oldest first."""
+    return [
+        {"drive": drive.name, "code": e.code, "register": e.register, "t_rig_s": e.t_rig_s, "t_host_s": e.t_host_s}
+        for drive in rig.drives.drives
+        for e in tuple(drive.emergencies)
+    ]
+
+
+def settings_event(rig: Rig) -> dict[str, Any]:
+    """The rig file as it was used, seeds included, and who answered on each line: for traceability."""
+    station = rig.station.identity
+    return {
+        "rig_file": rig.file.model_dump(mode="json", exclude={"mock"}),
+        "station": None if station is None else {"name": station.name, "serial": station.serial},
+        "drives": {d.name: None if d.identity is None else d.identity.serial for d in rig.drives.drives},
+    }
+
+
+def new_campaign_id(rig_name: str) -> str:
+    """Rig, time and four random characters."""
+    return f"{rig_name}-{datetime.now(UTC):%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
+
+
+def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
+    """The recording's header for a campaign on this rig."""
+    file = rig.file
+    return RecordingFile(
+        format=1,
+        campaign=campaign,
+        rig=file.rig,
+        created=created,
+        software=f"pkm-rig {pkm_rig.__version__}",
+        drives=tuple(d.name for d in file.drives),
+        sensors=rig.sensors,
+        station=StationEntry(
+            name=file.station.name,
+            position_m=file.station.position_m,
+            heading_rad=file.station.heading_rad,
+            accuracy=file.station.accuracy,
+        ),
+        nest_length=file.nest_length,
+        nest_limit_m=file.campaign.nest_limit_m,
+        payloads=file.payloads,
+        nuisance=file.nuisance,
+    )

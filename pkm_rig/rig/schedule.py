@@ -1,0 +1,202 @@
+"""What a campaign visits, in which order: decided before the first move, from a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_matrix
+from calibration.machine.description import Machine
+from calibration.machine.inverse import nominal_drives
+from pkm_rig.rig.config import CampaignSettings
+
+LEAST_TARGETS, LEAST_VISITS = 6, 2
+POSE_STREAM, ORDER_STREAM, VERIFICATION_STREAM = 1, 2, 3
+
+
+@dataclass(frozen=True)
+class PlannedVisit:
+    """One visit: approach the pose from one side, dwell, measure.
+
+    pose: number of the target; pass_: how often it was planned before; target_m (6,) commanded coordinates;
+    drives_m (d,) commanded drive positions; direction (d,) +1 or -1: the side each drive comes from.
+    """
+
+    pose: int
+    pass_: int
+    target_m: Array
+    drives_m: Array
+    payload: int
+    direction: tuple[int, ...]
+    speed_m_per_s: float
+    dwell_s: float
+
+
+@dataclass(frozen=True)
+class Block:
+    """Visits at one payload."""
+
+    payload: int
+    visits: tuple[PlannedVisit, ...]
+
+
+def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
+    """Blocks without, with and again without payload, poses in random order within each.
+
+    Without payload every target is visited three times from the same side, for the noise floor: once in each of the
+    two blocks, half of the targets again in the first and half in the last. With payload it is
+    approached from the other side. Sides alternate from target to target. Visits that the settings give one by one are
+    made in their order instead.
+    """
+    if settings.visits:
+        return _given_blocks(machine, settings)
+    targets = calibration_targets(machine, settings)
+    numbers = list(range(len(targets)))
+    half = len(numbers) // 2
+    side = {n: 1 if n % 2 else -1 for n in numbers}
+    first = [(n, side[n]) for n in numbers + numbers[:half]]
+    loaded = [(n, -side[n]) for n in numbers]
+    last = [(n, side[n]) for n in numbers + numbers[half:]]
+    rng = np.random.default_rng([settings.seed, ORDER_STREAM])
+    passes: dict[int, int] = {}
+    return tuple(
+        _block(machine, settings, targets, payload, wanted, rng, passes)
+        for payload, wanted in ((0, first), (settings.loaded_payload, loaded), (0, last))
+    )
+
+
+def verification_block(machine: Machine, settings: CampaignSettings, payload: int) -> Block:
+    """Verification poses at one payload: off the calibration targets, a quarter on the workspace's edge.
+
+    They follow from the campaign's seed, which is fixed before the fit.
+    """
+    rng = np.random.default_rng([settings.seed, VERIFICATION_STREAM])
+    count = settings.verification_poses
+    unit = rng.uniform(0.0, 1.0, (count, 2))
+    on_edge = np.arange(count) % 4 == 0
+    edge_axis = rng.integers(0, 2, count)
+    edge_side = rng.integers(0, 2, count).astype(float)
+    unit[on_edge, edge_axis[on_edge]] = edge_side[on_edge]
+    targets = _in_workspace(machine, unit)
+    wanted = [(n, 1 if n % 2 else -1) for n in range(count)]
+    return _block(machine, settings, targets, payload, wanted, rng, {})
+
+
+def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
+    """Targets (n, 6): those of the settings, else a Sobol sequence drawn towards the edges, where poses inform most."""
+    if settings.targets:
+        return _chosen_targets(machine, settings.targets)
+    sobol = qmc.Sobol(2, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
+    count = settings.calibration_poses
+    unit = sobol.random_base2(int(np.ceil(np.log2(count))))[:count]
+    return _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
+
+
+def _chosen_targets(machine: Machine, chosen: tuple[tuple[float, ...], ...]) -> Array:
+    """Platform poses (n, 6) of tool poses given by their commanded coordinates; InputError outside the workspace."""
+    poses = _inside(machine, chosen, "campaign.targets: row")
+    if len(chosen) < LEAST_TARGETS:
+        raise InputError(f"campaign.targets: {len(chosen)} poses; give {LEAST_TARGETS} or more")
+    return poses
+
+
+def _inside(machine: Machine, rows: Sequence[tuple[float, ...]], what: str) -> Array:
+    size = machine.commanded.size
+    for number, row in enumerate(rows, start=1):
+        if len(row) != size:
+            raise InputError(f"{what} {number} has {len(row)} numbers; the machine commands {size}")
+    low, high = machine.commanded_limits.T
+    values = np.array(rows)
+    outside = np.flatnonzero(~np.all((values >= low - 1e-9) & (values <= high + 1e-9), axis=1))
+    if outside.size:
+        raise InputError(f"{what} {outside[0] + 1} lies outside the workspace of {machine.name}")
+    return _platform_poses(machine, values)
+
+
+def _given_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
+    """Visits as they are given, a block wherever the payload changes; equal targets are one pose."""
+    given, count = settings.visits, len(machine.drive_names)
+    if len(given) < LEAST_VISITS:
+        raise InputError(f"campaign.visits: {len(given)} visit; give {LEAST_VISITS} or more")
+    for number, visit in enumerate(given, start=1):
+        if visit.direction and len(visit.direction) != count:
+            raise InputError(f"campaign.visits: visit {number} has {len(visit.direction)} sides for {count} drives")
+    targets = _inside(machine, [visit.target for visit in given], "campaign.visits: visit")
+    drives = commanded_drives(machine, targets)
+    poses: dict[tuple[float, ...], int] = {}
+    passes: dict[int, int] = {}
+    blocks: list[tuple[int, list[PlannedVisit]]] = []
+    for number, visit in enumerate(given):
+        pose = poses.setdefault(visit.target, len(poses))
+        passes[pose] = passes.get(pose, -1) + 1
+        if not blocks or blocks[-1][0] != visit.payload:
+            blocks.append((visit.payload, []))
+        blocks[-1][1].append(
+            PlannedVisit(
+                pose,
+                passes[pose],
+                targets[number],
+                drives[number],
+                visit.payload,
+                visit.direction or (1,) * count,
+                settings.speeds_m_per_s[0] if visit.speed_m_per_s is None else visit.speed_m_per_s,
+                settings.dwells_s[0] if visit.dwell_s is None else visit.dwell_s,
+            )
+        )
+    return tuple(Block(payload, tuple(visits)) for payload, visits in blocks)
+
+
+def _in_workspace(machine: Machine, unit: Array) -> Array:
+    low, high = machine.commanded_limits.T
+    return _platform_poses(machine, low + (high - low) * unit)
+
+
+def _platform_poses(machine: Machine, commanded: Array) -> Array:
+    """Platform poses (n, 6) that have the tool at commanded coordinates (n, k)."""
+    poses = np.zeros((len(commanded), 6))
+    poses[:, machine.commanded] = commanded
+    poses[:, :3] -= rotation_matrix(poses[:, 3:]) @ machine.tool_point_m
+    return poses
+
+
+def commanded_drives(machine: Machine, targets: Array) -> Array:
+    """Commanded drive positions (n, d) of targets (n, 6): the nominal machine's, within the travel."""
+    drives = nominal_drives(machine, targets)
+    low, high = machine.travel.T
+    if not np.all((drives >= low) & (drives <= high)):
+        raise InputError(f"machine {machine.name}: its workspace needs more than its drives' travel")
+    return drives
+
+
+def _block(
+    machine: Machine,
+    settings: CampaignSettings,
+    targets: Array,
+    payload: int,
+    wanted: list[tuple[int, int]],
+    rng: np.random.Generator,
+    passes: dict[int, int],
+) -> Block:
+    drives = commanded_drives(machine, targets)
+    visits = []
+    for i in rng.permutation(len(wanted)):
+        pose, direction = wanted[i]
+        passes[pose] = passes.get(pose, -1) + 1
+        visits.append(
+            PlannedVisit(
+                pose,
+                passes[pose],
+                targets[pose],
+                drives[pose],
+                payload,
+                (direction,) * len(machine.drive_names),
+                float(rng.choice(settings.speeds_m_per_s)),
+                float(rng.choice(settings.dwells_s)),
+            )
+        )
+    return Block(payload, tuple(visits))

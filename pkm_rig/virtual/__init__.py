@@ -1,0 +1,1 @@
+"""Rigs without hardware: the mock rig, and a diagnosed twin behind the real protocols."""

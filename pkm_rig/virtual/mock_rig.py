@@ -1,0 +1,328 @@
+"""The only door to `mock_devices`: starts a mock rig, embedded or for other processes.
+
+What comes out is a rig file with the mock's addresses filled in; everything after that is the same as on hardware.
+"""
+
+from __future__ import annotations
+
+import itertools
+import ssl
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import can
+import numpy as np
+
+from calibration.base.errors import InputError
+from calibration.machine.description import load_machine
+from calibration.recording.header import AccuracyEntry
+from mock_devices.effects import EffectChoice, parse
+from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
+from mock_devices.faulty_bus import FaultyBus
+from mock_devices.machine_file import read_machine_file
+from mock_devices.plant import Plant, Sighting
+from mock_devices.rig import MockRig
+from mock_devices.settings import InstrumentProfile, MockSettings, Nuisance, Payload
+from mock_devices.stepped_clock import SteppedClock
+from mock_devices.thermal import SENSORS
+from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
+from pkm_rig.rig.config import MockSection, RigFile, embedded_rig_path, machine_path
+from pkm_rig.rig.plc_connection import plc_line
+from pkm_rig.virtual.embedded_bus import EmbeddedBus
+from pkm_rig.virtual.twin_files import MACHINE_NAME, read_twin
+from pkm_rig.virtual.twin_rig import LiveTwin, Look, Places
+
+_channels = itertools.count()
+
+
+@dataclass
+class Embedded:
+    """A mock rig in this process: connect to `file` with `bus_factory`, on `clock`."""
+
+    file: RigFile
+    clock: RigClock
+    bus_factory: Callable[[], can.BusABC]
+    mock: MockRig
+
+
+def with_choices(file: RigFile, seed: int | None, effects: Sequence[str]) -> RigFile:
+    """The rig file with another mock machine, if a seed is given, and with more effects."""
+    section = file.mock or MockSection()
+    changed: dict[str, object] = {"effects": (*section.effects, *effects)}
+    if seed is not None:
+        changed["seed"] = seed
+    return file.model_copy(update={"mock": section.model_copy(update=changed)})
+
+
+def settings_of(file: RigFile, rig_path: Path | None = None) -> MockSettings:
+    """What the mock may know of the rig file: payloads, the station's stated accuracy, its place, seed and effects.
+
+    InputError in one line if an effect cannot be; a machine file of the rig's own needs `rig_path`.
+    """
+    mock = file.mock or MockSection()
+    accuracy = file.station.accuracy
+    try:
+        return _settings(file, mock, accuracy, chosen_effects(file, rig_path))
+    except ValueError as error:  # EffectError is one
+        raise InputError(f"mock: {error}") from None
+
+
+def chosen_effects(file: RigFile, rig_path: Path | None) -> tuple[EffectChoice, ...]:
+    """The effects of the rig file as the mock plant takes them; raises ValueError in one line."""
+    texts = (file.mock or MockSection()).effects
+    if not texts:
+        return ()
+    machine = read_machine_file(machine_path(file, rig_path or embedded_rig_path()))
+    return tuple(parse(text, machine) for text in texts)
+
+
+def _settings(
+    file: RigFile, mock: MockSection, accuracy: AccuracyEntry, effects: tuple[EffectChoice, ...]
+) -> MockSettings:
+    return MockSettings(
+        effects=effects,
+        nuisance=Nuisance(**mock.nuisance.model_dump()),
+        noise_tails=mock.noise_tails,
+        temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
+        temperature_programme=mock.temperature_programme,
+        absolute_encoders=mock.encoders == "absolute",
+        seed=mock.seed,
+        error_scale=mock.error_scale,
+        payloads=tuple(
+            Payload(name=p.name, mass_kg=p.mass_kg, com_m=p.com_m, u_mass_kg=p.u_mass_kg, u_com_m=p.u_com_m)
+            for p in file.payloads
+        ),
+        instrument=InstrumentProfile(
+            angle_sd_rad=accuracy.angle_sd_rad,
+            range_sd_m=accuracy.range_sd_m,
+            range_constant_u_m=accuracy.range_constant_u_m,
+            range_scale_u=accuracy.range_scale_u,
+        ),
+        station_position_m=file.station.position_m,
+        station_heading_rad=file.station.heading_rad,
+    )
+
+
+@contextmanager
+def embedded(
+    file: RigFile,
+    rig_path: Path,
+    *,
+    real_time: bool = False,
+    faults: FaultPlan | None = None,
+    without_blocks: tuple[int, ...] = (),
+    twin: TwinFiles | None = None,
+) -> Iterator[Embedded]:
+    """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`; `twin`: one to serve.
+
+    With `faults` the host's bus and clock can be struck as well. The nodes in `without_blocks` know no block transfer.
+    """
+    clock: RigClock = ScaledClock(1.0) if real_time else VirtualClock()
+    channel = f"embedded-{next(_channels)}"
+
+    def bus() -> can.BusABC:
+        return EmbeddedBus(channel, clock)
+
+    def host_bus() -> can.BusABC:
+        return bus() if faults is None else FaultyBus(bus(), faults)
+
+    try:
+        with MockRig(
+            machine_path(file, rig_path),
+            settings_of(file, rig_path),
+            clock,
+            bus,
+            without_blocks=without_blocks,
+            faults=faults or NO_FAULTS,
+            plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
+        ) as mock:
+            host, port = mock.plc_address
+            found = file.model_copy(
+                update={
+                    "station": file.station.model_copy(update={"port": mock.station_url}),
+                    "plc": file.plc.model_copy(update={"host": host, "port": port}),
+                }
+            )
+            yield Embedded(found, clock if faults is None else SteppedClock(clock, faults), host_bus, mock)
+    finally:
+        clock.close()
+
+
+@contextmanager
+def served(
+    file: RigFile, rig_path: Path, faults: Sequence[str] = (), twin: TwinFiles | None = None
+) -> Iterator[MockRig]:
+    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time; `twin`: one to serve.
+
+    `faults` are NAME@N; on this side a step of time is one of the devices' clock. InputError for an unknown one.
+    """
+    plan = fault_plan(faults)
+    scaled = ScaledClock(file.time_scale or 1.0)
+    clock = SteppedClock(scaled, plan)
+    channel = f"served-{next(_channels)}"
+
+    def bus() -> can.BusABC:
+        return EmbeddedBus(channel, scaled)
+
+    port = file.station.port
+    if not port:
+        raise InputError(
+            "rig file: station.port is empty; give a path for the mock's terminal or socket://127.0.0.1:PORT"
+        )
+    over_tcp = port.startswith("socket://")
+    try:
+        with (
+            MockRig(
+                machine_path(file, rig_path),
+                settings_of(file, rig_path),
+                clock,
+                bus,
+                station="tcp" if over_tcp else "pty",
+                station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
+                plc_port=file.plc.port,
+                plc_transport=file.plc.transport,
+                plc_tls=_server_certificate(file, rig_path),
+                master_limit_s=file.limits.plc_heartbeat_s * scaled.time_scale,
+                socketcand_port=file.can.port,
+                node_ids=tuple(drive.node_id for drive in file.drives),
+                client_bus_factory=lambda: FaultyBus(bus(), plan),
+                faults=plan,
+                plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
+            ) as mock,
+            nullcontext() if over_tcp else _linked("station", Path(port), Path(mock.station_url)),
+            _linked("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))
+            if file.plc.transport == "rtu" and file.plc.serial_port
+            else nullcontext(),
+        ):
+            yield mock
+    finally:
+        scaled.close()
+
+
+@dataclass(frozen=True)
+class TwinFiles:
+    """A twin's folder, and files of effects of one's own that it needs."""
+
+    folder: Path
+    effects: tuple[Path, ...] = ()
+
+
+class TwinPlant(Plant):
+    """A plant whose reflectors stand where a twin says; drives, PLC, temperatures, station and noise are the mock's.
+
+    Its `truth` is that of the mock machine, not the twin's: it is for no score.
+    """
+
+    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: Places) -> None:
+        super().__init__(machine, settings, clock)
+        self._twin = LiveTwin(twin, SENSORS, self.thermal.sensor_series_c)
+
+    def sightings(self, t_s: float) -> list[Sighting]:
+        """All reflectors as the station sees them at rig time `t_s`, in the order of the machine file."""
+        with self._lock:
+            places = self._twin.places_m(self._look(t_s))
+        return [
+            Sighting(i, smr.name, self.view.polar((float(x), float(y), float(z)), t_s))
+            for i, (smr, (x, y, z)) in enumerate(zip(self.nominal.smrs, places, strict=True))
+        ]
+
+    def _look(self, t_s: float) -> Look:
+        now = self.moment(t_s)
+        load = self.settings.payloads[self.payload]
+        return Look(
+            t_s=t_s,
+            drives_m=now.q_m[0],
+            velocity_m_per_s=now.velocity_m_per_s[0],
+            direction=now.direction[0],
+            torque=np.full(len(self.nominal.sliders), self.weight_torque()),
+            speed_after=self._speed_after,
+            arrived_s=float(now.leg_end_s.max()),
+            moving=self.is_moving(),
+            payload_kg=load.mass_kg,
+            payload_com_m=load.com_m,
+            exchanges=int(now.exchanges[0]),
+        )
+
+    def _speed_after(self, t_s: float) -> float:
+        legs = [leg for a in range(len(self.nominal.sliders)) for leg in self.legs(a) if leg.start_s > t_s]
+        return max((leg.speed_m_per_s for leg in legs), default=0.0)
+
+
+def twin_plant(file: RigFile, rig_path: Path, files: TwinFiles, clock: RigClock) -> TwinPlant:
+    """The plant of a twin's folder in place of the rig file's mock machine; InputError if it is of another machine."""
+    folder = files.folder
+    twin, machine = read_twin(folder, files.effects), machine_path(file, rig_path)
+    ours, theirs = load_machine(machine), load_machine(folder / MACHINE_NAME)
+    for what, here, there in (
+        ("drives", ours.drive_names, theirs.drive_names),
+        ("reflectors", tuple(s.name for s in ours.smrs), tuple(s.name for s in theirs.smrs)),
+    ):
+        if here != there:
+            raise InputError(
+                f"{folder}: its {what} {', '.join(there)} are not the rig file's {', '.join(here)}; give its own --rig"
+            )
+    if (file.mock or MockSection()).effects:
+        raise InputError(f"{folder}: a twin has its own effects; leave out --effect and [mock] effects")
+    return TwinPlant(machine, settings_of(file, rig_path), clock, twin)
+
+
+def fault_plan(faults: Sequence[str]) -> FaultPlan:
+    """Faults by NAME@N. Raises InputError in one line."""
+    try:
+        return FaultPlan(parse_fault(text) for text in faults)
+    except ValueError as error:
+        raise InputError(f"--fault: {error}") from error
+
+
+def fault_list() -> list[str]:
+    """Each fault's name, what counts as its operations and what it does."""
+    width = max(len(name) for name in FAULTS)
+    return [
+        f"{name:{width}}  at the Nth {kind.operation}{' and from then on' if kind.lasting else ''}: {kind.what}"
+        for name, kind in FAULTS.items()
+    ]
+
+
+def _server_certificate(file: RigFile, rig_path: Path) -> ssl.SSLContext | None:
+    if file.plc.transport != "tls":
+        return None
+    mock = file.mock or MockSection()
+    if mock.plc_certificate_file is None or mock.plc_key_file is None:
+        raise InputError("rig file: a mock PLC with TLS needs plc_certificate_file and plc_key_file in [mock]")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(rig_path.parent / mock.plc_certificate_file, rig_path.parent / mock.plc_key_file)
+    except OSError as error:
+        raise InputError(f"rig file: [mock] certificate: {error}") from error
+    return context
+
+
+@contextmanager
+def _linked(device: str, link: Path, terminal: Path) -> Iterator[None]:
+    """Make the mock's pseudo-terminal reachable under the rig file's name; only a link is ever replaced."""
+    if link.is_symlink():
+        link.unlink()
+    if link.exists() or not link.parent.is_dir():
+        raise InputError(f"{device} port {link}: cannot be made a link to the mock's terminal; name another path")
+    link.symlink_to(terminal)
+    try:
+        yield
+    finally:
+        link.unlink(missing_ok=True)
+
+
+def how_to_connect(file: RigFile, mock: MockRig) -> list[str]:
+    """What to put into a rig file, or on a command line, to reach each device."""
+    plc = plc_line(file.plc, Path()) if file.plc.transport == "rtu" else f"{mock.plc_address[0]}:{mock.plc_address[1]}"
+    kind = file.plc.transport.upper()
+    bus_host, bus_port = mock.socketcand_address
+    return [
+        f"station: GeoCOM on {file.station.port or mock.station_url}",
+        f"drives:  CANopen nodes {', '.join(str(d.node_id) for d in file.drives)} "
+        f"on socketcand {bus_host}:{bus_port}, channel {file.can.channel}",
+        f"PLC:     Modbus {kind} {plc}, unit {file.plc.unit}",
+        f"time:    {file.time_scale or 1.0:g} rig seconds a second",
+    ]

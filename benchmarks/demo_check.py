@@ -27,8 +27,8 @@ from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
 from pkm_rig.jobs import calibrate as job
-from pkm_rig.jobs.calibrate import Outcome
 from pkm_rig.jobs.session import one_core, open_store
+from pkm_rig.results.outcome import Outcome
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connected
 from pkm_rig.virtual.mock_rig import embedded

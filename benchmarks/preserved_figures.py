@@ -26,20 +26,19 @@ import numpy as np
 
 import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries start
 from benchmarks.demo_check import run_seed
-from calibration.compensation.tables import CompensationTable
+from calibration.compensation.tables import CompensationTable, table_for_payload
 from calibration.diagnosis.diagnose import diagnose
-from calibration.identification.calibration import Calibration, identify_recording, pose_u
+from calibration.identification.calibration import Calibration, identified_summary, identify_recording, pose_u
 from calibration.identification.prediction import predict_poses
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording
-from drivers.table_image import TableImage, encode_table, machine_id_of
+from drivers.drives.table_image import TableImage, encode_table, machine_id_of
 from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recording_maker import make_recording
 from mock_devices.settings import MockSettings
-from pkm_rig.jobs.calibrate import identified_summary
 from pkm_rig.jobs.session import one_core, open_store
 from pkm_rig.report.diagnosis_json import diagnosis_json
 
@@ -119,7 +118,9 @@ def of_calibration(identified: Calibration) -> Figures:
         found |= arrays(baseline.name, baseline.predict(visits), u)
     temperatures = {n: float(t[-1]) for n, t in reduction.recording.temperatures_c().items()}
     for payload in range(len(reduction.recording.file.payloads)):
-        for node, data in enumerate(images(identified.table(payload, temperatures), fit.model.parameters.machine.name)):
+        for node, data in enumerate(
+            images(table_for_payload(identified, payload, temperatures), fit.model.parameters.machine.name)
+        ):
             found[f"table/{payload}/{node}"] = (hashlib.sha256(data).hexdigest(), 0.0)
     return found
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from calibration.identification.calibration import error_map
+from calibration.compensation.error_map import error_map
 from pkm_rig.jobs.session import open_store
-from pkm_rig.jobs.stages import stored_outcome
+from pkm_rig.jobs.verdict import stored_outcome
 from pkm_rig.report import pictures
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.cia402 import QUICK_STOP
+from drivers.drives.cia402 import QUICK_STOP
 from drivers.errors import DeviceError
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig

@@ -17,22 +17,25 @@ from calibration.recording.folder import read_folder, write_folder
 from drivers.errors import DeviceError
 from pkm_rig.jobs import calibrate as job
 from pkm_rig.jobs import diagnose as diagnosing
-from pkm_rig.jobs import homing, interim, planning, stages
-from pkm_rig.jobs.calibrate import Outcome
+from pkm_rig.jobs import homing, interim, planning
+from pkm_rig.jobs.check import check_devices
+from pkm_rig.jobs.compensate import compensate_recording
+from pkm_rig.jobs.identify import identify_with_checks
 from pkm_rig.jobs.measured_machine import find_measurements, identify_measured, import_printer
 from pkm_rig.jobs.session import find_recording, open_rig, open_store
+from pkm_rig.jobs.verdict import stored_outcome
 from pkm_rig.report import diagnosis_text
+from pkm_rig.report.check_text import print_check
+from pkm_rig.report.homing_text import print_homing
 from pkm_rig.report.html import write_report
+from pkm_rig.report.identified_text import print_identified
+from pkm_rig.report.interim_text import interim_test_json, print_interim_test
 from pkm_rig.report.measured_text import print_measured
-from pkm_rig.report.terminal import (
-    messages,
-    outcome_json,
-    print_json,
-    print_outcome,
-    print_result,
-    progress_bar,
-    results,
-)
+from pkm_rig.report.outcome_json import outcome_json
+from pkm_rig.report.outcome_text import print_outcome
+from pkm_rig.report.plan_text import print_plan
+from pkm_rig.report.terminal import messages, print_json, print_result, progress_bar, results
+from pkm_rig.results.outcome import Outcome
 from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
 from pkm_rig.rig.plans import CampaignRefused
 from pkm_rig.rig.schedule import calibration_blocks
@@ -147,11 +150,11 @@ def mock(
 def check(rig: RigOption = None, json: JsonOption = False) -> None:
     """Connect, read identities, units and interlocks; say what is not fit."""
     with open_rig(rig) as connected:
-        found = stages.check(connected)
+        found = check_devices(connected)
     if json:
         print_json(found)
     else:
-        stages.print_check(found)
+        print_check(found)
     if found["problems"]:
         raise CampaignRefused(found["problems"][0])
 
@@ -168,7 +171,7 @@ def home(
     if json:
         print_json(found)
     else:
-        homing.show(found)
+        print_homing(found)
 
 
 @app.command(name="interim-test")
@@ -177,9 +180,9 @@ def interim_test(rig: RigOption = None, json: JsonOption = False) -> None:
     with open_rig(rig) as connected:
         found = interim.run(connected)
     if json:
-        print_json(interim.as_json(found))
+        print_json(interim_test_json(found))
     else:
-        interim.show(found)
+        print_interim_test(found)
     if not found.passed:
         raise CampaignRefused(f"interim test: {found.failures[0]}; have the station checked before measuring")
 
@@ -201,8 +204,8 @@ def identify(
         found, show_found = identify_measured(measured, estimator), print_measured
     else:
         recording = find_recording(campaign, out)
-        found = stages.identify(recording, estimator, robust=robust, draws=monte_carlo)
-        show_found = stages.print_identified
+        found = identify_with_checks(recording, estimator, robust=robust, draws=monte_carlo)
+        show_found = print_identified
     if json:
         print_json(found)
     else:
@@ -246,7 +249,7 @@ def poses(
     if json:
         print_json(found)
     else:
-        planning.print_plan(found)
+        print_plan(found)
 
 
 @app.command()
@@ -257,7 +260,7 @@ def compensate(
     json: JsonOption = False,
 ) -> None:
     """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
-    found = stages.compensate(find_recording(campaign, out), payload, out)
+    found = compensate_recording(find_recording(campaign, out), payload, out)
     print_result(json, found, f"tables: {found['folder']}")
 
 
@@ -297,7 +300,7 @@ def show(campaign: Annotated[str, typer.Argument()], out: OutOption = Path("runs
 def report(campaign: Annotated[str, typer.Argument()], out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """Write the report of a verified campaign anew."""
     with open_store(out) as store:
-        outcome = stages.stored_outcome(store, campaign)
+        outcome = stored_outcome(store, campaign)
     try:
         path = _report(outcome, out)
     except OSError as error:

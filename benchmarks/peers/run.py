@@ -18,13 +18,14 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.can_line import CanLine
+from drivers.can.bus import open_bus
+from drivers.can.can_line import CanLine
+from drivers.can.drive_object import DriveObject
+from drivers.can.sdo import SdoAccess
+from drivers.drives.objects import PRODUCT, SERIAL, VENDOR
 from drivers.errors import DeviceError
-from drivers.modbus_line import TcpLine
-from drivers.objects import PRODUCT, SERIAL, VENDOR, DriveObject
-from drivers.plc import Plc
-from drivers.sdo import SdoAccess
-from drivers.socketcand import open_bus
+from drivers.plc.modbus_line import TcpLine
+from drivers.plc.plc import Plc
 from mock_devices.rig import MockRig
 from mock_devices.settings import MockSettings
 from mock_devices.socketcand_server import SocketCandServer

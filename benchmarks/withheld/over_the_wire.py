@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.polar import PolarReading
+from drivers.station.polar import PolarReading
 from mock_devices.atmosphere import ppm
 from mock_devices.campaign_design import Design, Visit
 from mock_devices.campaign_timeline import Timeline

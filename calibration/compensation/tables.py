@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.identification.calibration import Calibration
 from calibration.identification.estimators import Fit
 from calibration.identification.prediction import predict_poses
 from calibration.machine import equilibrium
@@ -105,6 +106,11 @@ def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
         correction_m=np.moveaxis(correction.reshape(*shape, -1), -1, 0),
         load=load,
     )
+
+
+def table_for_payload(identified: Calibration, payload: int, temperatures_c: dict[str, float]) -> CompensationTable:
+    """Table for a payload of the rig's list at some temperatures."""
+    return build_table(identified.fit, identified.report, identified.load(payload, temperatures_c))
 
 
 def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:

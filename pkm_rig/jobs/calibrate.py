@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import bluesky.plan_stubs as bps
-import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.compensation.tables import CompensationTable
+from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import (
     Calibration,
+    identified_summary,
     identify_recording,
-    model_comparison,
-    orientation_prediction,
 )
-from calibration.identification.observability import observability_of
-from calibration.identification.remarks import remarks
-from calibration.recording.recording import Recording
-from calibration.reduction.figures import Decision, Figures, decide, noise_floor, visit_figures
-from calibration.reduction.reduction import Reduction, reduce
-from drivers.errors import DeviceError
-from drivers.table_bank import CompensationState
-from pkm_rig.jobs.diagnose import Attempt, attempt
+from drivers.drives.table_bank import CompensationState
+from pkm_rig.jobs.diagnose import attempt
 from pkm_rig.jobs.further_visits import adds_visits, first_pose, numbered_from, same_rig, visited_thrice
+from pkm_rig.jobs.verdict import judge, last_attempt
+from pkm_rig.report.diagnosis_json import attempt_json
+from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.results.attempt import Attempt
+from pkm_rig.results.outcome import Outcome, Written
 from pkm_rig.rig.fitness import check_rig
+from pkm_rig.rig.former_tables import FormerTables, former_tables
 from pkm_rig.rig.plans import CampaignRefused, Plan, calibration, prepare, verification
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.runner import Runner, describe_campaign, new_campaign_id, running, settings_event
@@ -36,43 +32,6 @@ from pkm_rig.rig.store import Store, now_text
 
 Say = Callable[[str], None]
 Progress = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True)
-class Verified:
-    """Verification at one payload: measured before and after, the rule, how the models predict it."""
-
-    payload: int
-    payload_kg: float
-    before: Figures
-    after: Figures
-    decision: Decision
-    orientation_prediction_rad: float
-    models: dict[str, Figures]
-
-
-@dataclass(frozen=True)
-class Written:
-    """A table that was written: for which payload, and by drive its generation, CRC and whether it was active."""
-
-    table: CompensationTable
-    payload: int
-    drives: dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a calibration ended with."""
-
-    campaign: str
-    calibration: Calibration
-    reduction: Reduction
-    floor: Figures
-    verified: tuple[Verified, ...]
-    written: tuple[Written, ...]
-    accepted: bool
-    diagnosis: Attempt
-    restored: str | None = None
 
 
 def measure(rig: Rig, store: Store, say: Say, progress: Progress, resume: str | None = None) -> str:
@@ -114,8 +73,8 @@ def calibrate(rig: Rig, store: Store, say: Say, progress: Progress) -> Outcome:
         identified = identify_recording(store.recording(campaign))
         store.add_event(campaign, "identified", identified_summary(identified))
         diagnosis = attempt(store.recording(campaign))
-        store.add_event(campaign, "diagnosed", diagnosis.as_json())
-        say(diagnosis.line)
+        store.add_event(campaign, "diagnosed", attempt_json(diagnosis))
+        say(attempt_line(diagnosis))
         return _verify(runner, identified, diagnosis, former, say)
 
 
@@ -131,7 +90,7 @@ def verify(rig: Rig, store: Store, campaign: str, say: Say, progress: Progress) 
     if store.events(campaign, "accepted") or store.events(campaign, "refused"):
         raise InputError(f"campaign {campaign} was verified already; measure a new one")
     diagnosis = attempt(store.recording(campaign))
-    say(diagnosis.line)
+    say(attempt_line(diagnosis))
     total = planned_readings(rig, (), verify=True)
     with (
         running(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
@@ -218,7 +177,7 @@ def _verify(runner: Runner, identified: Calibration, diagnosis: Attempt, former:
         rig.refresh_atmosphere()
         runner.run(verification(runner.stage, block, "verification_before"), "verification before")
         temperatures = rig.temperatures_c()
-        table = identified.table(payload, temperatures)
+        table = table_for_payload(identified, payload, temperatures)
         drives = table_summary(rig, rig.compensate(rig.images(table, rig.next_generation())))
         activated = {"payload": payload, "temperatures_c": temperatures, "tables": drives}
         store.add_event(campaign, "activated", activated)
@@ -233,44 +192,6 @@ def _verify(runner: Runner, identified: Calibration, diagnosis: Attempt, former:
     return outcome
 
 
-def last_attempt(store: Store, campaign: str) -> Recording:
-    """A campaign's recording without the readings of a verification that was begun before and broke off."""
-    recording = store.recording(campaign)
-    attempts = store.events(campaign, "verifying")
-    first = attempts[-1].data["first_sequence"] if attempts else 0
-    phase = np.asarray(recording["phase"]).astype(str)
-    keep = (recording["sequence"] >= first) | ~np.char.startswith(phase, "verification")
-    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
-
-
-def judge(
-    campaign: str,
-    identified: Calibration,
-    recording: Recording,
-    written: tuple[Written, ...],
-    diagnosis: Attempt,
-    former: str,
-) -> Outcome:
-    """Figures and verdict of a campaign that was verified: a function of what is stored."""
-    reduction = reduce(recording, identified.reduction)
-    floor = noise_floor(reduction)
-    if floor is None:
-        raise InputError(f"campaign {campaign}: no pose was visited three times, so there is no noise floor")
-    verified = tuple(verify_payload(identified, reduction, w.payload) for w in written)
-    accepted = bool(verified) and all(v.decision.accepted for v in verified)
-    return Outcome(
-        campaign=campaign,
-        calibration=identified,
-        reduction=reduction,
-        floor=floor,
-        verified=verified,
-        written=written,
-        accepted=accepted,
-        diagnosis=diagnosis,
-        restored=None if accepted else former,
-    )
-
-
 def _both(first: Plan, second: Plan) -> Plan:
     yield from first
     yield from second
@@ -278,52 +199,6 @@ def _both(first: Plan, second: Plan) -> Plan:
 
 def _payload(runner: Runner, payload: int) -> Plan:
     yield from bps.abs_set(runner.stage.payload, payload, wait=True)
-
-
-def verify_payload(identified: Calibration, reduction: Reduction, payload: int) -> Verified:
-    """Figures and decision at one payload; InputError if it was not verified."""
-    before = visit_figures(reduction, "verification_before", payload)
-    after = visit_figures(reduction, "verification_after", payload)
-    predicted = orientation_prediction(identified, reduction, "verification_before", payload)
-    if before is None or after is None or predicted is None:
-        raise InputError(f"payload {payload} was not verified before and after; measure both")
-    return Verified(
-        payload=payload,
-        payload_kg=reduction.recording.file.payloads[payload].mass_kg,
-        before=before,
-        after=after,
-        decision=decide(before, after),
-        orientation_prediction_rad=predicted,
-        models=model_comparison(identified, reduction, payload),
-    )
-
-
-def identified_summary(identified: Calibration) -> dict[str, Any]:
-    """Parameters with uncertainty, for the store and for JSON."""
-    fit = identified.fit
-    observed = observability_of(fit)
-    parameters = {
-        p.name: {
-            "value": float(value),
-            "u": float(u),
-            "unit": p.unit,
-            "observable": bool(u < 0.5 * p.sigma),
-            "left": float(u / p.sigma),
-        }
-        for p, value, u in zip(fit.model.parameters.parameters, fit.theta, fit.theta_u, strict=True)
-    }
-    return {
-        "estimator": fit.estimator,
-        "parameters": parameters,
-        "rank": observed.decided,
-        "unknowns": fit.layout.size,
-        "chi2_per_dof": fit.chi2_per_dof,
-        "aliased": list(observed.sentences),
-        "remarks": list(remarks(fit)),
-        "range_constant_m": identified.reduction.range_constant_m,
-        "u_range_constant_m": identified.reduction.range_constant_u_m,
-        "dropped": identified.reduction.dropped,
-    }
 
 
 def table_summary(rig: Rig, states: Sequence[CompensationState]) -> dict[str, dict[str, Any]]:
@@ -352,33 +227,3 @@ def _record_verdict(store: Store, outcome: Outcome) -> None:
             ],
         },
     )
-
-
-class FormerTables:
-    """The tables that were active before, kept to be written back."""
-
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
-        states = [bank.state() for bank in rig.banks]
-        self._images = (
-            [bank.read_image(state.active) for bank, state in zip(rig.banks, states, strict=True)]
-            if states and all(state.on and state.active for state in states)
-            else None
-        )
-        self.description = "no compensation, as before" if self._images is None else "the former tables"
-
-    def restore(self) -> None:
-        """Back to what was active before, on all drives; they are left without power."""
-        self._rig.switch_compensation(self._images)
-
-
-@contextlib.contextmanager
-def former_tables(rig: Rig) -> Iterator[FormerTables]:
-    """Keep what is active now; it comes back if anything fails, as far as the drives can be reached."""
-    former = FormerTables(rig)
-    try:
-        yield former
-    except BaseException:
-        with contextlib.suppress(DeviceError):
-            former.restore()
-        raise

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,27 +18,10 @@ from calibration.reduction.reduction import without_left_open
 from pkm_rig.jobs.campaign_file import write_candidates
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import by_gain, diagnosis_json, gap_json
-from pkm_rig.report.diagnosis_text import summary
+from pkm_rig.results.attempt import Attempt
 from pkm_rig.virtual.twin_files import TWIN_FOLDER, write_twin
 
 PICTURES_FOLDER = "diagnosis"
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """A diagnosis within a calibration: what was found, or in one line why nothing was."""
-
-    diagnosis: Diagnosis | None
-    failure: str = ""
-
-    @property
-    def line(self) -> str:
-        """For people."""
-        return f"diagnosis: {self.failure if self.diagnosis is None else summary(self.diagnosis)}"
-
-    def as_json(self) -> dict[str, Any]:
-        """For programs: the diagnosis, or `failure`."""
-        return {"failure": self.failure} if self.diagnosis is None else diagnosis_json(self.diagnosis)
 
 
 def attempt(recording: Recording) -> Attempt:

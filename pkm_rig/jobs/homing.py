@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calibration.base.errors import InputError
-from drivers.homing import Homing
-from pkm_rig.report.terminal import results
+from drivers.drives.homing import Homing
 from pkm_rig.rig.rig import Rig
 
 
@@ -32,15 +31,6 @@ def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
         },
         "compensation_switched_off": any(homings),
     }
-
-
-def show(found: dict[str, Any]) -> None:
-    """The same for people."""
-    for name, drive in found["drives"].items():
-        what = "homed" if drive["homed"] else "is referenced, not homed"
-        results.print(f"drive {name}: {what}, stands at {drive['position_m']:.6f} m")
-    if found["compensation_switched_off"]:
-        results.print("compensation is off and stays off until tables are activated (verify, calibrate)")
 
 
 def _homing(rig: Rig, number: int) -> Homing:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 import numpy as np
-from rich.table import Table
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
@@ -31,7 +30,6 @@ from calibration.machine.description import COORDINATES, Machine
 from calibration.model.model import Model, Systematic
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from pkm_rig.report.terminal import results
 from pkm_rig.rig.config import RigFile
 
 CANDIDATES = 256
@@ -131,32 +129,6 @@ def checked_count(count: int) -> int:
     if not 1 <= count <= MOST_POSES:
         raise InputError(f"poses: {count} poses cannot be planned; choose 1 to {MOST_POSES}")
     return count
-
-
-def print_plan(found: dict[str, Any]) -> None:
-    """The plan for people; the last lines can be pasted into a rig file."""
-    table = Table(box=None, pad_edge=False)
-    for column in ("poses", "number", "u of position / um", "u of orientation / urad"):
-        table.add_column(column, justify="left" if column == "poses" else "right")
-    for name, s in found["sets"].items():
-        position, orientation = s["u_position_m"] * 1e6, s["u_orientation_rad"] * 1e6
-        table.add_row(name, str(s["poses"]), f"{position:.2f}", f"{orientation:.1f}")
-    results.print(table)
-    results.print(
-        f"each at {', '.join(f'{kg:g} kg' for kg in found['payloads_kg'])}; root mean square over the workspace"
-    )
-    results.print(
-        f"the data would decide {found['decided']} of {len(found['parameters'])} directions; they leave open:"
-    )
-    for sentence in found["open"]:
-        results.print(f"- {sentence}", soft_wrap=True, markup=False)
-    results.print(campaign_section(found), soft_wrap=True, markup=False)
-
-
-def campaign_section(found: dict[str, Any]) -> str:
-    """The selected poses as the section of a rig file."""
-    rows = "\n".join(f"  {row}," for row in found["targets"])
-    return f"[campaign]  # coordinates {', '.join(found['coordinates'])}\ntargets = [\n{rows}\n]"
 
 
 def _summary(prospect: Prospect) -> dict[str, float | int]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from calibration.diagnosis.result import KINDS, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from pkm_rig.results.attempt import Attempt
 
 MOST_SHARES = 10
 
@@ -97,3 +98,8 @@ def strongest_shares(found: Diagnosis) -> list[Share]:
 def by_gain(found: Diagnosis) -> list[Candidate]:
     """Candidates, the most telling a minute first."""
     return sorted(found.next_measurement, key=lambda c: -c.gain_bit_per_min)
+
+
+def attempt_json(attempt: Attempt) -> dict[str, Any]:
+    """The diagnosis within a calibration, or why there is none."""
+    return {"failure": attempt.failure} if attempt.diagnosis is None else diagnosis_json(attempt.diagnosis)

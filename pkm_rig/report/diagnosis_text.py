@@ -14,6 +14,7 @@ from rich.text import Text
 from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.diagnosis_json import by_gain, ranked, strongest_shares
+from pkm_rig.results.attempt import Attempt
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED = ("m", "rad", "s")
@@ -202,3 +203,8 @@ def sized(quantity: Quantity) -> str:
         return f"{value:.3g} +- {expanded:.2g}{unit}"
     shown = max(digits, 0)
     return f"{round(value, digits):.{shown}f} +- {round(expanded, digits):.{shown}f}{unit}"
+
+
+def attempt_line(attempt: Attempt) -> str:
+    """The diagnosis within a calibration in one line."""
+    return f"diagnosis: {attempt.failure if attempt.diagnosis is None else summary(attempt.diagnosis)}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,60 +10,15 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 import pkm_rig
-from calibration.identification.calibration import error_map
+from calibration.compensation.error_map import error_map
 from calibration.identification.estimators import Fit
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
-from calibration.reduction.figures import COVERAGE_FACTOR, Figures
-from pkm_rig.jobs.calibrate import Outcome, Verified
+from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report import diagnosis_json as diagnosis_output
 from pkm_rig.report import diagnosis_pictures, diagnosis_text, pictures
-
-MODEL_NAMES = {
-    "deformation_aware": "deformation-aware, one model for all payloads (this calibration)",
-    "leave_out_link": "rigid, redundant link left out, one geometry",
-    "leave_out_link_per_payload": "rigid, redundant link left out, refitted per payload",
-    "mean_of_minimal_subsets": "rigid, mean over what may be left out, one geometry",
-    "mean_of_minimal_subsets_per_payload": "rigid, mean over what may be left out, refitted per payload",
-    "per_leg_closure": "rigid, closure leg by leg, one geometry",
-    "per_leg_closure_per_payload": "rigid, closure leg by leg, refitted per payload",
-    "equal_weight_closure": "rigid, equal-weight closure, one geometry",
-    "equal_weight_closure_per_payload": "rigid, equal-weight closure, refitted per payload",
-}
-AS_GOOD = 1.1  # models whose error is within this factor of ours are called as good
-
-
-@dataclass(frozen=True)
-class ModelRow:
-    """One line of the model comparison."""
-
-    name: str
-    position_um: float
-    orientation_urad: float
-    as_good: bool
-
-
-def model_rows(verified: Verified) -> list[ModelRow]:
-    """The comparison at one payload; says where a baseline is as good as ours."""
-    ours = verified.models["deformation_aware"]
-    return [
-        ModelRow(
-            MODEL_NAMES.get(name, name),
-            found.position_rms_m * 1e6,
-            found.orientation_rms_rad * 1e6,
-            name != "deformation_aware" and found.position_rms_m <= AS_GOOD * ours.position_rms_m,
-        )
-        for name, found in verified.models.items()
-    ]
-
-
-def remark(verified: Verified) -> str:
-    """One honest sentence on the comparison."""
-    rows = model_rows(verified)
-    good = [row.name for row in rows if row.as_good]
-    if not good:
-        return f"At {verified.payload_kg:g} kg no rigid identification predicts as well."
-    return f"At {verified.payload_kg:g} kg as good within 10 %: {'; '.join(good)}."
+from pkm_rig.report.outcome_text import model_rows, remark
+from pkm_rig.results.outcome import Outcome, Verified
 
 
 def write_report(outcome: Outcome, path: Path) -> None:
@@ -208,22 +162,3 @@ def _hashes(outcome: Outcome) -> list[tuple[str, str]]:
         ("machine file", hashlib.sha256(recording.machine.text.encode()).hexdigest()),
         ("readings used", data.hexdigest()),
     ]
-
-
-def short_table(outcome: Outcome) -> list[tuple[str, str, str]]:
-    """(what, um, urad) rows for the terminal."""
-
-    def row(name: str, found: Figures) -> tuple[str, str, str]:
-        expanded = COVERAGE_FACTOR * found.u_position_rms_m * 1e6
-        return (
-            name,
-            f"{found.position_rms_m * 1e6:.1f} +- {expanded:.1f}",
-            f"{found.orientation_rms_rad * 1e6:.1f}",
-        )
-
-    rows = []
-    for v in outcome.verified:
-        rows.append(row(f"before, {v.payload_kg:g} kg", v.before))
-        rows.append(row(f"after, {v.payload_kg:g} kg", v.after))
-    rows.append(row("noise floor", outcome.floor))
-    return rows

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.base.arrays import Array
-from calibration.identification.calibration import Calibration, ErrorMap
+from calibration.compensation.error_map import ErrorMap
+from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import free_axes
 from calibration.reduction.reduction import CALIBRATION, Reduction, nest_shift
 

@@ -13,8 +13,8 @@ from calibration.compensation.tables import GRID_MARGIN_M
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.payload import PayloadEntry
 from calibration.recording.header import LengthEntry, Name, NuisanceEntry, StationEntry
-from drivers.drive_profile import DriveProfile, load_profile
-from drivers.homing import Homing
+from drivers.drives.drive_profile import DriveProfile, load_profile
+from drivers.drives.homing import Homing
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]

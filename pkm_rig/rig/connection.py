@@ -11,15 +11,15 @@ from pathlib import Path
 import can
 
 from calibration.machine.description import Machine
-from drivers.can_line import CanLine
-from drivers.drive_group import DriveGroup
-from drivers.drive_profile import DriveProfile
+from drivers.can.bus import open_bus
+from drivers.can.can_line import CanLine
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_profile import DriveProfile
+from drivers.drives.servo_drive import DriveExpectation, ServoDrive
+from drivers.drives.table_bank import TableBank
 from drivers.errors import DeviceError
-from drivers.laser_tracker import EDMModeV2, LaserTracker, Prism
-from drivers.plc import Plc
-from drivers.servo_drive import DriveExpectation, ServoDrive
-from drivers.socketcand import open_bus
-from drivers.table_bank import TableBank
+from drivers.plc.plc import Plc
+from drivers.station.laser_tracker import EDMModeV2, LaserTracker, Prism
 from pkm_rig.rig.clock import RigClock, ScaledClock
 from pkm_rig.rig.config import RigFile, drive_profile
 from pkm_rig.rig.plc_connection import plc_line, register_map

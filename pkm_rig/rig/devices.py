@@ -18,7 +18,7 @@ from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.instruments import station as station_geometry
 from calibration.recording.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
-from drivers.laser_tracker import MeanReading, SettleCriterion, average
+from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from calibration.base.errors import InputError
-from drivers.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
-from drivers.plc_registers import Register, RegisterMap
+from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
+from drivers.plc.plc_registers import Register, RegisterMap
 from pkm_rig.rig.config import PlcConnection, RegisterEntry
 
 _MEASURED = ("pressure_hpa", "humidity_percent")

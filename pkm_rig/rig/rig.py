@@ -11,13 +11,13 @@ from calibration.base.arrays import Array
 from calibration.base.frame import Frame, station_frame
 from calibration.compensation.tables import CompensationTable
 from calibration.machine.description import Machine
-from drivers.drive_group import DriveGroup
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.table_bank import Activation, CompensationState, TableBank, activate_all
+from drivers.drives.table_image import TableImage, machine_id_of
 from drivers.errors import DeviceError, PlcError, TableError
-from drivers.laser_tracker import LaserTracker
-from drivers.plc import Plc
-from drivers.plc_registers import PlcState
-from drivers.table_bank import Activation, CompensationState, TableBank, activate_all
-from drivers.table_image import TableImage, machine_id_of
+from drivers.plc.plc import Plc
+from drivers.plc.plc_registers import PlcState
+from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
 from pkm_rig.rig.config import RigFile
 from pkm_rig.rig.station_air import StationAir

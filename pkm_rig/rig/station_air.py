@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from drivers.atmosphere import atmospheric_ppm
-from drivers.laser_tracker import LaserTracker
-from drivers.plc_registers import PlcState
+from drivers.plc.plc_registers import PlcState
+from drivers.station.atmosphere import atmospheric_ppm
+from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
 
 

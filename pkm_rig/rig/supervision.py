@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from drivers.drive_group import DriveGroup
+from drivers.drives.drive_group import DriveGroup
 from drivers.errors import DeviceError, InterlockOpen, StaleData
-from drivers.plc import Plc
-from drivers.plc_registers import PlcState
+from drivers.plc.plc import Plc
+from drivers.plc.plc_registers import PlcState
 from pkm_rig.rig.clock import RigClock
 
 REST_PERIOD_S = 0.5

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import can
 
-from drivers.can_line import CanLine
-from drivers.drive_group import DriveGroup
-from drivers.servo_drive import DriveExpectation, ServoDrive
+from drivers.can.can_line import CanLine
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from mock_devices.faults import FaultPlan
 from mock_devices.mock_drive import DriveServer
 from pkm_rig.rig.clock import VirtualClock

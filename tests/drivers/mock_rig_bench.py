@@ -11,7 +11,7 @@ from pathlib import Path
 import can
 
 import calibration
-from drivers.socketcand import open_bus
+from drivers.can.bus import open_bus
 from mock_devices.faults import FaultPlan
 from mock_devices.rig import MockRig
 from mock_devices.settings import MockSettings

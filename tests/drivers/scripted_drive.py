@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 import can
 
-from drivers.can_line import CanLine
-from drivers.drive_group import DriveGroup
-from drivers.servo_drive import DriveExpectation, ServoDrive
+from drivers.can.can_line import CanLine
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 

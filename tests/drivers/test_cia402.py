@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.cia402 import (
+from drivers.drives.cia402 import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
     SHUTDOWN,

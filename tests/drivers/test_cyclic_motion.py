@@ -11,8 +11,8 @@ from drive_bench import Bench, Open
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.cia402 import PROFILE_POSITION, State
-from drivers.drive_setup import interpolation_period
+from drivers.drives.cia402 import PROFILE_POSITION, State
+from drivers.drives.drive_setup import interpolation_period
 from drivers.errors import DriveFault, NoAnswer
 
 PERIOD_S = 0.02

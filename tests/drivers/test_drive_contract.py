@@ -12,14 +12,14 @@ from contextlib import ExitStack
 import can
 import pytest
 
-from drivers.can_line import CanLine
-from drivers.cia402 import PROFILE_POSITION, State
-from drivers.drive_group import DriveGroup
+from drivers.can.bus import open_bus
+from drivers.can.can_line import CanLine
+from drivers.can.drive_object import DriveObject
+from drivers.drives.cia402 import PROFILE_POSITION, State
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.homing import Homing
+from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
-from drivers.homing import Homing
-from drivers.objects import DriveObject
-from drivers.servo_drive import DriveExpectation, Heartbeat, ServoDrive
-from drivers.socketcand import open_bus
 from mock_devices.mock_drive import DriveServer
 from mock_devices.slcan_adapter import SlcanAdapter
 from mock_devices.socketcand_server import SocketCandServer

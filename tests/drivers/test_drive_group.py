@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from scripted_drive import Rig
 
-from drivers.cia402 import NEW_SET_POINT, QUICK_STOP, State
+from drivers.drives.cia402 import NEW_SET_POINT, QUICK_STOP, State
 from drivers.errors import DriveFault, MotionTimeout, NoAnswer, SdoRefused, Stopped
 
 _channels = itertools.count()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.drive_profile import load_profile, parse_profile
+from drivers.drives.drive_profile import load_profile, parse_profile
 
 SHIPPED = ("pkm-mock", "plain-402", "example-high-index", "example-array")
 

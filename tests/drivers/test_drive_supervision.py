@@ -8,12 +8,12 @@ import itertools
 import pytest
 from drive_bench import Open
 
-from drivers.cia402 import State
-from drivers.drive_profile import load_profile
+from drivers.can.drive_object import DriveObject
+from drivers.drives.cia402 import State
+from drivers.drives.drive_profile import load_profile
+from drivers.drives.servo_drive import DriveExpectation, ServoDrive
+from drivers.drives.table_bank import TableBank
 from drivers.errors import DriveFault, IdentityMismatch, NoAnswer, NotReferenced, ProtocolError, SdoRefused, TableError
-from drivers.objects import DriveObject
-from drivers.servo_drive import DriveExpectation, ServoDrive
-from drivers.table_bank import TableBank
 from mock_devices.faults import Fault, FaultPlan
 
 HISTORY = DriveObject(0x1003, 1, "<I", "latest error")

@@ -25,9 +25,9 @@ from drivers.errors import (
     StationError,
     TargetNotFound,
 )
-from drivers.geocom import GeoComSession, QuietGeoCom
-from drivers.return_codes import station_error
-from drivers.serial_line import SerialLine
+from drivers.station.geocom import GeoComSession, QuietGeoCom
+from drivers.station.return_codes import station_error
+from drivers.station.serial_line import SerialLine
 
 SHORT_S = 0.2  # where an answer is lost on purpose; elsewhere a loaded machine gets its time
 Open = Callable[..., tuple[GeoComSession, ScriptedPort]]

@@ -10,11 +10,11 @@ import can
 import pytest
 from drive_bench import Bench, Open
 
-from drivers.cia402 import State
-from drivers.drive_profile import load_profile
+from drivers.drives.cia402 import State
+from drivers.drives.drive_profile import load_profile
+from drivers.drives.homing import Homing
+from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from drivers.errors import DeviceError, DriveFault, MotionTimeout, NotReferenced, SdoRefused, Stopped
-from drivers.homing import Homing
-from drivers.servo_drive import DriveExpectation, ServoDrive
 from mock_devices.faults import Fault, FaultPlan
 
 UP = Homing(34, 0.25, speed_m_per_s=0.004)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import calibration
-from drivers.coordinates import StatedAccuracy, coordinates
-from drivers.interim_test import InterimLimits, KnownDistance, interim_test, two_face_error
-from drivers.laser_tracker import LaserTracker
-from drivers.polar import MeanReading, PolarReading, cartesian_to_polar, polar_to_cartesian
+from drivers.station.coordinates import StatedAccuracy, coordinates
+from drivers.station.interim_test import InterimLimits, KnownDistance, interim_test, two_face_error
+from drivers.station.laser_tracker import LaserTracker
+from drivers.station.polar import MeanReading, PolarReading, cartesian_to_polar, polar_to_cartesian
 from mock_devices.plant import Plant
 from mock_devices.settings import InstrumentProfile, MockSettings
 from mock_devices.station import Station

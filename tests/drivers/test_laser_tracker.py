@@ -22,8 +22,8 @@ from drivers.errors import (
     SignalError,
     WrongTarget,
 )
-from drivers.laser_tracker import LaserTracker, LockState, SettleCriterion
-from drivers.polar import average, cartesian_to_polar, polar_to_cartesian, to_face_one
+from drivers.station.laser_tracker import LaserTracker, LockState, SettleCriterion
+from drivers.station.polar import average, cartesian_to_polar, polar_to_cartesian, to_face_one
 
 Make = Callable[..., tuple[LaserTracker, ScriptedPort]]
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from test_table_image import make_image
 
-from drivers.can_line import CanLine
-from drivers.cia402 import State
-from drivers.drive_group import DriveGroup
+from drivers.can.can_line import CanLine
+from drivers.drives.cia402 import State
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
+from drivers.drives.table_bank import Activation, TableBank, activate_all
+from drivers.drives.table_image import TableImage, machine_id_of
 from drivers.errors import ConnectionFailed, DriveFault, SdoRefused, Stopped
-from drivers.servo_drive import DriveExpectation, Heartbeat, ServoDrive
-from drivers.table_bank import Activation, TableBank, activate_all
-from drivers.table_image import TableImage, machine_id_of
 from mock_devices.mock_drive import DriveServer
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.can_line import CanLine
-from drivers.drive_group import DriveGroup
-from drivers.modbus_line import TcpLine
-from drivers.plc import Plc
-from drivers.servo_drive import DriveExpectation, ServoDrive
+from drivers.can.can_line import CanLine
+from drivers.drives.drive_group import DriveGroup
+from drivers.drives.servo_drive import DriveExpectation, ServoDrive
+from drivers.plc.modbus_line import TcpLine
+from drivers.plc.plc import Plc
 from pkm_rig.rig.clock import ScaledClock
 from tests.drivers.mock_rig_bench import TRANSPORTS, Bench, mock_rigs
 

@@ -13,8 +13,8 @@ import pytest
 from pymodbus.framer.rtu import FramerRTU
 from scripted import CountingClock
 
-from drivers.modbus_line import ModbusLine, RtuLine, TcpLine
-from drivers.plc import Plc
+from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine
+from drivers.plc.plc import Plc
 
 VALUES = struct.pack(">7f", 20.5, 21.0, 22.0, 19.0, 20.0, 1002.5, 45.0)
 

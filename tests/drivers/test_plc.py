@@ -19,9 +19,9 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from scripted import CountingClock
 
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
-from drivers.modbus_line import TcpLine
-from drivers.plc import Plc
-from drivers.plc_registers import Register, RegisterMap, decode
+from drivers.plc.modbus_line import TcpLine
+from drivers.plc.plc import Plc
+from drivers.plc.plc_registers import Register, RegisterMap, decode
 
 VALUES = {4: 20.5, 6: 21.0, 8: 22.0, 10: 19.0, 12: 20.0, 14: 1002.5, 16: 45.0}
 

@@ -12,8 +12,8 @@ from pymodbus.client.base import ModbusBaseClient
 
 import calibration
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
-from drivers.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
-from drivers.plc import Plc
+from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
+from drivers.plc.plc import Plc
 from mock_devices.faults import Fault, FaultPlan
 from mock_devices.plant import Plant
 from mock_devices.plc_server import PlcServer

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.sdo_block import Aborted, BlockTransfer, Broken, Silent
+from drivers.can.sdo_block import Aborted, BlockTransfer, Broken, Silent
 from tests.mock_devices.test_sdo_server import Memory, hexed
 
 

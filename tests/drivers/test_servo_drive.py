@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import pytest
 from scripted_drive import Rig
 
-from drivers import objects
-from drivers.cia402 import State
+from drivers.drives import objects
+from drivers.drives.cia402 import State
+from drivers.drives.servo_drive import Heartbeat
 from drivers.errors import (
     ConnectionFailed,
     DriveFault,
@@ -19,7 +20,6 @@ from drivers.errors import (
     SdoRefused,
     StaleData,
 )
-from drivers.servo_drive import Heartbeat
 
 _channels = itertools.count()
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from drivers.can_line import CanLine
+from drivers.can.bus import DaemonBus, open_bus
+from drivers.can.can_line import CanLine
 from drivers.errors import ConnectionFailed
-from drivers.socketcand import DaemonBus, open_bus
 
 
 class Daemon:

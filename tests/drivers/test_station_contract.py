@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.errors import AngleOnly, NoAnswer, ProtocolError, TargetNotFound, WrongTarget
-from drivers.laser_tracker import LaserTracker, LockState, SettleCriterion, average, cartesian_to_polar
+from drivers.station.laser_tracker import LaserTracker, LockState, SettleCriterion, average, cartesian_to_polar
 from mock_devices.faults import FAULTS, Fault
 from mock_devices.settings import MockSettings
 from tests.drivers.mock_rig_bench import TRANSPORTS, Bench, mock_rigs

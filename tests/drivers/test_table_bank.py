@@ -9,8 +9,8 @@ import pytest
 from scripted_drive import Rig
 from test_table_image import make_image
 
+from drivers.drives.table_bank import Activation, BankStatus, TableBank, activate_all
 from drivers.errors import SdoRefused, TableError
-from drivers.table_bank import Activation, BankStatus, TableBank, activate_all
 
 _channels = itertools.count()
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from drivers.drives.table_image import TableImage, decode_table, encode_table, image_crc, machine_id_of
 from drivers.errors import TableError
-from drivers.table_image import TableImage, decode_table, encode_table, image_crc, machine_id_of
 
 
 def make_image(corrections: np.ndarray | None = None, **changes: object) -> TableImage:

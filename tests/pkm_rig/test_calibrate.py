@@ -13,10 +13,13 @@ import pytest
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
 from pkm_rig.jobs import calibrate as job
-from pkm_rig.jobs import stages
-from pkm_rig.jobs.diagnose import Attempt
-from pkm_rig.report.html import short_table, write_report
-from pkm_rig.report.terminal import outcome_json
+from pkm_rig.jobs.identify import identify_with_checks
+from pkm_rig.jobs.verdict import stored_outcome
+from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.report.html import write_report
+from pkm_rig.report.outcome_json import outcome_json
+from pkm_rig.report.outcome_text import short_table
+from pkm_rig.results.attempt import Attempt
 from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 from tests.pkm_rig.test_rig import flat_table
@@ -80,7 +83,7 @@ def test_json_fits_the_schema(run, request):
     outcome, store, out, *_ = run
     result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
     jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
-    found = stages.identify(store.recording(outcome.campaign), "map")
+    found = identify_with_checks(store.recording(outcome.campaign), "map")
     jsonschema.validate(
         json.loads(json.dumps(found, allow_nan=False)), {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]}
     )
@@ -94,12 +97,10 @@ def test_the_diagnosis_is_told_stored_and_reported(run, request):
     jsonschema.validate(json.loads(json.dumps(told, allow_nan=False)), schema)
     (event,) = store.events(outcome.campaign, "diagnosed")
     assert (
-        event.data["verdict"]
-        == told["verdict"]
-        == stages.stored_outcome(store, outcome.campaign).diagnosis.as_json()["verdict"]
+        event.data["verdict"] == told["verdict"] == stored_outcome(store, outcome.campaign).diagnosis.diagnosis.verdict
     )
     write_report(outcome, out / "diagnosed.html")
-    assert outcome.diagnosis.line.split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
+    assert attempt_line(outcome.diagnosis).split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
 
 
 def test_a_diagnosis_that_fails_costs_one_line(run):
@@ -131,16 +132,16 @@ def test_a_recording_folder_gives_the_same_result_as_the_store(run):
     again = read_folder(out / "export")
     for name, column in recording.columns.items():
         np.testing.assert_array_equal(column, again.columns[name], err_msg=name)
-    assert stages.identify(again, "map") == stages.identify(recording, "map")
+    assert identify_with_checks(again, "map") == identify_with_checks(recording, "map")
     other = Store(out / "other.sqlite")
     other.add_recording(again)
-    assert stages.identify(other.recording(outcome.campaign), "map") == stages.identify(recording, "map")
+    assert identify_with_checks(other.recording(outcome.campaign), "map") == identify_with_checks(recording, "map")
     other.close()
 
 
 def test_the_outcome_can_be_rebuilt_from_the_store(run):
     outcome, store, *_ = run
-    again = stages.stored_outcome(store, outcome.campaign)
+    again = stored_outcome(store, outcome.campaign)
     assert short_table(again) == short_table(outcome)
 
 
@@ -188,5 +189,5 @@ def test_measure_then_verify_continues_the_campaign_even_after_a_broken_attempt(
     assert outcome.accepted
     assert outcome.verified[0].before.n == 30
     assert outcome.verified[0].after.n == 30
-    assert short_table(stages.stored_outcome(store, campaign)) == short_table(outcome)
+    assert short_table(stored_outcome(store, campaign)) == short_table(outcome)
     store.close()

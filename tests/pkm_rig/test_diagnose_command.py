@@ -26,6 +26,8 @@ from mock_devices.settings import MockSettings, Nuisance
 from pkm_rig.cli import main
 from pkm_rig.jobs import diagnose
 from pkm_rig.report import diagnosis_text
+from pkm_rig.report.diagnosis_json import attempt_json
+from pkm_rig.report.diagnosis_text import attempt_line
 from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
 from pkm_rig.rig.connection import connected
 from pkm_rig.rig.schedule import calibration_blocks
@@ -143,8 +145,8 @@ def test_the_store_gives_the_same_as_the_folder(run, folder, added):
 def test_a_diagnosis_within_a_calibration_is_the_same(added, folder):
     attempt = diagnose.attempt(read_folder(folder))
     assert attempt.failure == ""
-    assert attempt.as_json()["ranking"] == added.result["ranking"]
-    assert attempt.line.startswith("diagnosis: backlash at right")
+    assert attempt_json(attempt)["ranking"] == added.result["ranking"]
+    assert attempt_line(attempt).startswith("diagnosis: backlash at right")
 
 
 def test_the_twin_comes_closer_to_the_withheld_readings(added):
@@ -325,7 +327,7 @@ def test_a_poorer_campaign_is_diagnosed_or_says_what_is_missing(folder, tmp_path
     attempt = diagnose.attempt(read_folder(place))
     assert "internal error" not in attempt.failure
     if attempt.diagnosis is not None:
-        found = attempt.as_json()
+        found = attempt_json(attempt)
         assert found["verdict"] in found["ranking"]
         if "one side" in request.node.name:
             assert "backlash" in found["not_tested"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from drivers.drives.homing import Homing
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
-from drivers.homing import Homing
 from pkm_rig.jobs import homing
 from pkm_rig.jobs.further_visits import same_rig
 from pkm_rig.rig.config import HomingEntry, embedded_rig_path, load_rig

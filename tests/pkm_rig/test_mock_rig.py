@@ -12,7 +12,7 @@ import trustme
 
 from calibration.base.errors import InputError
 from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
-from pkm_rig.jobs.stages import check
+from pkm_rig.jobs.check import check
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connected

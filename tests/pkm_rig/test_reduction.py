@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.identification.calibration import identify_recording, model_comparison
+from calibration.identification.calibration import identify_recording
+from calibration.identification.model_comparison import model_comparison
 from calibration.reduction.figures import noise_floor
 from calibration.reduction.reduction import between_good_checks, nest_shift, reduce, without_left_open
 from tests.pkm_rig.plant_recording import plant_of, record

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.atmosphere import atmospheric_ppm
 from drivers.errors import SettingsChanged, StaleData
+from drivers.station.atmosphere import atmospheric_ppm
 from mock_devices.faults import Fault, FaultPlan
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.connection import connected

@@ -16,7 +16,7 @@ from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import without_left_open
 from pkm_rig.jobs.session import STORE_NAME, open_store
-from pkm_rig.jobs.stages import stored_outcome
+from pkm_rig.jobs.verdict import stored_outcome
 from pkm_rig.rig.config import load_rig
 
 DATA = Path(__file__).parents[1] / "data" / "version_0_1"

@@ -27,11 +27,11 @@ from geocompy.geo.gctypes import GeoComResponse
 from geocompy.geo.mot import GeoComMOT
 from geocompy.geo.tmc import GeoComTMC
 
-from drivers import return_codes as codes
 from drivers.clock import RigClock
 from drivers.errors import ConnectionFailed, NoAnswer, NotExecuted, ProtocolError, StationBusy
-from drivers.return_codes import station_error
-from drivers.serial_line import ExchangeTime, SerialLine
+from drivers.station import return_codes as codes
+from drivers.station.return_codes import station_error
+from drivers.station.serial_line import ExchangeTime, SerialLine
 
 _quiet = logging.getLogger("drivers.geocompy")
 _quiet.addHandler(logging.NullHandler())

@@ -13,10 +13,11 @@ from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
-from drivers.can_line import CanLine
+from drivers.can.can_line import CanLine
+from drivers.can.drive_object import DriveObject
+from drivers.can.sdo_block import Aborted, BlockTransfer, Broken, Silent
+from drivers.drives.objects import TARGET_POSITION
 from drivers.errors import NoAnswer, ProtocolError, SdoRefused
-from drivers.objects import TARGET_POSITION, DriveObject
-from drivers.sdo_block import Aborted, BlockTransfer, Broken, Silent
 
 MOST_BYTES = 65_536
 OUT_OF_RANGE = 0x06090030

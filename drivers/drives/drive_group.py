@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain, repeat
 
-from drivers import cia402
-from drivers.cia402 import State
 from drivers.clock import HostClock, RigClock
-from drivers.cyclic_path import Row, check_path, require_on_path
-from drivers.drive_setup import interpolation_period
+from drivers.drives import cia402
+from drivers.drives.cia402 import State
+from drivers.drives.cyclic_path import Row, check_path, require_on_path
+from drivers.drives.drive_setup import interpolation_period
+from drivers.drives.homing import DriveHoming, Homing
+from drivers.drives.servo_drive import DriveSample, Emergency, ServoDrive
+from drivers.drives.sync_sampler import Lead, SyncSampler
 from drivers.errors import DeviceError, MotionTimeout, Stopped
-from drivers.homing import DriveHoming, Homing
-from drivers.servo_drive import DriveSample, Emergency, ServoDrive
-from drivers.sync_sampler import Lead, SyncSampler
 
 _FEWEST_SAMPLES_AT_REST = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer

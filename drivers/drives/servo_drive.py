@@ -8,17 +8,17 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from drivers import cia402, objects
-from drivers.can_line import NMT_START, CanLine
-from drivers.cia402 import State
+from drivers.can.can_line import NMT_START, CanLine
+from drivers.can.drive_object import DriveObject
+from drivers.can.sdo import SdoAccess
 from drivers.clock import HostClock, RigClock
-from drivers.drive_profile import DriveProfile, load_profile
-from drivers.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
-from drivers.drive_setup import DriveSetup
+from drivers.drives import cia402, objects
+from drivers.drives.cia402 import State
+from drivers.drives.drive_profile import DriveProfile, load_profile
+from drivers.drives.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
+from drivers.drives.drive_setup import DriveSetup
+from drivers.drives.reference import Reference
 from drivers.errors import DriveFault, MotionTimeout, StaleData
-from drivers.objects import DriveObject
-from drivers.reference import Reference
-from drivers.sdo import SdoAccess
 
 __all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Heartbeat", "ServoDrive"]
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from drivers import cia402
+from drivers.drives import cia402
+from drivers.drives.servo_drive import DriveSample, ServoDrive
 from drivers.errors import DriveFault
-from drivers.servo_drive import DriveSample, ServoDrive
 
 Row = Sequence[float]
 

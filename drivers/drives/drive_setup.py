@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers import objects, pdo
-from drivers.can_line import NMT_PRE_OPERATIONAL, CanLine
-from drivers.drive_profile import DriveProfile
-from drivers.drive_records import DriveExpectation, DriveIdentity
+from drivers.can.can_line import NMT_PRE_OPERATIONAL, CanLine
+from drivers.can.drive_object import DriveObject
+from drivers.can.sdo import SdoAccess
+from drivers.drives import objects, pdo
+from drivers.drives.drive_profile import DriveProfile
+from drivers.drives.drive_records import DriveExpectation, DriveIdentity
+from drivers.drives.pdo import PdoMapping
 from drivers.errors import ConnectionFailed, IdentityMismatch, NoAnswer
-from drivers.objects import DriveObject
-from drivers.pdo import PdoMapping
-from drivers.sdo import SdoAccess
 
 _CIA402 = 402
 _QUICK_STOP = 3

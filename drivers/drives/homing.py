@@ -9,14 +9,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivers import cia402, objects
-from drivers.cia402 import State
+from drivers.can.drive_object import DriveObject
 from drivers.clock import RigClock
+from drivers.drives import cia402, objects
+from drivers.drives.cia402 import State
 from drivers.errors import DeviceError, DriveFault, MotionTimeout
-from drivers.objects import DriveObject
 
 if TYPE_CHECKING:
-    from drivers.servo_drive import ServoDrive
+    from drivers.drives.servo_drive import ServoDrive
 
 _POLLS_ATTAINED = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.polar import MeanReading, PolarReading, polar_to_cartesian
+from drivers.station.polar import MeanReading, PolarReading, polar_to_cartesian
 
 
 @dataclass(frozen=True)

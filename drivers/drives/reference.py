@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from drivers.errors import NotReferenced
 
 if TYPE_CHECKING:
-    from drivers.servo_drive import ServoDrive
+    from drivers.drives.servo_drive import ServoDrive
 
 _BEYOND_M = 1e-3  # how far a drive that was stopped may stand outside its travel
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from geocompy.geo.gcdata import EDMModeV2, Prism
 
-from drivers.atmosphere import atmospheric_ppm, wet_bulb_c
 from drivers.errors import IdentityMismatch, NotImplementedByStation, ProtocolError, SettingsChanged
-from drivers.geocom import GeoComSession
+from drivers.station.atmosphere import atmospheric_ppm, wet_bulb_c
+from drivers.station.geocom import GeoComSession
 
 _SET_ATMOSPHERE, _SET_PRISM_CONSTANT = 2028, 2024
 _DIGITS = 15

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers import cia402
-from drivers.cia402 import State
+from drivers.drives import cia402
+from drivers.drives.cia402 import State
 
 _EMERGENCY_TEXTS = {
     0x2310: "over-current",

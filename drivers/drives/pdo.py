@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.objects import DriveObject
-from drivers.sdo import SdoAccess
+from drivers.can.drive_object import DriveObject
+from drivers.can.sdo import SdoAccess
 
 _NOT_VALID = 1 << 31
 _NO_RTR = 1 << 30

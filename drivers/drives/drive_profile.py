@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from drivers.objects import DriveObject
+from drivers.can.drive_object import DriveObject
 
 _FORMATS = {"u8": "<B", "u16": "<H", "u32": "<I", "i8": "<b", "i16": "<h", "i32": "<i", "domain": ""}
 _OBJECT = re.compile(r"0x([0-9A-Fa-f]{4}):([0-9A-Fa-f]{2}) (\w+)")
@@ -100,7 +100,7 @@ class _NotAProfile(Exception):
 
 @lru_cache
 def _shipped(name: str) -> str:
-    folder = resources.files("drivers") / "profiles"
+    folder = resources.files("drivers.drives") / "profiles"
     names = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
     if name not in names:
         raise ValueError(f"drive profile '{name}' is not shipped; there are {', '.join(names)}, or give a file *.toml")

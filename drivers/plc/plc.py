@@ -18,8 +18,8 @@ from pymodbus.client.base import ModbusBaseClient
 
 from drivers.clock import HostClock, RigClock
 from drivers.errors import ConnectionFailed, NoAnswer, PlcError, StaleData
-from drivers.modbus_line import ModbusLine, make_client
-from drivers.plc_registers import PlcState, RegisterMap, decode
+from drivers.plc.modbus_line import ModbusLine, make_client
+from drivers.plc.plc_registers import PlcState, RegisterMap, decode
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # failures are raised as our own errors
 

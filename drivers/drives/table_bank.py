@@ -7,10 +7,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers.drive_profile import BankObjects, CompensationObjects
+from drivers.drives.drive_profile import BankObjects, CompensationObjects
+from drivers.drives.servo_drive import ServoDrive
+from drivers.drives.table_image import TableImage, decode_table, encode_table, image_crc
 from drivers.errors import DeviceError, TableError
-from drivers.servo_drive import ServoDrive
-from drivers.table_image import TableImage, decode_table, encode_table, image_crc
 
 UNKNOWN_PAYLOAD = 0xFFFFFFFF
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from drivers.clock import RigClock
+from drivers.drives.servo_drive import DriveSample, ServoDrive
 from drivers.errors import NoAnswer
-from drivers.servo_drive import DriveSample, ServoDrive
 
 _POLLS_A_PERIOD = 20
 

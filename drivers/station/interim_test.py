@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.coordinates import StatedAccuracy, coordinates
-from drivers.laser_tracker import LaserTracker
-from drivers.polar import TWO_PI, MeanReading, PolarReading, average, cartesian_to_polar
+from drivers.station.coordinates import StatedAccuracy, coordinates
+from drivers.station.laser_tracker import LaserTracker
+from drivers.station.polar import TWO_PI, MeanReading, PolarReading, average, cartesian_to_polar
 
 _COVERAGE = 2.0
 _WINDOW_RAD = 0.02

@@ -13,8 +13,8 @@ from geocompy.geo.gcdata import ATR, ATRLock, EDMModeV2, Face, Inclination, Meas
 
 from drivers.clock import HostClock, RigClock
 from drivers.errors import LockLost, NoAnswer, NotSettled, ProtocolError, WrongTarget
-from drivers.geocom import GeoComSession
-from drivers.polar import (
+from drivers.station.geocom import GeoComSession
+from drivers.station.polar import (
     TWO_PI,
     MeanReading,
     PolarReading,
@@ -26,7 +26,7 @@ from drivers.polar import (
     to_face_one,
     unrest,
 )
-from drivers.station_setup import Air, StationIdentity, StationSetup
+from drivers.station.station_setup import Air, StationIdentity, StationSetup
 
 __all__ = [
     "EDMModeV2",

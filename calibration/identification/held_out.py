@@ -1,0 +1,63 @@
+"""Checks of an identification: poses left out of a refit, and Monte Carlo through the estimator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.base.errors import InputError
+from calibration.identification.calibration import Calibration, identify_recording, pose_u
+from calibration.identification.estimators import Estimator
+from calibration.identification.prediction import monte_carlo, predict_poses, predict_tool
+from calibration.recording.recording import Recording
+from calibration.reduction.figures import figures
+from calibration.reduction.reduction import CALIBRATION
+
+HELD_OUT_EVERY = 5
+MC_SEED = 1
+
+
+def cross_check(identified: Calibration, draws: int) -> dict[str, float]:
+    """RMS standard uncertainty of the tool over the visited poses, linear and by Monte Carlo through the estimator."""
+    fit = identified.fit
+    stood = np.column_stack([fit.visits.target_m, fit.visits.payload_kg])
+    visits = fit.visits.take(np.unique(stood, axis=0, return_index=True)[1])
+    out: dict[str, float] = {"draws": draws}
+    for name, found in (("linear", predict_tool(fit, visits)), ("drawn", monte_carlo(fit, visits, MC_SEED, draws))):
+        out[f"{name}_u_position_m"] = float(np.sqrt(np.mean(np.sum(found.u[:, :3] ** 2, axis=1))))
+        out[f"{name}_u_orientation_rad"] = float(np.sqrt(np.mean(np.sum(found.u[:, 3:] ** 2, axis=1))))
+    return out
+
+
+def held_out_error(
+    identified: Calibration, estimator: Estimator, *, robust: bool = False
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Every fifth pose left out of a refit: its measured error (noise included) and the refit's own bound."""
+    reduction = identified.reduction
+    held = (reduction.info.pose % HELD_OUT_EVERY == 0) & reduction.rows(CALIBRATION)
+    if not np.any(held):
+        raise InputError("held-out poses: no reading of them passed the gate; check which reflector is which")
+    refit = identify_recording(_without_held_out(reduction.recording), estimator, baselines=False, robust=robust)
+    visits = reduction.observations.visits.take(held)
+    report = reduction.report
+    predicted = predict_poses(refit.fit, report, visits)
+    position, rotation = report.tool_error(reduction.poses.coordinates[held], predicted)
+    found = figures(reduction.recording.machine, position, rotation, 0.0, 0.0)
+    u_position, u_rotation = pose_u(replace(refit, reduction=reduction), visits)
+    return (
+        {"position_rms_m": found.position_rms_m, "orientation_rms_rad": found.orientation_rms_rad},
+        {
+            "position_rms_m": float(np.sqrt(np.mean(u_position**2))),
+            "orientation_rms_rad": float(np.sqrt(np.mean(u_rotation**2))),
+        },
+    )
+
+
+def _without_held_out(recording: Recording) -> Recording:
+    """The recording without the calibration readings of every fifth pose."""
+    calibration = np.asarray(recording["phase"]) == CALIBRATION
+    drop = calibration & (recording["pose"].astype(int) % HELD_OUT_EVERY == 0)
+    if np.all(drop[calibration]):
+        raise InputError(f"recording {recording.file.campaign}: too few poses to hold any out; measure more")
+    return replace(recording, columns={n: c[~drop] for n, c in recording.columns.items()})

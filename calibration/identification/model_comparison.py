@@ -1,0 +1,47 @@
+"""How well identified models predict the poses that were measured to verify them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.base.arrays import Array
+from calibration.identification.calibration import Calibration
+from calibration.identification.prediction import predict_poses
+from calibration.reduction.figures import Figures, figures, free_axes, scale_part
+from calibration.reduction.reduction import Reduction
+
+
+def prediction_figures(reduction: Reduction, rows: NDArray[np.bool_], predicted: Array) -> Figures:
+    """Figures of measured minus predicted poses (v, 6) of some visits."""
+    measured = reduction.poses.coordinates[rows]
+    position, rotation = reduction.report.tool_error(measured, predicted)
+    return figures(reduction.recording.machine, position, rotation, *scale_part(reduction, rows))
+
+
+def model_comparison(calibration: Calibration, reduction: Reduction, payload: int) -> dict[str, Figures]:
+    """How well each identification predicts the uncompensated verification poses at one payload.
+
+    `reduction` is of the whole recording; predictions are made in its report frame.
+    """
+    rows = reduction.rows("verification_before", payload)
+    if not np.any(rows):
+        return {}
+    visits = reduction.observations.visits.take(rows)
+    ours = prediction_figures(reduction, rows, predict_poses(calibration.fit, reduction.report, visits))
+    out = {"deformation_aware": ours}
+    for baseline in calibration.baselines:
+        out[baseline.name] = prediction_figures(reduction, rows, baseline.predict(visits))
+    return out
+
+
+def orientation_prediction(calibration: Calibration, reduction: Reduction, phase: str, payload: int) -> float | None:
+    """RMS of measured minus predicted orientation (rad): what two drives cannot correct but the model knows."""
+    rows = reduction.rows(phase, payload)
+    if not np.any(rows):
+        return None
+    visits = reduction.observations.visits.take(rows)
+    predicted = predict_poses(calibration.fit, reduction.report, visits)
+    _, rotation = reduction.report.tool_error(reduction.poses.coordinates[rows], predicted)
+    _, turns = free_axes(reduction.recording.machine)
+    return float(np.sqrt(np.mean(np.sum(rotation[:, turns] ** 2, axis=1))))

@@ -1,0 +1,1 @@
+"""CAN: one line, SDO transfers."""

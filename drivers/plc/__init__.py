@@ -1,0 +1,1 @@
+"""The PLC on Modbus: its registers and the way to them."""

@@ -1,0 +1,1 @@
+"""The laser station: GeoCOM on a serial line."""

@@ -1,0 +1,32 @@
+"""Check of a connected rig: identities, units, interlocks and what is not fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pkm_rig.rig.fitness import check_rig, in_plane_u_m
+from pkm_rig.rig.rig import Rig
+
+
+def check_devices(rig: Rig) -> dict[str, Any]:
+    """Identities, units, interlocks and what is not fit."""
+    state = rig.supervisor.state()
+    identity = rig.station.identity
+    return {
+        "station": None if identity is None else {"name": identity.name, "serial": identity.serial},
+        "drives": {
+            drive.name: {
+                "node_id": drive.node_id,
+                "serial": None if drive.identity is None else drive.identity.serial,
+                "metres_per_increment": drive.metres_per_increment,
+                "limits_m": list(drive.limits_m),
+                "heartbeat": drive.heartbeat().value,
+            }
+            for drive in rig.drives.drives
+        },
+        "interlocks": dict(state.interlocks),
+        "payload": state.payload,
+        "temperatures_c": dict(state.temperatures_c),
+        "in_plane_u_m": in_plane_u_m(rig.file, rig.machine),
+        "problems": check_rig(rig),
+    }

@@ -1,0 +1,44 @@
+"""Tables of a recording as files."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.base.errors import InputError
+from calibration.compensation.tables import table_for_payload
+from calibration.identification.calibration import identify_recording
+from calibration.recording.recording import Recording
+
+
+def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[str, Any]:
+    """Compute the tables for a payload at the campaign's last temperatures and save one CSV a drive."""
+    if not 0 <= payload < len(recording.file.payloads):
+        raise InputError(f"payload {payload}: the recording lists 0 to {len(recording.file.payloads) - 1}")
+    identified = identify_recording(recording, baselines=False)
+    temperatures = {n: float(t[-1]) for n, t in recording.temperatures_c().items()}
+    table = table_for_payload(identified, payload, temperatures)
+    folder = out / recording.file.campaign / f"tables-payload-{payload}"
+    folder.mkdir(parents=True, exist_ok=True)
+    count = table.correction_m.shape[1]
+    axes = [table.start_m[a] + table.step_m[a] * np.arange(count) for a in range(2)]
+    largest = {}
+    for a, drive in enumerate(recording.file.drives):
+        with (folder / f"{drive}.csv").open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([f"{name}_commanded_m" for name in recording.file.drives] + [f"{drive}_correction_m"])
+            for i, first in enumerate(axes[0]):
+                for j, second in enumerate(axes[1]):
+                    row = (first, second, table.correction_m[a, i, j])
+                    writer.writerow([repr(float(v)) for v in row])
+        largest[drive] = float(np.max(np.abs(table.correction_m[a])))
+    return {
+        "campaign": recording.file.campaign,
+        "payload_kg": table.load.payload_kg,
+        "temperatures_c": temperatures,
+        "largest_correction_m": largest,
+        "folder": str(folder),
+    }

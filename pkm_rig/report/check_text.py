@@ -1,0 +1,22 @@
+"""What a check of the rig found, for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pkm_rig.report.terminal import results
+
+
+def print_check(found: dict[str, Any]) -> None:
+    """The same for people."""
+    results.print(f"station: {found['station']}")
+    for name, drive in found["drives"].items():
+        results.print(
+            f"drive {name}: node {drive['node_id']}, serial {drive['serial']}, "
+            f"{drive['metres_per_increment'] * 1e9:g} nm an increment, heartbeat {drive['heartbeat']}"
+        )
+    for name, good in found["interlocks"].items():
+        results.print(f"interlock {name}: {'good' if good else 'OPEN'}")
+    results.print(f"payload: {found['payload']}")
+    results.print(f"predicted in-plane uncertainty of a visit: {found['in_plane_u_m'] * 1e6:.1f} um")
+    results.print("fit for a campaign" if not found["problems"] else "not fit")

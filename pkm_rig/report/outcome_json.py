@@ -1,0 +1,54 @@
+"""The result of a calibration for programs (docs/json.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.reduction.figures import Figures
+from pkm_rig.report.diagnosis_json import attempt_json
+from pkm_rig.results.outcome import Outcome
+
+
+def pooled(several: list[Figures]) -> dict[str, float]:
+    """The figures of several sets of poses as one."""
+    n = np.array([f.n for f in several], dtype=float)
+    position = np.array([f.position_rms_m for f in several])
+    turn = np.array([f.orientation_rms_rad for f in several])
+    return {
+        "position_rms_m": float(np.sqrt(np.sum(n * position**2) / n.sum())),
+        "position_max_m": max(f.position_max_m for f in several),
+        "orientation_rms_rad": float(np.sqrt(np.sum(n * turn**2) / n.sum())),
+    }
+
+
+def outcome_json(outcome: Outcome, report: Path | None) -> dict[str, Any]:
+    """The result of `calibrate` and `verify`."""
+    last = outcome.verified[-1]
+    return {
+        "campaign": outcome.campaign,
+        "accepted": outcome.accepted,
+        "before": pooled([v.before for v in outcome.verified]),
+        "after": pooled([v.after for v in outcome.verified]),
+        "noise_floor": pooled([outcome.floor]),
+        "baselines": {name: pooled([f]) for name, f in last.models.items()},
+        "tables": {
+            drive: {**state, "active": bool(state["active"] and outcome.accepted)}
+            for drive, state in outcome.written[-1].drives.items()
+        },
+        "report": None if report is None else str(report),
+        "payloads": [
+            {
+                "payload_kg": v.payload_kg,
+                "before": v.before.as_dict(),
+                "after": v.after.as_dict(),
+                "orientation_prediction_rad": v.orientation_prediction_rad,
+                "rule": v.decision.rule,
+                "models": {name: f.as_dict() for name, f in v.models.items()},
+            }
+            for v in outcome.verified
+        ],
+        "diagnosis": attempt_json(outcome.diagnosis),
+    }

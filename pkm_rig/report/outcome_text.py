@@ -1,0 +1,107 @@
+"""The result of a calibration for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from calibration.reduction.figures import COVERAGE_FACTOR, Figures
+from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.report.terminal import results
+from pkm_rig.results.outcome import Outcome, Verified
+
+
+def print_outcome(outcome: Outcome, report: Path | None) -> None:
+    """The short table, the comparison, the verdict and where the report is."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    table.add_column("position / um (U, k = 2)", justify="right")
+    table.add_column("orientation / urad", justify="right")
+    for name, position, orientation in short_table(outcome):
+        table.add_row(name, position, orientation)
+    results.print(table)
+    last = outcome.verified[-1]
+    comparison = Table(box=None, pad_edge=False)
+    comparison.add_column(f"prediction at {last.payload_kg:g} kg by")
+    comparison.add_column("position / um", justify="right")
+    comparison.add_column("orientation / urad", justify="right")
+    for name, found in last.models.items():
+        comparison.add_row(name, f"{found.position_rms_m * 1e6:.1f}", f"{found.orientation_rms_rad * 1e6:.1f}")
+    results.print()
+    results.print(comparison)
+    results.print(remark(last))
+    results.print()
+    for verified in outcome.verified:
+        results.print(f"{verified.payload_kg:g} kg: {verified.decision.rule}")
+    results.print(attempt_line(outcome.diagnosis), soft_wrap=True, markup=False)
+    results.print("accepted" if outcome.accepted else f"refused; {outcome.restored}")
+    if report is not None:
+        results.print(f"report: {report}", soft_wrap=True)
+
+
+def remark(verified: Verified) -> str:
+    """One honest sentence on the comparison."""
+    rows = model_rows(verified)
+    good = [row.name for row in rows if row.as_good]
+    if not good:
+        return f"At {verified.payload_kg:g} kg no rigid identification predicts as well."
+    return f"At {verified.payload_kg:g} kg as good within 10 %: {'; '.join(good)}."
+
+
+def short_table(outcome: Outcome) -> list[tuple[str, str, str]]:
+    """(what, um, urad) rows for the terminal."""
+
+    def row(name: str, found: Figures) -> tuple[str, str, str]:
+        expanded = COVERAGE_FACTOR * found.u_position_rms_m * 1e6
+        return (
+            name,
+            f"{found.position_rms_m * 1e6:.1f} +- {expanded:.1f}",
+            f"{found.orientation_rms_rad * 1e6:.1f}",
+        )
+
+    rows = []
+    for v in outcome.verified:
+        rows.append(row(f"before, {v.payload_kg:g} kg", v.before))
+        rows.append(row(f"after, {v.payload_kg:g} kg", v.after))
+    rows.append(row("noise floor", outcome.floor))
+    return rows
+
+
+MODEL_NAMES = {
+    "deformation_aware": "deformation-aware, one model for all payloads (this calibration)",
+    "leave_out_link": "rigid, redundant link left out, one geometry",
+    "leave_out_link_per_payload": "rigid, redundant link left out, refitted per payload",
+    "mean_of_minimal_subsets": "rigid, mean over what may be left out, one geometry",
+    "mean_of_minimal_subsets_per_payload": "rigid, mean over what may be left out, refitted per payload",
+    "per_leg_closure": "rigid, closure leg by leg, one geometry",
+    "per_leg_closure_per_payload": "rigid, closure leg by leg, refitted per payload",
+    "equal_weight_closure": "rigid, equal-weight closure, one geometry",
+    "equal_weight_closure_per_payload": "rigid, equal-weight closure, refitted per payload",
+}
+AS_GOOD = 1.1  # models whose error is within this factor of ours are called as good
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One line of the model comparison."""
+
+    name: str
+    position_um: float
+    orientation_urad: float
+    as_good: bool
+
+
+def model_rows(verified: Verified) -> list[ModelRow]:
+    """The comparison at one payload; says where a baseline is as good as ours."""
+    ours = verified.models["deformation_aware"]
+    return [
+        ModelRow(
+            MODEL_NAMES.get(name, name),
+            found.position_rms_m * 1e6,
+            found.orientation_rms_rad * 1e6,
+            name != "deformation_aware" and found.position_rms_m <= AS_GOOD * ours.position_rms_m,
+        )
+        for name, found in verified.models.items()
+    ]

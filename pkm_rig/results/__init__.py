@@ -1,0 +1,1 @@
+"""What jobs end with and reports show."""

@@ -34,10 +34,10 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording
 from drivers.drives.table_image import TableImage, encode_table, machine_id_of
-from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
-from mock_devices.recording_maker import make_recording
+from mock_devices.recordings.design import DesignOptions, draw_design
+from mock_devices.recordings.maker import make_recording
 from mock_devices.settings import MockSettings
 from pkm_rig.jobs.session import one_core, open_store
 from pkm_rig.report.diagnosis_json import diagnosis_json

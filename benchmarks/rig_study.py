@@ -28,7 +28,7 @@ from benchmarks.rig_settings import STUDIES, Study
 from benchmarks.rig_table import summarise
 
 ROOT = Path(__file__).parent.parent
-CODE = ("calibration", "mock_devices/structure.py", "tests/calibration/reference_model.py")
+CODE = ("calibration", "mock_devices/plant/structure.py", "tests/calibration/reference_model.py")
 
 
 def code_digest() -> str:

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.structure import Weight
-from mock_devices.true_machine import TrueMachine
+from mock_devices.plant.structure import Weight
+from mock_devices.plant.true_machine import TrueMachine
 from tests.calibration.reference_model import Case, Pose, ReferenceModel, quaternion
 
 Array = NDArray[np.float64]

@@ -11,17 +11,17 @@ from typing import Literal, Self
 
 import can
 
+from mock_devices.can.socketcand_server import SocketCandServer
 from mock_devices.clock import RigClock
+from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.table_bank import machine_id_of
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.machine_file import MachineFile
-from mock_devices.mock_drive import DriveServer
-from mock_devices.plant import Plant
-from mock_devices.plc_server import PlcServer
+from mock_devices.plant.plant import Plant
+from mock_devices.plc.plc_server import PlcServer
 from mock_devices.settings import MockSettings
-from mock_devices.socketcand_server import SocketCandServer
-from mock_devices.station import Station
-from mock_devices.table_bank import machine_id_of
-from mock_devices.tracker_server import PtyTrackerServer, TcpTrackerServer, TrackerServer
+from mock_devices.station.station import Station
+from mock_devices.station.tracker_server import PtyTrackerServer, TcpTrackerServer, TrackerServer
 
 
 class MockRig:

@@ -26,9 +26,9 @@ from drivers.drives.objects import PRODUCT, SERIAL, VENDOR
 from drivers.errors import DeviceError
 from drivers.plc.modbus_line import TcpLine
 from drivers.plc.plc import Plc
+from mock_devices.can.socketcand_server import SocketCandServer
 from mock_devices.rig import MockRig
 from mock_devices.settings import MockSettings
-from mock_devices.socketcand_server import SocketCandServer
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
 from pkm_rig.virtual.embedded_bus import EmbeddedBus

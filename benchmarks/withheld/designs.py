@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mock_devices.campaign_design import Design, DesignOptions, Visit, draw_design, draw_programme
-from mock_devices.campaign_timeline import Timeline, plan
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.recording_maker import Bench
+from mock_devices.recordings.design import Design, DesignOptions, Visit, draw_design, draw_programme
+from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.timeline import Timeline, plan
+from mock_devices.recordings.visible_size import VisibleScale
 from mock_devices.settings import MockSettings, Nuisance
-from mock_devices.visible_size import VisibleScale
 
 MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
 RICH = DesignOptions(fly_share=0.15)

@@ -21,7 +21,7 @@ from benchmarks.withheld.cases import FULL, drawn_order, plan
 from benchmarks.withheld.designs import Designs
 from benchmarks.withheld.making import make_case, platform_rows
 from benchmarks.withheld.mimics import Libraries
-from mock_devices.recording_files import write_recording
+from mock_devices.recordings.files import write_recording
 
 
 def main() -> int:

@@ -27,7 +27,7 @@ from benchmarks.withheld.designs import COUNTS, FEW, Designs
 from benchmarks.withheld.making import Case, make_case, platform_rows
 from benchmarks.withheld.mimics import Libraries
 from benchmarks.withheld.second_round import longer_recordings
-from mock_devices.recording_files import write_recording
+from mock_devices.recordings.files import write_recording
 
 SHORT = 300  # cases
 

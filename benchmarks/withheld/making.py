@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from benchmarks.withheld.cases import PROFILES, Slot
 from benchmarks.withheld.designs import MACHINE, Designs, Drawn
-from mock_devices.effect_size import SizeScale
 from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, draw
-from mock_devices.recording_columns import points
-from mock_devices.recording_maker import Bench, MockRecording
-from mock_devices.structure import NoEquilibrium
+from mock_devices.plant.structure import NoEquilibrium
+from mock_devices.recordings.columns import points
+from mock_devices.recordings.effect_size import SizeScale
+from mock_devices.recordings.maker import Bench, MockRecording
 
 Array = NDArray[np.float64]
 

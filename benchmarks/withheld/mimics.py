@@ -21,10 +21,10 @@ from scipy.optimize import minimize
 
 from benchmarks.withheld.designs import Drawn
 from benchmarks.withheld.making import Case
-from mock_devices.effect_size import SizeScale
 from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, draw
 from mock_devices.effects.base import names_of
-from mock_devices.structure import NoEquilibrium
+from mock_devices.plant.structure import NoEquilibrium
+from mock_devices.recordings.effect_size import SizeScale
 
 Array = NDArray[np.float64]
 Known = tuple[EffectChoice, Array]

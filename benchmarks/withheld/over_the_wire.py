@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.station.polar import PolarReading
-from mock_devices.atmosphere import ppm
-from mock_devices.campaign_design import Design, Visit
-from mock_devices.campaign_timeline import Timeline
-from mock_devices.plant import Plant, ReadingNoise
-from mock_devices.recording_columns import points
-from mock_devices.recording_maker import Bench
+from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.plant import Plant, ReadingNoise
+from mock_devices.recordings.columns import points
+from mock_devices.recordings.design import Design, Visit
+from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.timeline import Timeline
 from mock_devices.rig import MockRig
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
 from pkm_rig.rig.connection import connected

@@ -9,9 +9,9 @@ import numpy as np
 
 from benchmarks.withheld.designs import MACHINE
 from benchmarks.withheld.making import Case
-from mock_devices.campaign_design import Visit, nominal_drives
 from mock_devices.machine_file import MachineFile
-from mock_devices.recording_maker import Bench, MockRecording
+from mock_devices.recordings.design import Visit, nominal_drives
+from mock_devices.recordings.maker import Bench, MockRecording
 
 MORE = 60
 ARMS = ("chosen", "random")

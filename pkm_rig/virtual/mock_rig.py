@@ -18,15 +18,15 @@ import numpy as np
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine
 from calibration.recording.header import AccuracyEntry
+from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
-from mock_devices.faulty_bus import FaultyBus
 from mock_devices.machine_file import read_machine_file
-from mock_devices.plant import Plant, Sighting
+from mock_devices.plant.plant import Plant, Sighting
+from mock_devices.plant.thermal import SENSORS
 from mock_devices.rig import MockRig
 from mock_devices.settings import InstrumentProfile, MockSettings, Nuisance, Payload
 from mock_devices.stepped_clock import SteppedClock
-from mock_devices.thermal import SENSORS
 from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.rig.config import MockSection, RigFile, embedded_rig_path, machine_path
 from pkm_rig.rig.plc_connection import plc_line

@@ -22,9 +22,9 @@ from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
 from calibration.recording.folder import read_folder
-from mock_devices.campaign_timeline import plan as timeline_of
 from mock_devices.effects import CATALOGUE, OUTSIDE, SPECS, EffectChoice
-from mock_devices.recording_files import write_recording
+from mock_devices.recordings.files import write_recording
+from mock_devices.recordings.timeline import plan as timeline_of
 
 STAND_IN = "benchmarks.withheld.stand_in:diagnose"
 EFFECT = Slot("effect-a", "effect", ("backlash",), (5.0,))

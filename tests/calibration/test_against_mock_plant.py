@@ -15,8 +15,8 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions, solve
 from calibration.model.parameters import ParameterSet
 from mock_devices.machine_file import read_machine_file
+from mock_devices.plant.true_machine import TrueMachine, draw_machine
 from mock_devices.settings import MockSettings
-from mock_devices.true_machine import TrueMachine, draw_machine
 
 POSES = 60
 SAME_REST = 1e-12

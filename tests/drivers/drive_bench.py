@@ -12,8 +12,8 @@ import can
 from drivers.can.can_line import CanLine
 from drivers.drives.drive_group import DriveGroup
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
+from mock_devices.drives.mock_drive import DriveServer
 from mock_devices.faults import FaultPlan
-from mock_devices.mock_drive import DriveServer
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 

@@ -8,7 +8,7 @@ import threading
 import tty
 from collections.abc import Sequence
 
-from mock_devices.geocom_line import crc16
+from mock_devices.station.geocom_line import crc16
 
 NO_CHECKSUM = b"(bare)"  # before an answer: it goes out without a checksum
 _CHECKED = re.compile(rb"(%R1Q,\d+,\d+),(\d+)(:.*)")

@@ -20,9 +20,9 @@ from drivers.drives.drive_group import DriveGroup
 from drivers.drives.homing import Homing
 from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
-from mock_devices.mock_drive import DriveServer
-from mock_devices.slcan_adapter import SlcanAdapter
-from mock_devices.socketcand_server import SocketCandServer
+from mock_devices.can.slcan_adapter import SlcanAdapter
+from mock_devices.can.socketcand_server import SocketCandServer
+from mock_devices.drives.mock_drive import DriveServer
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 

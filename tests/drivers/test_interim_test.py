@@ -13,10 +13,10 @@ from drivers.station.coordinates import StatedAccuracy, coordinates
 from drivers.station.interim_test import InterimLimits, KnownDistance, interim_test, two_face_error
 from drivers.station.laser_tracker import LaserTracker
 from drivers.station.polar import MeanReading, PolarReading, cartesian_to_polar, polar_to_cartesian
-from mock_devices.plant import Plant
+from mock_devices.plant.plant import Plant
 from mock_devices.settings import InstrumentProfile, MockSettings
-from mock_devices.station import Station
-from mock_devices.tracker_server import PtyTrackerServer
+from mock_devices.station.station import Station
+from mock_devices.station.tracker_server import PtyTrackerServer
 from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 

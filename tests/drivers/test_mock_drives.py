@@ -18,7 +18,7 @@ from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.drives.table_bank import Activation, TableBank, activate_all
 from drivers.drives.table_image import TableImage, machine_id_of
 from drivers.errors import ConnectionFailed, DriveFault, SdoRefused, Stopped
-from mock_devices.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 

@@ -15,8 +15,8 @@ from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, 
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
 from drivers.plc.plc import Plc
 from mock_devices.faults import Fault, FaultPlan
-from mock_devices.plant import Plant
-from mock_devices.plc_server import PlcServer
+from mock_devices.plant.plant import Plant
+from mock_devices.plc.plc_server import PlcServer
 from mock_devices.settings import MockSettings
 from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant

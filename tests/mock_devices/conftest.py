@@ -11,7 +11,7 @@ import hypothesis
 import pytest
 
 from mock_devices.machine_file import read_machine_file
-from mock_devices.plant import Plant
+from mock_devices.plant.plant import Plant
 from mock_devices.settings import MockSettings
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus

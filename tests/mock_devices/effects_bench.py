@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mock_devices.affected_machine import moments
-from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Departure, Site
 from mock_devices.effects.catalogue import make
 from mock_devices.machine_file import read_machine_file
-from mock_devices.motion_history import MotionHistory
-from mock_devices.recording_maker import Bench
+from mock_devices.plant.affected_machine import moments
+from mock_devices.plant.motion_history import MotionHistory
+from mock_devices.recordings.design import DesignOptions, draw_design
+from mock_devices.recordings.maker import Bench
 from mock_devices.settings import MockSettings
 
 MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from mock_devices.plant import Plant, SetPoint
+from mock_devices.plant.plant import Plant, SetPoint
 
 HOME_M = math.sqrt(1.5**2 - 1.0)
 

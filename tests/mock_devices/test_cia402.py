@@ -7,8 +7,8 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mock_devices import cia402
-from mock_devices.cia402 import Command, State, after_fault, command_of, next_state, statusword
+from mock_devices.drives import cia402
+from mock_devices.drives.cia402 import Command, State, after_fault, command_of, next_state, statusword
 
 WORDS = st.lists(st.one_of(st.integers(0, 0xFFFF), st.sampled_from([0, 2, 6, 7, 0x0F, 0x1F, 0x80])), max_size=30)
 ENABLING = (Command.SHUTDOWN, Command.SWITCH_ON, Command.ENABLE_OPERATION)

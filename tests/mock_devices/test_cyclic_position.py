@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from images import MACHINE_ID
 
-from mock_devices.compensation import Refused
-from mock_devices.cyclic_position import CyclicPosition
-from mock_devices.mock_drive import DriveServer
+from mock_devices.can.sdo_abort import Refused
+from mock_devices.drives.cyclic_position import CyclicPosition
+from mock_devices.drives.mock_drive import DriveServer
 
 SYNC, FAULT_STATE, OPERATION_ENABLED = 0x080, 0x08, 0x27
 

@@ -8,10 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from images import MACHINE_ID, image
 
-from mock_devices import cia402
-from mock_devices.cia402 import State
-from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Compensation, Refused
-from mock_devices.drive_axis import AxisLimits, DriveAxis
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.drives import cia402
+from mock_devices.drives.cia402 import State
+from mock_devices.drives.compensation import Compensation
+from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
 
 START = 100_000_000
 

@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from images import MACHINE_ID, image
 
-from mock_devices import cia402
-from mock_devices.cia402 import State
-from mock_devices.compensation import Compensation, Refused
-from mock_devices.drive_axis import AxisLimits, DriveAxis
-from mock_devices.table_bank import BankStatus
+from mock_devices.can.sdo_abort import Refused
+from mock_devices.drives import cia402
+from mock_devices.drives.cia402 import State
+from mock_devices.drives.compensation import Compensation
+from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
+from mock_devices.drives.table_bank import BankStatus
 
 LOW, HIGH = -100_000_000, 100_000_000
 LONGEST_STOP_S = 0.041  # from the profile velocity on the quick stop ramp

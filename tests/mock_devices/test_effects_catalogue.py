@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from effects_bench import FILE, STATION_M, bench
 
-from mock_devices.effect_size import SizeScale
 from mock_devices.effects import CATALOGUE, GEOMETRY, OUTSIDE, SPECS, EffectChoice, EffectError, draw, parse
 from mock_devices.effects.base import Site
 from mock_devices.effects.catalogue import make
-from mock_devices.visible_size import VisibleScale
+from mock_devices.recordings.effect_size import SizeScale
+from mock_devices.recordings.visible_size import VisibleScale
 
 NAMED = [
     "link_thermal_growth",

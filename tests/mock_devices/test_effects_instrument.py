@@ -10,7 +10,7 @@ from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Sight, Site
 from mock_devices.effects.catalogue import make
 from mock_devices.effects.instrument import RandomWalk, move_station
-from mock_devices.recording_maker import points
+from mock_devices.recordings.maker import points
 
 TARGETS = np.array([[0.3, 3.1, 0.2], [-0.8, 3.0, -1.2], [0.0, 2.9, 0.6]])
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from effects_bench import FILE, MACHINE, STATION_M, Temperatures
 
-from mock_devices.affected_machine import AffectedMachine, moments
 from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Site
 from mock_devices.effects.catalogue import make
 from mock_devices.machine_file import read_machine_file
-from mock_devices.motion_history import MotionHistory
-from mock_devices.optics import StationView
+from mock_devices.plant.affected_machine import AffectedMachine, moments
+from mock_devices.plant.motion_history import MotionHistory
+from mock_devices.plant.optics import StationView
+from mock_devices.plant.structure import Weight, energy_j, equilibrium
+from mock_devices.plant.true_machine import draw_machine
 from mock_devices.settings import MockSettings
-from mock_devices.structure import Weight, energy_j, equilibrium
-from mock_devices.true_machine import draw_machine
 
 SETTINGS = MockSettings(seed=11)
 TRUE = draw_machine(read_machine_file(MACHINE), SETTINGS)

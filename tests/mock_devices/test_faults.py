@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.faults import FAULTS, Fault, FaultPlan, parse_fault
-from mock_devices.faulty_bus import FaultyBus
+from mock_devices.station.tracker_server import LineGone, TrackerServer
 from mock_devices.stepped_clock import SteppedClock
-from mock_devices.tracker_server import LineGone, TrackerServer
 
 
 def test_parse():

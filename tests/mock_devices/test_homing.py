@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from images import MACHINE_ID, image
 
-from mock_devices import cia402
-from mock_devices.compensation import Compensation
-from mock_devices.drive_axis import AxisLimits, DriveAxis
-from mock_devices.homing import INDEX_INC, Homing
-from mock_devices.mock_drive import DriveServer
+from mock_devices.drives import cia402
+from mock_devices.drives.compensation import Compensation
+from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
+from mock_devices.drives.homing import INDEX_INC, Homing
+from mock_devices.drives.mock_drive import DriveServer
 
 PLACE = 100_300_000.0
 START, GO = 0x0F, 0x1F

@@ -8,16 +8,16 @@ import threading
 
 import can
 import canopen
+import mock_devices.drives.mock_drive
 import numpy as np
 import pytest
 from canopen.objectdictionary import eds
 from images import MACHINE_ID, image
 
-import mock_devices.mock_drive
-from mock_devices.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer
 
 logging.getLogger("canopen").setLevel(logging.ERROR)
-EDS = mock_devices.mock_drive.__file__.replace("mock_drive.py", "mock_drive.eds")
+EDS = mock_devices.drives.mock_drive.__file__.replace("mock_drive.py", "mock_drive.eds")
 TPDOS = {0x181, 0x182, 0x281, 0x282}
 TRAVEL_M = (0.32, 1.70)
 START_M = 1.0

@@ -6,8 +6,8 @@ import canopen
 import pytest
 from images import MACHINE_ID
 
-from mock_devices.mock_drive import DriveServer
-from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
+from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, error_register
+from mock_devices.drives.mock_drive import DriveServer
 
 
 class Calls:

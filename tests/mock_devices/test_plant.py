@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mock_devices.optics import Polar, StationView, direction_between, hz_difference, rotation
+from mock_devices.plant.optics import Polar, StationView, direction_between, hz_difference, rotation
 from mock_devices.settings import InstrumentProfile, MockSettings
 
 

@@ -8,7 +8,7 @@ import struct
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from mock_devices.plc_server import PlcServer
+from mock_devices.plc.plc_server import PlcServer
 
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 

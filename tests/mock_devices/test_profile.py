@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mock_devices.profile import brake, move, rest
+from mock_devices.drives.profile import brake, move, rest
 
 POSITION = st.floats(-2e8, 2e8)
 SPEED = st.floats(1e5, 1e8)

@@ -12,12 +12,12 @@ from effects_bench import FILE, MACHINE, bench
 from calibration.instruments.station import covariances as expected_covariances
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import column_names as expected_columns
-from mock_devices.campaign_design import DesignOptions, draw_design, nominal_drives
 from mock_devices.effects import EffectChoice
-from mock_devices.recording_files import to_toml, write_recording
-from mock_devices.recording_maker import Bench, column_names, points
+from mock_devices.plant.thermal import SENSORS
+from mock_devices.recordings.design import DesignOptions, draw_design, nominal_drives
+from mock_devices.recordings.files import to_toml, write_recording
+from mock_devices.recordings.maker import Bench, column_names, points
 from mock_devices.settings import MockSettings, Nuisance
-from mock_devices.thermal import SENSORS
 
 EFFECTS = (EffectChoice("backlash", 4e-5), EffectChoice("friction_windup", 2e-8, "right"))
 

@@ -9,12 +9,12 @@ import pytest
 import serial
 from canopen.objectdictionary import eds
 
-import mock_devices.mock_drive
+import mock_devices.drives.mock_drive
 from mock_devices.machine_file import MachineFileError
 from mock_devices.rig import MockRig, home_m
 from mock_devices.settings import MockSettings
 
-EDS = mock_devices.mock_drive.__file__.replace("mock_drive.py", "mock_drive.eds")
+EDS = mock_devices.drives.mock_drive.__file__.replace("mock_drive.py", "mock_drive.eds")
 
 
 @pytest.fixture

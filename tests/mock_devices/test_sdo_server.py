@@ -10,8 +10,8 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mock_devices.can.sdo_server import SdoServer
 from mock_devices.faults import NO_FAULTS, Fault, FaultPlan
-from mock_devices.sdo_server import SdoServer
 
 
 class Memory:

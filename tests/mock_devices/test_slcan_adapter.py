@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mock_devices.slcan_adapter import SlcanAdapter, format_frame, parse_frame
+from mock_devices.can.slcan_adapter import SlcanAdapter, format_frame, parse_frame
 
 GOLDEN = [
     (b"t18131A2B3C", 0x181, False, b"\x1a\x2b\x3c"),

@@ -7,7 +7,7 @@ import socket
 import can
 import pytest
 
-from mock_devices.socketcand_server import SocketCandServer
+from mock_devices.can.socketcand_server import SocketCandServer
 
 
 @pytest.fixture

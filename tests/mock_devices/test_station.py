@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mock_devices.atmosphere import ppm
-from mock_devices.optics import hz_difference
+from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.optics import hz_difference
 from mock_devices.settings import InstrumentProfile
-from mock_devices.station import Station
-from mock_devices.telescope import Telescope
+from mock_devices.station.station import Station
+from mock_devices.station.telescope import Telescope
 
 WARMING_RAD = 1e-8  # what parts that warm up move a reflector in some seconds
 QUIET = InstrumentProfile(

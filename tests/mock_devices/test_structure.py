@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import minimize
 
 from mock_devices.machine_file import read_machine_file
+from mock_devices.plant.structure import Member, NoEquilibrium, PlanarPose, Weight, energy_j, equilibrium
+from mock_devices.plant.true_machine import TrueMachine, draw_machine
 from mock_devices.settings import MockSettings
-from mock_devices.structure import Member, NoEquilibrium, PlanarPose, Weight, energy_j, equilibrium
-from mock_devices.true_machine import TrueMachine, draw_machine
 
 COLD = {"struts": 20.0, "columns": 20.0, "base": 20.0, "platform": 20.0}
 

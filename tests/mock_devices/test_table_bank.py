@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from images import MACHINE_ID, image, sealed
 from scipy.interpolate import RegularGridInterpolator
 
-from mock_devices.table_bank import Bank, BankStatus, ImageError, decode_image, machine_id_of
+from mock_devices.drives.table_bank import Bank, BankStatus, ImageError, decode_image, machine_id_of
 
 RNG = np.random.default_rng(5)
 CORRECTIONS = RNG.integers(-30_000, 30_000, (5, 4))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mock_devices.atmosphere import ppm
+from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.thermal import SENSORS, SlowSignal, Thermal
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
-from mock_devices.thermal import SENSORS, SlowSignal, Thermal
 
 
 def test_parts_start_cold_and_come_to_their_steady_values():

@@ -12,10 +12,10 @@ from geocompy.geo import GeoCom
 from geocompy.geo.gcdata import EDMModeV2, Face, Inclination, Measurement, Prism
 from standing import StandingPlant
 
-from mock_devices.plant import Plant
+from mock_devices.plant.plant import Plant
 from mock_devices.settings import MockSettings
-from mock_devices.station import Station
-from mock_devices.tracker_server import PtyTrackerServer, TcpTrackerServer
+from mock_devices.station.station import Station
+from mock_devices.station.tracker_server import PtyTrackerServer, TcpTrackerServer
 from pkm_rig.rig.clock import VirtualClock
 
 

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
+from mock_devices.plant.structure import PlanarPose, Weight
+from mock_devices.plant.true_machine import TrueMachine, draw_machine
 from mock_devices.settings import MockSettings, Payload
-from mock_devices.structure import PlanarPose, Weight
-from mock_devices.true_machine import TrueMachine, draw_machine
 
 SEEDS = range(60)
 WARM = {"struts": 22.0, "columns": 21.0, "base": 23.0, "platform": 24.0}

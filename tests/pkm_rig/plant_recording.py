@@ -7,7 +7,7 @@ import numpy as np
 from calibration.instruments import station
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording, column_names, make_recording
-from mock_devices.plant import Plant
+from mock_devices.plant.plant import Plant
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
 from pkm_rig.rig.rig import PART_SENSORS

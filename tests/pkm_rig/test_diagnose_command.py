@@ -17,11 +17,11 @@ from calibration.base.errors import InputError
 from calibration.diagnosis.result import Diagnosis
 from calibration.machine.description import shipped_machine
 from calibration.recording.folder import read_folder
-from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
-from mock_devices.recording_files import write_recording
-from mock_devices.recording_maker import Bench
+from mock_devices.recordings.design import DesignOptions, draw_design
+from mock_devices.recordings.files import write_recording
+from mock_devices.recordings.maker import Bench
 from mock_devices.settings import MockSettings, Nuisance
 from pkm_rig.cli import main
 from pkm_rig.jobs import diagnose

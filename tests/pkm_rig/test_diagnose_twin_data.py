@@ -15,10 +15,10 @@ from calibration.effects.catalogue import load_catalogue
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording
-from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
-from mock_devices.recording_maker import Bench
+from mock_devices.recordings.design import DesignOptions, draw_design
+from mock_devices.recordings.maker import Bench
 from mock_devices.settings import MockSettings
 
 MACHINE = shipped_machine("planar4")

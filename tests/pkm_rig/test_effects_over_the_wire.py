@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from mock_devices.affected_machine import AffectedMachine, effects_of, moments
-from mock_devices.motion_history import MotionHistory
+from mock_devices.plant.affected_machine import AffectedMachine, effects_of, moments
+from mock_devices.plant.motion_history import MotionHistory
 from pkm_rig.rig.config import embedded_rig_path, machine_path
 from pkm_rig.virtual.mock_rig import settings_of
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file

@@ -18,10 +18,10 @@ from calibration.machine.inverse import nominal_drives
 from calibration.model.parameters import ParameterSet
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
-from mock_devices.campaign_design import DesignOptions, draw_design
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
-from mock_devices.recording_maker import Bench
+from mock_devices.recordings.design import DesignOptions, draw_design
+from mock_devices.recordings.maker import Bench
 from mock_devices.settings import InstrumentProfile, MockSettings
 
 PLANAR = shipped_machine("planar4")

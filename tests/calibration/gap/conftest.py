@@ -6,7 +6,7 @@ from calibration.diagnosis.evidence import Readout
 from calibration.diagnosis.linear_model import Baseline, baseline_of
 from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
-from mock_devices.recording_maker import Bench
+from mock_devices.recordings.maker import Bench
 from mock_devices.settings import Nuisance
 from tests.calibration.gap.campaigns import plant, recorded
 

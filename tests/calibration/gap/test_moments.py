@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibration.effects.context import moments_of
-from mock_devices.campaign_design import DesignOptions
+from mock_devices.recordings.design import DesignOptions
 from tests.calibration.gap.campaigns import changed, plant, recorded
 
 SWING = ((3600.0, 0.0), (3601.0, 3.0), (5000.0, -2.0), (9000.0, 1.0))

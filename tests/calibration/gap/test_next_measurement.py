@@ -8,8 +8,8 @@ import pytest
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.machine.description import load_machine
-from mock_devices.campaign_design import DesignOptions
 from mock_devices.effects import EffectChoice
+from mock_devices.recordings.design import DesignOptions
 from tests.calibration.gap.campaigns import PLANAR, plant, recorded
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from mock_devices.can.sdo_abort import VALUE_RANGE, Refused
 from mock_devices.clock import RigClock
-from mock_devices.compensation import VALUE_RANGE, Refused
 
 _HISTORY = 8
 COMMUNICATION_ERROR_BIT = 0x10

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.plant import Plant
+from mock_devices.plant.plant import Plant
 
 REGISTERS = 60
 CHANGING = 0xFFFF

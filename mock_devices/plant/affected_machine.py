@@ -11,13 +11,13 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Complex, Departure, Effect, EffectChoice, Moments, Sight, Site
 from mock_devices.effects.catalogue import make
-from mock_devices.elastic_batch import Rest, Structure, solve, start
 from mock_devices.machine_file import MachineFile
-from mock_devices.motion_history import MotionHistory
-from mock_devices.optics import TWO_PI, StationView
+from mock_devices.plant.elastic_batch import Rest, Structure, solve, start
+from mock_devices.plant.motion_history import MotionHistory
+from mock_devices.plant.optics import TWO_PI, StationView
+from mock_devices.plant.thermal import SENSORS, Thermal
+from mock_devices.plant.true_machine import TrueMachine
 from mock_devices.settings import MockSettings
-from mock_devices.thermal import SENSORS, Thermal
-from mock_devices.true_machine import TrueMachine
 
 
 class AffectedMachine:

@@ -8,8 +8,8 @@ import numpy as np
 
 from mock_devices.effects.base import Array
 from mock_devices.machine_file import MachineFile
+from mock_devices.plant.thermal import SENSORS
 from mock_devices.settings import MockSettings
-from mock_devices.thermal import SENSORS
 
 
 def column_names(machine: MachineFile) -> tuple[str, ...]:

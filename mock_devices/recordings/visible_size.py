@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from mock_devices.effect_size import SizeScale
 from mock_devices.effects.base import Array, EffectChoice
-from mock_devices.recording_maker import Bench
-from mock_devices.true_machine import TrueMachine
+from mock_devices.plant.true_machine import TrueMachine
+from mock_devices.recordings.effect_size import SizeScale
+from mock_devices.recordings.maker import Bench
 
 _FLOOR_M = 3.0e-3  # nests are where the set-up put them, roughly
 _STEP = 1.0e-3  # of a prior deviation: readings are linear far beyond

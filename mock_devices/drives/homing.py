@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mock_devices.compensation import VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import VALUE_RANGE, Refused
 
 INDEX_INC = 1_000_000
 TO_INDEX_BELOW, TO_INDEX_ABOVE, WHERE_IT_STANDS = 33, 34, (35, 37)

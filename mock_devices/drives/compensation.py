@@ -5,22 +5,11 @@ The drive may move with compensation only while the active table is the one for 
 
 from __future__ import annotations
 
-from mock_devices.table_bank import Bank, BankStatus, Table
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.drives.table_bank import Bank, BankStatus, Table
 
 UNKNOWN_PAYLOAD = 0xFFFFFFFF
 MOST_SYNCS_WITHOUT_PARTNER = 2
-
-
-class Refused(Exception):
-    """A write that the drive refuses; `abort_code` is that of SDO."""
-
-    def __init__(self, abort_code: int) -> None:
-        super().__init__(f"0x{abort_code:08X}")
-        self.abort_code = abort_code
-
-
-STATE_FORBIDS = 0x08000022
-VALUE_RANGE = 0x06090030
 
 
 class PartnerLink:

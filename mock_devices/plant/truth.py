@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.optics import StationView
-from mock_devices.thermal import Thermal
-from mock_devices.true_machine import TrueMachine
+from mock_devices.plant.optics import StationView
+from mock_devices.plant.thermal import Thermal
+from mock_devices.plant.true_machine import TrueMachine
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Refused
-from mock_devices.drive_axis import DriveAxis
-from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, error_register
-from mock_devices.table_bank import Bank
+from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, error_register
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.drives.drive_axis import DriveAxis
+from mock_devices.drives.table_bank import Bank
 
 METRES_PER_INCREMENT = 1.0e-8
 STORE_SIGNATURE, RESTORE_SIGNATURE = 0x65766173, 0x64616F6C  # "save" and "load"

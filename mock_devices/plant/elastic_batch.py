@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mock_devices.effects.base import Array, Complex, Law
-from mock_devices.structure import NoEquilibrium
+from mock_devices.plant.structure import NoEquilibrium
 
 _TOLERANCE = 2e-12
 _MOST_STEPS = 150

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.affected_machine import AffectedMachine, effects_of, heavy_tailed
-from mock_devices.atmosphere import ppm
-from mock_devices.campaign_design import Design
-from mock_devices.campaign_timeline import Timeline, plan
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Effect, Moments, Sight
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.optics import TWO_PI, StationView
-from mock_devices.recording_columns import column_names, covariances, header_of, points
+from mock_devices.plant.affected_machine import AffectedMachine, effects_of, heavy_tailed
+from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.optics import TWO_PI, StationView
+from mock_devices.plant.thermal import SENSORS, Thermal
+from mock_devices.plant.true_machine import draw_machine
+from mock_devices.recordings.columns import column_names, covariances, header_of, points
+from mock_devices.recordings.design import Design
+from mock_devices.recordings.timeline import Timeline, plan
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
-from mock_devices.thermal import SENSORS, Thermal
-from mock_devices.true_machine import draw_machine
 
 _FEED_M, _RATED_TORQUE_NM, _FRICTION_N = 0.010, 10.0, 60.0  # as in the drives' object 0x6077
 _COVARIANCE = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))

@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from mock_devices.atmosphere import ppm
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.optics import TWO_PI, Polar, direction_between, hz_difference
-from mock_devices.plant import Plant, Sighting
+from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.optics import TWO_PI, Polar, direction_between, hz_difference
+from mock_devices.plant.plant import Plant, Sighting
 
 OK = 0
 ANGLE_OK = 1285

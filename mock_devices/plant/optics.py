@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mock_devices.machine_file import Vector3
+from mock_devices.plant.thermal import SlowSignal
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
-from mock_devices.thermal import SlowSignal
 
 TWO_PI = 2.0 * math.pi
 _POSITION_HALF_WIDTH_M = 0.010

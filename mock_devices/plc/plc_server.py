@@ -18,8 +18,8 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.plant import Plant
-from mock_devices.plc_registers import CHANGING, GOOD_INTERLOCKS, REGISTERS, PlcState
+from mock_devices.plant.plant import Plant
+from mock_devices.plc.plc_registers import CHANGING, GOOD_INTERLOCKS, REGISTERS, PlcState
 from mock_devices.pty_link import PtyLink
 
 __all__ = ["CHANGING", "GOOD_INTERLOCKS", "PlcServer", "PlcState"]

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mock_devices.machine_file import MachineFile, Smr, Vector3
+from mock_devices.plant.structure import Member, PlanarPose, Weight, assembled_start, equilibrium
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings, Payload
-from mock_devices.structure import Member, PlanarPose, Weight, assembled_start, equilibrium
 
 _FLOOR_HALF_WIDTH_M = 3.0e-3
 

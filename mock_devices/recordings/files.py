@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mock_devices.recording_maker import MockRecording
+from mock_devices.recordings.maker import MockRecording
 
 
 def write_recording(recording: MockRecording, folder: str | Path) -> None:

@@ -13,9 +13,9 @@ import math
 from collections.abc import Callable, Sequence
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.geocom_line import LineError, Request, Value, format_answer, parse_request
-from mock_devices.plant import Plant
-from mock_devices.telescope import ANGLE_OK, OK, AimError, Measured, Telescope
+from mock_devices.plant.plant import Plant
+from mock_devices.station.geocom_line import LineError, Request, Value, format_answer, parse_request
+from mock_devices.station.telescope import ANGLE_OK, OK, AimError, Measured, Telescope
 
 NAME, SERIAL, FIRMWARE, GEOCOM = "MOCK TDRA", 990001, (8, 10, 0), (1, 50, 0)
 

@@ -12,12 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mock_devices import cia402
-from mock_devices.axis_motion import AxisMotion, Dynamics, command_for
-from mock_devices.cia402 import State
-from mock_devices.compensation import STATE_FORBIDS, VALUE_RANGE, Compensation, Refused
-from mock_devices.cyclic_position import FASTEST_INC_PER_S, CyclicPosition
-from mock_devices.homing import Homing
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.drives import cia402
+from mock_devices.drives.axis_motion import AxisMotion, Dynamics, command_for
+from mock_devices.drives.cia402 import State
+from mock_devices.drives.compensation import Compensation
+from mock_devices.drives.cyclic_position import FASTEST_INC_PER_S, CyclicPosition
+from mock_devices.drives.homing import Homing
 
 WINDOW_TIME_S = 0.050
 EMCY_COMPENSATION = 0xFF10

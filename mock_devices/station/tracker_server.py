@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.seeds import generator
-from mock_devices.station import Station
+from mock_devices.station.station import Station
 
 _LONGEST_LINE = 4096
 

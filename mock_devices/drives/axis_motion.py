@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mock_devices.plant import SetPoint
-from mock_devices.profile import Profile, brake, move, rest
-from mock_devices.table_bank import Table
+from mock_devices.drives.profile import Profile, brake, move, rest
+from mock_devices.drives.table_bank import Table
+from mock_devices.plant.plant import SetPoint
 
 _KEPT = 8
 _INVERSIONS = 6

@@ -22,16 +22,17 @@ import canopen
 from canopen.objectdictionary import ObjectDictionary, eds
 from canopen.sdo.exceptions import SdoAbortedError
 
+from mock_devices.can.node_services import Heartbeat, NmtSlave, NmtState
+from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
+from mock_devices.can.pdo import Mapping, read_mapping
+from mock_devices.can.sdo_abort import Refused
+from mock_devices.can.sdo_server import SdoServer, SegmentServer
 from mock_devices.clock import RigClock
-from mock_devices.compensation import Compensation, Refused
-from mock_devices.drive_axis import AxisLimits, DriveAxis
-from mock_devices.drive_objects import METRES_PER_INCREMENT, DriveObjects
+from mock_devices.drives.compensation import Compensation
+from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
+from mock_devices.drives.drive_objects import METRES_PER_INCREMENT, DriveObjects
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.node_services import Heartbeat, NmtSlave, NmtState
-from mock_devices.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
-from mock_devices.pdo import Mapping, read_mapping
-from mock_devices.plant import Motion, SetPoint
-from mock_devices.sdo_server import SdoServer, SegmentServer
+from mock_devices.plant.plant import Motion, SetPoint
 
 _NOTIFIER_CYCLE_S = 0.05
 _RPDO_LENGTH_ERROR = 0x8210
@@ -350,7 +351,7 @@ class _Node(canopen.LocalNode):
 
 
 def _dictionary(node_id: int) -> ObjectDictionary:
-    with resources.files("mock_devices").joinpath("mock_drive.eds").open("r", encoding="ascii") as file:
+    with resources.files("mock_devices.drives").joinpath("mock_drive.eds").open("r", encoding="ascii") as file:
         dictionary: ObjectDictionary = eds.import_eds(file, node_id)  # type: ignore[no-untyped-call]
     return dictionary
 

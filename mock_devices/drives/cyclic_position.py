@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mock_devices.axis_motion import Dynamics
-from mock_devices.compensation import VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import VALUE_RANGE, Refused
+from mock_devices.drives.axis_motion import Dynamics
 
 FASTEST_INC_PER_S = 200_000_000.0
 _PERIODS_WITHOUT_SYNC = 3.0

@@ -12,17 +12,17 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from mock_devices.affected_machine import AffectedMachine, affected_machine, heavy_tailed, moments
 from mock_devices.clock import RigClock
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, Moments
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.motion_history import MotionHistory
-from mock_devices.optics import TWO_PI, Polar, StationView
+from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, heavy_tailed, moments
+from mock_devices.plant.motion_history import MotionHistory
+from mock_devices.plant.optics import TWO_PI, Polar, StationView
+from mock_devices.plant.thermal import Thermal
+from mock_devices.plant.true_machine import draw_machine
+from mock_devices.plant.truth import Truth
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
-from mock_devices.thermal import Thermal
-from mock_devices.true_machine import draw_machine
-from mock_devices.truth import Truth
 
 _DIFFERENCE_S = 1.0e-3
 _TORQUE_PER_N = 0.010 / TWO_PI / 10.0  # of the rated one, as in the drives' object 0x6077

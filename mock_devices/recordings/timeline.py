@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.affected_machine import AffectedMachine, moments
-from mock_devices.campaign_design import Design, Visit, nominal_drives
 from mock_devices.effects.base import Array, Effect, Moments, Sight
 from mock_devices.machine_file import MachineFile
-from mock_devices.motion_history import MotionHistory
-from mock_devices.plant import Motion
+from mock_devices.plant.affected_machine import AffectedMachine, moments
+from mock_devices.plant.motion_history import MotionHistory
+from mock_devices.plant.plant import Motion
+from mock_devices.plant.thermal import Thermal
+from mock_devices.recordings.design import Design, Visit, nominal_drives
 from mock_devices.settings import Payload
-from mock_devices.thermal import Thermal
 
 SETTLED_S = 0.1
 RUN_UP_M = 0.005

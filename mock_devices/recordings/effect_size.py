@@ -9,8 +9,8 @@ import numpy as np
 
 from mock_devices.effects.base import Array, EffectChoice, Site
 from mock_devices.effects.catalogue import EffectError, make
-from mock_devices.recording_maker import Bench
-from mock_devices.structure import NoEquilibrium
+from mock_devices.plant.structure import NoEquilibrium
+from mock_devices.recordings.maker import Bench
 
 _MOST_STEPS = 12
 _CLOSE = 0.005

@@ -1,0 +1,1 @@
+"""The mock PLC: its registers, served on Modbus."""

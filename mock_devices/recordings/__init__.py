@@ -1,0 +1,1 @@
+"""Recordings straight from the plant, without any wire."""

@@ -1,0 +1,1 @@
+"""The mock station: telescope, GeoCOM answers, lines."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from pathlib import Path
 
 import can
@@ -15,10 +14,7 @@ from mock_devices.plant.plant import Plant
 from mock_devices.settings import MockSettings
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
-
-sys.path.insert(0, str(Path(__file__).parent))  # for `images` and `standing`
-
-from standing import StandingPlant
+from tests.mock_devices.standing import StandingPlant
 
 # Host time says nothing about a test, and every run shall try the same cases.
 hypothesis.settings.register_profile("mock_devices", deadline=None, derandomize=True)

@@ -1,0 +1,224 @@
+"""What a channel does to every reflector, against a machine that is really changed and solved again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from calibration.base.frame import Frame, station_frame
+from calibration.base.rotation import rotation_matrix
+from calibration.diagnosis.channels import AXES, Channels
+from calibration.diagnosis.linear_model import Seen
+from calibration.effects.context import History, Moments
+from calibration.instruments.station import angles, points
+from calibration.machine import equilibrium
+from calibration.machine.description import COORDINATES, load_machine, shipped_machine
+from calibration.model.model import Model, Systematic
+from calibration.model.parameters import ParameterSet
+from calibration.model.visits import Visits
+from tests.calibration.diagnosis.campaigns import Rest, drawn_poses
+
+VISITS = 5
+STEP = 1e-6
+SLIDERS = ("planar4", "delta8", "hexaglide", "prs3")
+MACHINES = (*SLIDERS, "stewart6", "rrr4")
+
+
+@dataclass
+class Case:
+    """A machine with errors, warm, loaded, somewhat turned in the station's frame; every reflector at every visit."""
+
+    seen: Seen
+    channels: Channels
+    rest: Rest
+
+    def places(self, rest: Rest | None = None, mounted_m: np.ndarray | None = None) -> np.ndarray:
+        mounted_m = self.seen.mounted_m if mounted_m is None else mounted_m
+        return (rest or self.rest).places_m(mounted_m).reshape(-1, 3)
+
+    def check(self, name: str, change, rel: float = 1e-4) -> None:
+        """A channel against central differences of places (n, 3) in the machine's frame, by `change(step)`."""
+        expected = (change(STEP) - change(-STEP)) / (2.0 * STEP)
+        got = self.channels.shift_m(name)
+        assert np.abs(expected).max() > 1e-6
+        np.testing.assert_allclose(got, expected, atol=rel * max(np.abs(expected).max(), 1e-2), err_msg=name)
+
+
+def moments_at(drives, payload_kg) -> Moments:
+    n = len(drives)
+    zero = np.zeros(n)
+    return Moments(
+        History(np.zeros(1), drives[:1]), zero, zero.astype(np.intp), drives, *(0.0 * drives for _ in range(3)), zero,
+        zero, payload_kg, np.zeros((n, 3)), zero, {}, 0.0,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=MACHINES)
+def case(request) -> Case:
+    machine, rng = load_machine(shipped_machine(request.param)), np.random.default_rng(7)
+    parameters = ParameterSet.of(machine)
+    theta = np.array([p.sigma for p in parameters.parameters]) * rng.standard_normal(len(parameters))
+    target, drives = drawn_poses(machine, rng, VISITS)
+    warm = {s: machine.reference_temperature_c + np.linspace(1.0, 4.0, VISITS) for s in machine.sensors.values()}
+    load, com = np.full(VISITS, 50.0), np.zeros((VISITS, 3))
+    poses = Model(parameters, Systematic()).predict(theta, Visits(drives, target, load, com, warm))
+    assert np.all(poses.rest.converged)
+    at = equilibrium.conditions(machine, VISITS, warm, load, com)
+    rest = Rest.of(machine, parameters.geometry(theta), drives, at, target)
+    smrs = len(machine.smrs)
+    mounted = np.array([s.position_m for s in machine.smrs]) + 1e-3
+    start = station_frame((0.3, -0.2, 4.0), 0.0)
+    frame = Frame(rotation_matrix(np.array([0.02, -0.01, 0.3])) @ start.rotation, start.translation_m)
+    smr, visit = np.tile(np.arange(smrs), VISITS), np.repeat(np.arange(VISITS), smrs)
+    visit = np.where(np.array([s.on == "floor" for s in machine.smrs])[smr], -1, visit)
+    position = frame.to_station(rest.places_m(mounted).reshape(-1, 3))
+    moments = moments_at(drives[np.maximum(visit, 0)], np.full(len(smr), 50.0))
+    seen = Seen(machine, moments, smr, visit, poses, frame, mounted, position)
+    return Case(seen, Channels(seen), rest)
+
+
+def test_the_model_is_at_the_same_poses(case):
+    on_machine = case.seen.visit >= 0
+    places = case.places()
+    assert (case.seen.position_m - case.seen.frame.translation_m) @ case.seen.frame.rotation == pytest.approx(places)
+    assert case.seen.poses.rest.position_m == pytest.approx(case.rest.rest.position_m, abs=1e-10)
+    assert np.any(on_machine)
+
+
+def test_travel(case):
+    machine = case.seen.machine
+    for a, drive in enumerate(machine.drive_names):
+        carrier = equilibrium.carriers_of(machine, case.rest.geometry, case.rest.drives, case.rest.at)[a]
+        per_unit = carrier.travel / case.rest.drives[:, a]
+
+        def change(h, a=a, per_unit=per_unit):
+            moved = case.rest.drives.copy()
+            moved[:, a] += h / per_unit
+            return case.places(case.rest.again(drives=moved))
+
+        case.check(f"travel.{drive}", change)
+
+
+def test_length(case):
+    for i, strut in enumerate(case.seen.machine.strut_names):
+
+        def change(h, i=i):
+            length = case.rest.geometry.length_m.copy()
+            length[i] += h
+            return case.places(case.rest.again(replace(case.rest.geometry, length_m=length)))
+
+        case.check(f"length.{strut}", change)
+
+
+def on_slider(case: Case, drive: int, moved) -> np.ndarray:
+    """Places when all that a slider carries, joints and reflectors, goes from a point (k, 3) to moved(point)."""
+    machine, geometry = case.seen.machine, case.rest.geometry
+    struts = np.flatnonzero(machine.strut_drive == drive)
+    middle = geometry.base_joint_m[struts].mean(axis=0)
+    joints, mounted = geometry.base_joint_m.copy(), case.seen.mounted_m.copy()
+    joints[struts] = moved(joints[struts], middle)
+    own = [i for i, s in enumerate(machine.smrs) if s.on == "slider" and s.drive == drive]
+    mounted[own] = moved(mounted[own], middle)
+    return case.places(case.rest.again(replace(geometry, base_joint_m=joints)), mounted)
+
+
+def test_sideways_and_turn(case):
+    machine, channels = case.seen.machine, case.channels
+    if machine.drive_kinds[0] != "slider":
+        assert not any(name.startswith(("sideways.", "turn.")) for name in channels.names)
+        return
+    for a in range(len(machine.drive_names)):
+        along = int(np.argmax(np.abs(machine.nominal.axis[a])))
+        expected = {AXES[k] for k in range(2 if machine.planar else 3) if k != along}
+        assert {name[-1] for name in channels.sideways(a)} == expected
+        for name in channels.sideways(a):
+            unit = np.eye(3)[AXES.index(name[-1])]
+            case.check(name, lambda h, a=a, unit=unit: on_slider(case, a, lambda p, _: p + h * unit))
+        for name in channels.turns(a):
+            axis = np.eye(3)[AXES.index(name[-1])]
+            if not machine.planar and np.sum(machine.strut_drive == a) == 1 and "slider" not in {
+                s.on for s in machine.smrs if s.drive == a
+            }:  # fmt: skip
+                continue  # one joint without a reflector: a turn about it moves nothing
+
+            def change(h, a=a, axis=axis):
+                turn = rotation_matrix(h * axis)
+                return on_slider(case, a, lambda p, middle: middle + (p - middle) @ turn.T)
+
+            case.check(name, change)
+
+
+def test_pose(case):
+    machine, rest = case.seen.machine, case.rest.rest
+    platform = np.array([s.on == "platform" for s in machine.smrs])
+    for name in case.channels.poses():
+        k = COORDINATES.index(name.split(".")[1])
+
+        def change(h, k=k):
+            out = case.rest.places_m(case.seen.mounted_m)
+            step = np.zeros(6)
+            step[k] = h
+            lever = out[:, platform] - rest.position_m[:, None]
+            out[:, platform] = rest.position_m[:, None] + step[:3] + lever @ rotation_matrix(step[3:]).T
+            return out.reshape(-1, 3)
+
+        case.check(name, change, rel=1e-3)
+
+
+def test_smr(case):
+    for i, smr in enumerate(case.seen.machine.smrs):
+        if smr.on != "platform":
+            continue
+        for name in case.channels.smrs(i):
+
+            def change(h, i=i, name=name):
+                mounted = case.seen.mounted_m.copy()
+                mounted[i, AXES.index(name[-1])] += h
+                return case.places(mounted_m=mounted)
+
+            case.check(name, change, rel=1e-3)
+
+
+def test_floor(case):
+    """The whole machine moves as a rigid body about its origin; the nests stay."""
+    places = case.places()
+    for name in case.channels.floors():
+        step = np.eye(6)[COORDINATES.index(name.split(".")[1])]
+
+        def change(h, step=step):
+            moved = places @ rotation_matrix(h * step[3:]).T + h * step[:3]
+            return np.where(case.seen.visit[:, None] < 0, places, moved)
+
+        case.check(name, change)
+
+
+def station_shift(case: Case, name: str) -> np.ndarray:
+    return case.channels.shift_m(name) @ case.seen.frame.rotation.T
+
+
+def test_station(case):
+    """What the station reads when its frame is turned about its own centre, or shifted."""
+    p = case.seen.position_m
+    for k, name in enumerate(case.channels.stations()):
+        step = np.eye(6)[k]
+        read = [p @ rotation_matrix(h * step[:3]).T + h * step[3:] for h in (STEP, -STEP)]
+        np.testing.assert_allclose(station_shift(case, name), (read[0] - read[1]) / (2.0 * STEP), atol=1e-6)
+
+
+def test_light(case):
+    hz, v, distance = angles(case.seen.position_m)
+    for name, turned in (
+        ("light.hz", lambda h: points(hz + h * distance, v, distance)),
+        ("light.v", lambda h: points(hz, v + h * distance, distance)),
+    ):
+        expected = (turned(STEP) - turned(-STEP)) / (2.0 * STEP)
+        np.testing.assert_allclose(station_shift(case, name), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_every_name_has_one_response(case):
+    names = case.channels.names
+    assert len(set(names)) == len(names)
+    for name in names:
+        assert np.all(np.isfinite(case.channels.shift_m(name))), name

@@ -1,0 +1,226 @@
+"""Diagnoses of recordings whose cause is known, and the principles that all of them obey."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import asdict
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
+from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import moments_of
+from mock_devices.effects import EffectChoice
+from mock_devices.settings import Nuisance
+from tests.calibration.diagnosis.campaigns import changed, example, noise_free_m, plant, recorded, simulated
+from tests.calibration.diagnosis.conftest import BACKLASH_M
+
+CREEP_M = 4.0e-5
+
+
+@pytest.fixture(scope="module")
+def backlash(strong):
+    return diagnose(strong)
+
+
+@pytest.fixture(scope="module")
+def periodic():
+    return recorded(plant(100, EffectChoice("screw_periodic_error", 4e-5, "right")))
+
+
+@pytest.fixture(scope="module")
+def creeping():
+    """The left drive falls short by 40 um after a way of 0.5 m."""
+    return simulated("planar4", 80, lambda a: -CREEP_M * a.way_m / 0.5 * np.array([1.0, 0.0]))
+
+
+def plain(diagnosis) -> str:
+    return json.dumps(asdict(diagnosis), default=lambda x: x.tolist(), sort_keys=True)
+
+
+def check_consistent(diagnosis, catalogue) -> None:
+    """What holds of every diagnosis."""
+    ranking = diagnosis.ranking
+    assert sum(ranking.values()) == pytest.approx(1.0)
+    assert all(0.0 <= p <= 1.0 for p in ranking.values())
+    assert set(ranking) <= {*catalogue.names, NONE, UNKNOWN}
+    assert not set(ranking) & set(diagnosis.not_tested)
+    assert ranking[diagnosis.verdict] == max(ranking.values())
+    assert len(diagnosis.effects) <= 3
+    if diagnosis.verdict in (NONE, UNKNOWN):
+        assert not diagnosis.effects
+        assert not diagnosis.equivalent
+        assert diagnosis.gap.shrink == 0.0
+    assert diagnosis.verdict not in diagnosis.equivalent
+    low, high = diagnosis.gap.shrink_interval
+    assert low <= diagnosis.gap.shrink <= high <= 1.0
+    for share in diagnosis.where:
+        assert share.kind in KINDS
+        assert 0.0 <= share.low <= share.share <= share.high <= 1.0
+    for effect in diagnosis.effects:
+        assert effect.visible_sigma <= effect.raw_sigma * (1.0 + 1e-9)
+        assert effect.size.u > 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("levels", [Nuisance(), Nuisance(5e-6, 2e-6, 1e-6, 0.02)])
+def test_a_sound_machine_has_no_effect(seed, levels):
+    diagnosis = diagnose(recorded(plant(80, seed=seed, nuisance=levels)))
+    check_consistent(diagnosis, load_catalogue())
+    assert diagnosis.verdict == NONE
+    assert diagnosis.ranking[NONE] > 0.9
+    assert diagnosis.gap.before_m < 0.6 * diagnosis.gap.noise_floor_m
+    assert 0.0 < diagnosis.hidden_m < 2.0 * diagnosis.gap.noise_floor_m
+
+
+def test_a_sound_machine_in_space_has_no_effect():
+    assert diagnose(simulated("delta8", 60)).verdict == NONE
+
+
+def test_backlash_is_found_at_its_drive_with_its_width(backlash):
+    check_consistent(backlash, load_catalogue())
+    assert backlash.verdict == "backlash"
+    first = backlash.effects[0]
+    assert (first.effect, first.place) == ("backlash", "right")
+    assert first.place_probability > 0.99
+    assert first.size.unit == "m"
+    assert first.size.value == pytest.approx(BACKLASH_M, abs=3.0 * first.size.u)
+    assert first.size.u < 0.1 * BACKLASH_M
+    assert backlash.gap.shrink_interval[0] > 0.5
+
+
+def test_the_gap_lies_where_the_backlash_is(backlash):
+    share = {(s.kind, s.name): s.share for s in backlash.where}
+    assert share["direction", "right"] > 0.5
+    assert share["direction", "right"] > share["direction", "left"] + 0.3
+    assert share["direction", "right"] == pytest.approx(
+        max(s for (kind, _), s in share.items() if kind != "drive"), abs=0.1
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "place", "share"),
+    [
+        ("screw_periodic_error", 4e-5, "right", ("period", "right")),
+        ("smr_reseat", 6e-5, "P2", ("time", "rig")),
+        ("screw_cumulative_error", 6e-5, "left", ("drive", "left")),
+    ],
+)
+def test_the_coordinate_that_an_effect_depends_on_has_the_largest_share(name, size, place, share):
+    diagnosis = diagnose(recorded(plant(80, EffectChoice(name, size, place))))
+    assert (diagnosis.verdict, diagnosis.effects[0].place) == (name, place)
+    of_a_part = ("smr", "strut")  # what a shift there would explain, visit by visit
+    first = max((s for s in diagnosis.where if s.kind not in of_a_part), key=lambda s: s.share)
+    assert (first.kind, first.name) == share
+    assert first.share > 0.6
+
+
+@pytest.mark.parametrize(("name", "size"), [("column_compliance", 3e-7), ("column_thermal_growth", 30.0)])
+def test_a_very_strong_effect_is_diagnosed_all_the_same(name, size):
+    """Within its plausible range, though no calibration could live with it."""
+    assert diagnose(recorded(plant(60, EffectChoice(name, size)))).verdict != NONE
+
+
+def test_what_was_withheld_is_predicted_better(backlash, reversing, strong):
+    """Against the plant's noise-free points, in the plane that the machine moves in."""
+    clean, rows = noise_free_m(reversing), backlash.withheld.rows
+    assert np.array_equal(np.unique(rows), np.sort(rows))
+    on_platform = np.char.startswith(np.asarray(strong["smr"])[rows], "P")
+    assert np.all(on_platform)
+    turn = reversing.view.rotation
+    before, after = (
+        np.sqrt(np.mean(((p - clean[rows]) @ turn)[:, :2] ** 2))
+        for p in (backlash.withheld.before_m, backlash.withheld.after_m)
+    )
+    achieved = 1.0 - after / before
+    low, high = backlash.gap.shrink_interval
+    assert low - 0.02 <= achieved <= high + 0.02
+    assert before == pytest.approx(backlash.gap.before_m, rel=0.1)
+
+
+def test_backlash_in_space_is_found_too():
+    diagnosis = diagnose(simulated("delta8", 60, lambda a: -2.5e-5 * a.sides * np.array([0.0, 1.0, 0.0, 0.0])))
+    assert diagnosis.verdict == "backlash"
+    assert diagnosis.effects[0].place == "b"
+    assert diagnosis.effects[0].size.value == pytest.approx(5.0e-5, abs=3.0 * diagnosis.effects[0].size.u)
+
+
+def test_a_diagnosis_says_the_same_twice(strong, backlash):
+    assert plain(diagnose(strong)) == plain(backlash)
+
+
+def test_rows_may_come_in_any_order_of_visits(strong, backlash):
+    """Names, sizes and figures follow from the readings, not from the order in the file."""
+    order = np.argsort(np.random.default_rng(1).permutation(200)[strong["visit"].astype(int)], kind="stable")
+    other = diagnose(changed(strong, **{n: c[order] for n, c in strong.columns.items()}))
+    assert other.verdict == backlash.verdict
+    assert other.effects[0].size.value == pytest.approx(backlash.effects[0].size.value, rel=1e-4)
+    assert other.gap.before_m == pytest.approx(backlash.gap.before_m, rel=1e-2)
+
+
+def test_what_a_campaign_cannot_show_is_not_tested():
+    diagnosis = diagnose(simulated("planar4", 60))
+    assert {"link_stiffness", "column_compliance", "friction_windup"} <= set(diagnosis.not_tested)
+    assert all(reason and "\n" not in reason for reason in diagnosis.not_tested.values())
+
+
+def test_a_period_is_found_within_a_hundredth(periodic):
+    bench_period = 0.010
+    found = diagnose(periodic).effects[0]
+    assert (found.effect, found.place) == ("screw_periodic_error", "right")
+    period = next(q for q in found.others if q.name == "period_m")
+    assert period.value == pytest.approx(bench_period, rel=0.01)
+    assert found.size.value == pytest.approx(4e-5, abs=4.0 * found.size.u)
+
+
+def test_with_its_class_removed_it_is_unknown(periodic):
+    catalogue = load_catalogue(without=("screw_periodic_error", "encoder_interpolation"))
+    diagnosis = diagnose(periodic, catalogue)
+    check_consistent(diagnosis, catalogue)
+    assert diagnosis.verdict == UNKNOWN
+    assert diagnosis.clues[0].channel == "travel.right"
+    assert all(0.0 < clue.share <= 1.0 for clue in diagnosis.clues)
+
+
+def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creeping, tmp_path):
+    """The file is the example of docs/effects.md."""
+    assert diagnose(creeping).verdict == UNKNOWN
+    path = tmp_path / "mine.py"
+    path.write_text(example(), encoding="utf-8")
+    catalogue = load_catalogue([path])
+    diagnosis = diagnose(creeping, catalogue)
+    check_consistent(diagnosis, catalogue)
+    own = catalogue.names[-1]
+    assert diagnosis.verdict == own
+    first = diagnosis.effects[0]
+    assert (first.effect, first.place) == (own, "left")
+    assert first.size.value == pytest.approx(CREEP_M, abs=3.0 * first.size.u)
+
+
+def test_the_example_says_when_it_cannot_be_tested(creeping, tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(example(), encoding="utf-8")
+    catalogue = load_catalogue([path])
+    still = {f"{d}_actual_m": np.full(len(creeping), 1.0) for d in creeping.file.drives}
+    setting = SimpleNamespace(moments=moments_of(changed(creeping, **still)))
+    assert "vary" in catalogue.effects[-1].untested(setting)
+
+
+def test_gap_knows_nothing_of_the_mock():
+    code = (
+        "import sys, pkgutil, importlib, calibration.gap, calibration.effects\n"
+        "for package in (calibration.gap, calibration.effects):\n"
+        "    for found in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
+        "        importlib.import_module(found.name)\n"
+        "from calibration.effects.catalogue import load_catalogue\n"
+        "load_catalogue()\n"
+        "bad = [m for m in sys.modules if m.split('.')[0] in ('mock_devices', 'pkm_rig', 'drivers')]\n"
+        "sys.exit(str(bad) if bad else 0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr

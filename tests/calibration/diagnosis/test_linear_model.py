@@ -1,0 +1,157 @@
+"""What may be diagnosed, and what the calibration with its priors takes out of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import Baseline, baseline_of, usable_rows
+from calibration.recording.recording import make_recording
+from mock_devices.settings import Nuisance
+from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
+
+
+def chi2_ratio(baseline: Baseline) -> float:
+    return float(baseline.residual.ravel() @ Readout(baseline).left.ravel() / baseline.residual.size)
+
+
+def refused(recording, match: str) -> None:
+    with pytest.raises(InputError, match=match) as caught:
+        diagnose(recording)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["planar4", "delta8", "gough8"])
+def test_machines_within_their_tolerances_are_explained_down_to_noise(name):
+    """The true machine is drawn within the tolerances and solved as a whole, not linearised."""
+    baseline = baseline_of(simulated(name, 40, seed=3))
+    spread = np.sqrt(2.0 / baseline.residual.size)
+    assert chi2_ratio(baseline) == pytest.approx(1.0, abs=5.0 * spread)
+
+
+def test_declared_nuisance_is_explained_and_undeclared_is_not():
+    levels = Nuisance(drift_m=1e-5, reseat_m=8e-6, reversal_m=5e-6, temperature_k=0.05)
+    recording = recorded(plant(60, nuisance=levels, seed=2))
+    silent = replace(recording, file=replace_nuisance(recording.file))
+    declared, undeclared = (chi2_ratio(baseline_of(r)) for r in (recording, silent))
+    assert declared == pytest.approx(1.0, abs=0.15)
+    assert undeclared > declared + 0.1
+
+
+def replace_nuisance(file):
+    return file.model_copy(update={"nuisance": type(file.nuisance)()})
+
+
+@pytest.mark.parametrize("hours", [0.3, 1.0, 2.0])
+def test_drift_has_the_declared_variance(hours):
+    """A random walk: the declared level after one hour over two axes, and the station's own."""
+    levels = Nuisance(drift_m=2e-5)
+    baseline = baseline_of(recorded(plant(80, nuisance=levels)))
+    columns = [k for k, name in enumerate(baseline.names) if name.startswith("drift.station.x")]
+    metres = np.linalg.solve(baseline.whiten, baseline.columns[:, :, columns])
+    variance = np.sum(metres[:, 0] ** 2, axis=1)
+    elapsed = baseline.moments.elapsed_s / 3600.0
+    own = baseline.recording.file.station.accuracy.drift_m_per_sqrt_h
+    near = np.abs(elapsed - min(hours, 0.9 * elapsed.max())) < 0.05 * elapsed.max()
+    expected = (own**2 + levels.drift_m**2 / 2.0) * elapsed[near]
+    assert variance[near] == pytest.approx(expected, rel=0.1)
+
+
+def test_reseating_begins_with_an_exchange(wandering, small):
+    columns = [k for k, name in enumerate(small.names) if name.startswith("reseat.smr.P1.x")]
+    assert len(columns) == len(np.unique(small.moments.exchanges)) - 1
+    metres = np.linalg.solve(small.whiten, small.columns[:, :, columns])
+    size = np.linalg.norm(metres, axis=1)
+    p1 = (small.smr == 0) & (small.visit >= 0)
+    assert np.all(size[small.moments.exchanges == 0.0] == 0.0)
+    assert np.sum(size[p1 & (small.moments.exchanges > 0.0)] ** 2, axis=1) == pytest.approx(
+        wandering.file.nuisance.reseat_m**2
+    )
+
+
+def test_rows_that_a_diagnosis_uses(wandering):
+    phase = np.asarray(wandering["phase"])
+    flags, compensation = np.zeros(len(wandering)), np.zeros(len(wandering))
+    pose = np.flatnonzero(phase == "calibration")
+    flags[pose[:7]], compensation[pose[7:9]] = 1.0, 2.0
+    later = phase.copy().astype("U30")
+    later[pose[-5:]] = "verification_after"
+    kept = usable_rows(changed(wandering, flags=flags, compensation=compensation, phase=later))
+    assert set(kept) == set(range(len(wandering))) - set(pose[:9]) - set(pose[-5:])
+
+
+def test_rows_and_readings_belong_together(wandering, small):
+    names = np.array([s.name for s in small.machine.smrs])[small.smr]
+    assert np.array_equal(names, np.asarray(wandering["smr"])[small.rows])
+    assert np.array_equal(small.position_m, wandering.positions_m[small.rows])
+    assert np.array_equal(small.visit < 0, np.asarray(wandering["phase"])[small.rows] == "nests")
+
+
+def shifted(recording, rows, metres):
+    """A recording with some readings off across the line of sight."""
+    x = recording["x_m"].copy()
+    x[rows] += metres
+    return changed(recording, x_m=x)
+
+
+def test_few_readings_that_are_far_off_change_little():
+    recording = recorded(plant(80))
+    on_platform = np.flatnonzero(np.char.startswith(np.asarray(recording["smr"]), "P"))
+    rows = np.random.default_rng(2).choice(on_platform, 3, replace=False)
+    assert diagnose(shifted(recording, rows, 1.5e-4)).verdict == "none"
+
+
+def test_many_readings_that_are_far_off_count_fully(wandering):
+    rows = np.flatnonzero((np.asarray(wandering["smr"]) == "P1") & (wandering["visit"] % 2 == 0))
+    plain, far = baseline_of(wandering), baseline_of(shifted(wandering, rows, 1.5e-4))
+    assert np.linalg.det(far.whiten) == pytest.approx(np.linalg.det(plain.whiten), rel=0.01)
+
+
+def test_flagged_readings_alone_are_refused(wandering):
+    refused(changed(wandering, flags=np.ones(len(wandering))), "unflagged")
+
+
+def test_compensated_readings_alone_are_refused(wandering):
+    refused(changed(wandering, compensation=np.ones(len(wandering))), "without compensation")
+
+
+def test_nests_alone_are_refused(wandering):
+    rows = np.asarray(wandering["phase"]) == "nests"
+    refused(replace(wandering, columns={n: c[rows] for n, c in wandering.columns.items()}), "campaign")
+
+
+@pytest.mark.parametrize("visits", [1, 2])
+def test_too_few_visits_are_refused(wandering, visits):
+    rows = wandering["visit"] < visits
+    refused(replace(wandering, columns={n: c[rows] for n, c in wandering.columns.items()}), "campaign|pose|visit")
+
+
+def test_drives_that_no_pose_has_are_refused(wandering):
+    refused(changed(wandering, left_actual_m=wandering["left_actual_m"] + 5.0), "equilibrium|drive")
+
+
+def test_a_missing_column_is_named(wandering):
+    refused(without(wandering, "dwell_s"), "dwell_s")
+    refused(without(wandering, "left_torque_ratio"), "left_torque_ratio")
+
+
+def without(recording, name):
+    return replace(recording, columns={n: c for n, c in recording.columns.items() if n != name})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("column", ["x_m", "left_actual_m", "dwell_s", "struts_temperature_c"])
+def test_what_is_not_finite_cannot_come_in(wandering, column, value):
+    values = wandering[column].copy()
+    values[3] = value
+    columns = changed(wandering, **{column: values}).columns
+    rows = [
+        dict(zip(columns, cells, strict=True)) for cells in zip(*(c.tolist() for c in columns.values()), strict=True)
+    ]
+    with pytest.raises(InputError, match=f"'{column}' is not finite"):
+        make_recording(wandering.file, wandering.machine, rows)

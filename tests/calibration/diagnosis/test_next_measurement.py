@@ -1,0 +1,67 @@
+"""What is proposed to be measured next: possible visits, ranked, and such as can tell what the campaign could not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.machine.description import load_machine
+from mock_devices.effects import EffectChoice
+from mock_devices.recordings.design import DesignOptions
+from tests.calibration.diagnosis.campaigns import PLANAR, plant, recorded
+
+
+@pytest.fixture(scope="module")
+def one_sided():
+    """Every pose from below: backlash is there and cannot be seen."""
+    return diagnose(recorded(plant(60, EffectChoice("backlash", 6e-5), design=DesignOptions(both_directions=False))))
+
+
+def test_candidates_are_ranked_by_information_a_minute(one_sided):
+    found = [c for c in one_sided.next_measurement if c.visits]
+    rates = [c.gain_bit_per_min for c in found]
+    assert rates == sorted(rates, reverse=True)
+    assert len({c.name for c in found}) == len(found) > 1
+
+
+def test_candidates_can_be_carried_out(one_sided):
+    machine = load_machine(PLANAR)
+    low, high = machine.workspace.T
+    for candidate in one_sided.next_measurement:
+        assert candidate.minutes > 0.0
+        assert candidate.gain_bit >= 0.0
+        assert candidate.adds
+        for visit in candidate.visits:
+            assert np.all((low <= visit.target_m) & (visit.target_m <= high))
+            assert set(visit.direction) <= {-1, 1}
+            assert len(visit.direction) == len(machine.drive_names)
+            assert visit.payload in range(3)
+            assert visit.speed_m_per_s > 0.0
+            assert visit.dwell_s >= 0.0
+
+
+def test_no_more_is_promised_than_there_is_to_know(one_sided):
+    """A cause among k names cannot take more than log2 k bits."""
+    names = {*one_sided.ranking, *one_sided.not_tested}
+    assert all(c.gain_bit <= np.log2(len(names)) for c in one_sided.next_measurement)
+
+
+def test_what_is_to_be_settled_is_a_name(one_sided):
+    known = {*one_sided.ranking, *one_sided.not_tested, NONE, UNKNOWN}
+    for candidate in one_sided.next_measurement:
+        assert set(candidate.settles) <= known
+
+
+def test_backlash_that_was_not_tested_asks_for_both_directions(one_sided):
+    assert "backlash" in one_sided.not_tested
+    assert one_sided.verdict != "backlash"
+    two_sided = {c.name: len({v.direction for v in c.visits}) > 1 for c in one_sided.next_measurement if c.visits}
+    assert any(two_sided.values())
+    for candidate in one_sided.next_measurement:
+        if candidate.visits and "backlash" in candidate.settles:
+            assert two_sided[candidate.name], candidate.name
+    first = next(c for c in one_sided.next_measurement if c.visits)
+    assert two_sided[first.name]
+    assert "backlash" in first.settles

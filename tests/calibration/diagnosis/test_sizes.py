@@ -1,0 +1,74 @@
+"""The sizes that a diagnosis states, in the units of the catalogue, against departures that the test itself puts in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.diagnose import diagnose
+from calibration.effects.catalogue import Catalogue, load_catalogue
+from tests.calibration.diagnosis.campaigns import STATED, Arrivals, simulated
+
+LEFT = np.array([1.0, 0.0])
+
+
+def reduced(q: np.ndarray) -> np.ndarray:
+    """The left drive on [-1, 1] over the travel of the campaign."""
+    return 2.0 * (q - q.min()) / np.ptp(q) - 1.0
+
+
+def play(a: Arrivals) -> np.ndarray:
+    return -0.5 * 4e-5 * a.sides * LEFT
+
+
+def coupling(a: Arrivals) -> np.ndarray:
+    return 8e-5 * (a.drives[:, 1:] - 1.0) * LEFT
+
+
+def wave(a: Arrivals) -> np.ndarray:
+    return 3e-5 * np.sin(2.0 * np.pi * a.drives / 0.012) * LEFT
+
+
+def bow(a: Arrivals) -> np.ndarray:
+    """Of RMS 30 um over the travel, without a straight part."""
+    shape = np.cos(2.0 * np.pi * reduced(a.drives[:, 0]))
+    return 3e-5 * ((shape - shape.mean()) / shape.std())[:, None] * LEFT
+
+
+def creep(a: Arrivals) -> np.ndarray:
+    late = np.exp(-a.dwell_s / 4.0) * a.speed_m_per_s / 0.5
+    return -2e-4 * a.sides * late[:, None] * LEFT
+
+
+@pytest.mark.parametrize(
+    ("name", "departure", "size", "rel"),
+    [
+        ("backlash", play, 4e-5, 0.05),
+        ("axis_coupling", coupling, 8e-5, 0.25),
+        ("screw_periodic_error", wave, 3e-5, 0.08),
+        ("screw_cumulative_error", bow, 3e-5, 0.25),
+        ("servo_settling", creep, 2e-4, 0.25),
+    ],
+)
+def test_the_size_is_in_its_own_unit(name, departure, size, rel):
+    """The effect alone in the catalogue: what it is taken for is another test's matter."""
+    catalogue = load_catalogue()
+    alone = Catalogue(tuple(e for e in catalogue.effects if e.name == name))
+    diagnosis = diagnose(simulated("planar4", 80, departure), alone)
+    assert diagnosis.verdict == name
+    first = diagnosis.effects[0]
+    assert first.place == "left"
+    assert abs(first.size.value) == pytest.approx(size, rel=rel, abs=3.0 * first.size.u)
+    assert first.size.unit == next(e.size.unit for e in alone.effects)
+
+
+def test_raw_and_visible_size_are_those_of_the_readings():
+    """RMS of the true change of a reading's coordinate in units of the stated angle deviation times the distance."""
+    true, without = (simulated("planar4", 80, d, noise=0.0) for d in (play, None))
+    platform = np.char.startswith(np.asarray(true["smr"]), "P")
+    change = (true.positions_m - without.positions_m)[platform][:, [0, 2]]  # the station looks along z: x and height
+    sigma = STATED.angle_sd_rad * true["slope_distance_m"][platform][:, None]
+    raw = float(np.sqrt(np.mean((change / sigma) ** 2)))
+    found = diagnose(simulated("planar4", 80, play)).effects[0]
+    assert found.raw_sigma == pytest.approx(raw, rel=0.1)
+    assert 0.3 * raw < found.visible_sigma < raw

@@ -1,0 +1,227 @@
+"""The twin: its places against the readings' own predictions and the plant, its data there and back, hostile data."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose_and_add, diagnose_and_score
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import moments_of
+from mock_devices.effects import EffectChoice
+from tests.calibration.diagnosis.campaigns import PLANAR, example, noise_free_m, plant, recorded, simulated
+
+TEXT = PLANAR.read_text(encoding="utf-8")
+NUISANCE = ("range.", "refraction.", "drift.", "reseat.", "reversal.", "temperature.")
+
+
+@pytest.fixture(scope="module")
+def case(strong):
+    """Diagnosis and twin of the recording with backlash."""
+    return diagnose_and_add(strong)
+
+
+@pytest.fixture(scope="module")
+def twin(case) -> Twin:
+    return case[1]
+
+
+def of_readings(twin: Twin, baseline) -> np.ndarray:
+    """Places (n, 3) of the readings' own reflectors, machine's frame, at the readings' moments."""
+    return twin.places_m(baseline.moments)[np.arange(len(baseline.rows)), baseline.smr]
+
+
+def in_plane(baseline, shift: np.ndarray) -> np.ndarray:
+    """Station's frame to the plane that the machine moves in, reflectors on the machine."""
+    return (shift @ baseline.frame.rotation)[baseline.visit >= 0][:, :2]
+
+
+def rms_of_shape(twin: Twin, baseline, clean_m: np.ndarray) -> float:
+    """RMS distance in the plane from noise-free points, but for a frame and a scale: the station's stay uncertain."""
+    places = of_readings(twin, baseline)
+    apart = in_plane(baseline, twin.frame.to_station(places) - clean_m)
+    x, y = places[baseline.visit >= 0][:, :2].T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    free = np.stack([np.stack([one, zero, -y, x], axis=1), np.stack([zero, one, x, y], axis=1)], axis=1).reshape(-1, 4)
+    flat = apart.ravel()
+    return float(np.sqrt(np.mean((flat - free @ np.linalg.lstsq(free, flat, rcond=None)[0]) ** 2)))
+
+
+def fitted_m(baseline, readout, twin) -> np.ndarray:
+    """Readings as the linear model has them without noise and wander, given the twin's coefficients: a regression."""
+    effect = next(e for e in load_catalogue().effects if e.name == twin.added[0].effect)
+    forms = effect.forms(setting_of(readout, periodograms(readout)), twin.added[0].place)
+    h = readout.columns([forms.acts[c] for c in twin.added[0].columns])
+    signal = np.einsum("nwk,k->nw", h, np.array(twin.added[0].coefficients))
+    a = baseline.columns.reshape(-1, baseline.columns.shape[2])
+    y = (baseline.residual - signal).ravel()
+    found = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ y)
+    found[[k for k, name in enumerate(baseline.names) if name.startswith(NUISANCE)]] = 0.0
+    left = baseline.residual - signal - (a @ found).reshape(baseline.residual.shape)
+    return baseline.position_m - np.linalg.solve(baseline.whiten, left[:, :, None])[:, :, 0]
+
+
+def test_the_twin_is_the_machine_that_the_readings_speak_of(case, strong):
+    diagnosis, twin = case
+    assert diagnosis.verdict == "backlash"
+    assert [a.effect for a in twin.added] == ["backlash"]
+    baseline = baseline_of(strong)
+    apart = in_plane(
+        baseline, twin.frame.to_station(of_readings(twin, baseline)) - fitted_m(baseline, Readout(baseline), twin)
+    )
+    assert np.sqrt(np.mean(apart**2)) < 2e-6
+    assert np.abs(apart).max() < 8e-6
+
+
+def test_the_twin_is_nearer_to_the_plant_than_the_model(twin, reversing, strong):
+    """Noise-free points of the plant; its station does not drift."""
+    baseline, clean = baseline_of(strong), noise_free_m(reversing)
+    with_effect, without = (rms_of_shape(t, baseline, clean) for t in (twin, replace(twin, added=())))
+    assert with_effect < 5e-6
+    assert with_effect < 0.4 * without
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("screw_cumulative_error", 6e-5), ("screw_periodic_error", 4e-5), ("link_thermal_growth", 5.0)]
+)
+def test_calibration_and_effect_are_found_together(name, size):
+    """Geometry that was fitted without the effect has taken up part of it: it must not be counted twice."""
+    bench = plant(80, EffectChoice(name, size))
+    recording = recorded(bench)
+    diagnosis, twin = diagnose_and_add(recording)
+    assert diagnosis.verdict == name
+    assert rms_of_shape(twin, baseline_of(recording), noise_free_m(bench)) < 6e-6
+
+
+def test_the_twin_of_a_sound_machine_has_no_effect():
+    bench = plant(60)
+    recording = recorded(bench)
+    _, twin = diagnose_and_add(recording)
+    assert not twin.added
+    assert rms_of_shape(twin, baseline_of(recording), noise_free_m(bench)) < 4e-6
+
+
+def test_a_single_moment_gives_what_all_give(twin, strong):
+    """A twin that is served is asked moment by moment."""
+    moments = moments_of(strong)
+    everywhere = twin.places_m(moments)
+    for row in (0, 7, len(moments) - 1):
+        assert twin.places_m(moments, np.array([row]))[0] == pytest.approx(everywhere[row], abs=1e-7)
+
+
+def test_data_there_and_back(twin, strong):
+    data = json.loads(json.dumps(twin.to_data(), allow_nan=False))
+    again = Twin.from_data(TEXT, data)
+    moments = moments_of(strong)
+    assert np.array_equal(again.places_m(moments), twin.places_m(moments))
+    assert json.dumps(again.to_data()) == json.dumps(twin.to_data())
+
+
+def test_an_effect_that_is_not_known_is_named(twin):
+    data = copy.deepcopy(twin.to_data())
+    data["added"][0]["effect"] = "stiction"
+    with pytest.raises(InputError, match="stiction"):
+        Twin.from_data(TEXT, data)
+    with pytest.raises(InputError, match="backlash"):
+        Twin.from_data(TEXT, twin.to_data(), load_catalogue(without=("backlash",)))
+
+
+def test_a_twin_with_an_effect_of_ones_own_needs_its_file(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(example(), encoding="utf-8")
+    recording = simulated("planar4", 60, lambda a: -1e-4 * a.way_m * np.array([1.0, 0.0]))
+    catalogue = load_catalogue([path])
+    diagnosis, twin = diagnose_and_add(recording, catalogue)
+    data = json.loads(json.dumps(twin.to_data()))
+    with pytest.raises(InputError, match=f"{diagnosis.verdict}.*--effects"):
+        Twin.from_data(TEXT, data)
+    moments, rows = moments_of(recording), np.arange(20)
+    again = Twin.from_data(TEXT, data, load_catalogue([path]))
+    assert np.array_equal(again.places_m(moments, rows), twin.places_m(moments, rows))
+
+
+def test_the_score_is_that_of_readings_that_were_withheld(strong, case):
+    diagnosis, _, score = diagnose_and_score(strong)
+    assert score.figures.shrink == pytest.approx(diagnosis.gap.shrink, abs=0.05)
+    assert score.figures.before_m == pytest.approx(case[0].gap.before_m, rel=0.05)
+    assert score.readings == len(diagnosis.withheld.rows)
+    assert 0.8 < score.after_sigma < 1.2 < score.before_sigma
+
+
+def test_the_data_of_another_machine_are_refused(twin):
+    other = PLANAR.with_name("delta8.toml").read_text(encoding="utf-8")
+    with pytest.raises(InputError):
+        Twin.from_data(other, twin.to_data())
+
+
+@pytest.fixture(scope="module")
+def little():
+    """Data of a small twin, and moments to try it at."""
+    recording = recorded(plant(24, EffectChoice("backlash", 2e-4), seed=2))
+    diagnosis, twin = diagnose_and_add(recording)
+    assert diagnosis.effects
+    return twin.to_data(), moments_of(recording)
+
+
+def paths(node, path=()):
+    """Every place in the data, long lists by their first entries."""
+    yield path
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from paths(value, (*path, key))
+    elif isinstance(node, list):
+        for index, value in enumerate(node[:2]):
+            yield from paths(value, (*path, index))
+
+
+BAD = st.sampled_from([
+    None, True, "x", "1e5", "", [], {}, [[]], [None], [1.0], {"a": 1}, 0, -1, 1, 7, 2.5, 1000000, 10**400, 1e300,
+    -1e300, 1e-300, float("nan"), float("inf"), -float("inf"), [[1.0, 2.0], [3.0]], "\n",
+])  # fmt: skip
+
+
+@settings(
+    max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(pick=st.integers(0, 10**6), value=BAD, kind=st.sampled_from(["set", "set", "delete", "twice"]))
+def test_hostile_data_are_refused_in_one_line(little, pick, value, kind):
+    """Whatever is changed: one line at reading or at use, or a finite answer; no other exception, no warning."""
+    data, moments = little
+    data = json.loads(json.dumps(data))
+    places = [p for p in paths(data) if p]
+    *way, last = places[pick % len(places)]
+    node = data
+    for key in way:
+        node = node[key]
+    if kind == "delete":
+        del node[last]
+    elif kind == "twice" and isinstance(node, list):
+        node.append(node[last])
+    else:
+        node[last] = value
+    line = ""
+    try:
+        found = Twin.from_data(TEXT, data).places_m(moments, np.arange(2))
+    except InputError as error:
+        found, line = np.zeros(1), str(error)
+    assert np.all(np.isfinite(found))
+    assert "\n" not in line
+    assert len(line) < 1000
+
+
+@pytest.mark.parametrize("data", [{}, {"format": 1}, {"format": 99}, [], "x", None, 3, {"format": 1, "added": {}}])
+def test_what_is_no_twin_at_all_is_refused(data):
+    with pytest.raises(InputError) as caught:
+        Twin.from_data(TEXT, data)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,219 @@
+"""The catalogue: its names, files and entry points of others, complaints in one line, and forms that fit readings."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.base.errors import InputError
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import baseline_of
+from calibration.effects import catalogue as module
+from calibration.effects.api import Effect, Forms, Parameter
+from calibration.effects.catalogue import INSIDE_GEOMETRY, Catalogue, load_catalogue
+from mock_devices.effects.catalogue import SPECS
+from tests.calibration.diagnosis.campaigns import simulated
+
+DOCS = Path(__file__).parents[3] / "docs"
+NAMES = {
+    "link_thermal_growth", "column_thermal_growth", "screw_thermal_growth", "backlash", "friction_windup",
+    "column_compliance", "link_stiffness", "joint_clearance", "screw_cumulative_error", "screw_periodic_error",
+    "encoder_interpolation", "guide_straightness", "guide_angular", "foundation_settling", "tracker_drift",
+    "refraction", "smr_reseat", "axis_coupling", "latency", "servo_settling",
+}  # fmt: skip
+OWN = """
+from calibration.effects.base import Effect, Forms, Parameter
+def forms(s, drive):
+    f = Forms()
+    f.form(f.add((f"travel.{s.drive(drive)}", s.moments.dwell_s)))
+    return f
+EFFECTS = (Effect("NAME", "drive", Parameter("size_m", 1e-6, 1e-4, "m", "of it"), "dwell", (), forms),)
+"""
+
+
+def own(tmp_path: Path, text: str = OWN, name: str = "mine") -> Path:
+    path = tmp_path / f"{name}.py"
+    path.write_text(text.replace("NAME", name), encoding="utf-8")
+    return path
+
+
+def refused(match: str, *files: Path, **options) -> None:
+    with pytest.raises(InputError, match=match) as caught:
+        load_catalogue(files, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_names_are_those_that_were_promised():
+    assert set(load_catalogue().names) == NAMES
+    assert len(load_catalogue().names) == len(NAMES)
+
+
+@pytest.mark.parametrize("effect", load_catalogue().effects, ids=lambda e: e.name)
+def test_every_effect_says_what_it_is(effect):
+    units = {"m", "rad", "s", "K", "1", "m/N", "K/m"}
+    for parameter in (effect.size, *effect.others):
+        assert 0.0 <= parameter.low < parameter.high
+        assert parameter.unit in units
+        assert parameter.meaning
+    assert effect.size.low > 0.0
+    assert effect.reveals
+    assert set(effect.confounded) <= NAMES - {effect.name}
+
+
+@pytest.mark.parametrize("effect", load_catalogue().effects, ids=lambda e: e.name)
+def test_ranges_hold_what_the_plant_takes_for_typical(effect):
+    """The plant's catalogue was written by others; sizes with other units (a logarithm) are left out."""
+    theirs = SPECS[effect.name].size
+    if theirs.name != effect.size.name:
+        pytest.skip("the plant states its size otherwise")
+    assert effect.size.low <= theirs.typical <= effect.size.high
+
+
+def test_every_effect_has_a_section_in_the_docs():
+    text = (DOCS / "effects.md").read_text(encoding="utf-8")
+    sections = Counter(re.findall(r"^### `(\w+)`", text, flags=re.MULTILINE))
+    assert set(sections) == NAMES
+    assert set(sections.values()) == {1}
+    for name in INSIDE_GEOMETRY:
+        assert name in text
+
+
+@pytest.mark.parametrize("effect", load_catalogue().effects, ids=lambda e: e.name)
+def test_the_docs_give_the_range_of_every_parameter(effect):
+    text = (DOCS / "effects.md").read_text(encoding="utf-8")
+    section = re.search(rf"^### `{effect.name}`.*?(?=^##|\Z)", text, flags=re.MULTILINE | re.DOTALL).group()
+    section = " ".join(section.split())
+    for p in (effect.size, *effect.others):
+        found = re.search(rf"`{p.name}` ([-\d.e+]+) to ([-\de+]+(?:\.\d+)?) ?([\w/]*)", section)
+        assert found, p.name
+        assert float(found[1]) == pytest.approx(p.low, rel=1e-3)
+        assert float(found[2]) == pytest.approx(p.high, rel=1e-3)
+        assert p.unit in ("1", found[3])
+    for other in effect.confounded:
+        assert other in section
+
+
+def test_a_file_of_ones_own_joins(tmp_path):
+    found = load_catalogue([own(tmp_path), own(tmp_path, name="other")])
+    assert found.names[-2:] == ("mine", "other")
+    assert set(found.names) == {*NAMES, "mine", "other"}
+
+
+def test_some_can_be_left_out(tmp_path):
+    found = load_catalogue([own(tmp_path)], without=("backlash", "mine"))
+    assert set(found.names) == NAMES - {"backlash"}
+    assert set(Catalogue(found.effects).without(["latency"]).names) == NAMES - {"backlash", "latency"}
+    refused("effect 'slack' is not in the catalogue", without=("slack",))
+
+
+@pytest.mark.parametrize("name", ["backlash", "none", "unknown", "smr_offset"])
+def test_names_that_are_taken_are_refused(tmp_path, name):
+    refused(f"effect '{name}' is already known", own(tmp_path, name=name))
+
+
+def test_the_same_file_twice_is_refused(tmp_path):
+    refused("already known", own(tmp_path), own(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", "holds no EFFECTS"),
+        ("EFFECTS = ()", "holds no EFFECTS"),
+        ("EFFECTS = 7", "holds no EFFECTS"),
+        ("EFFECTS = (1,)", "each must be an Effect"),
+        ("EFFECTS = (", "SyntaxError"),
+        ("import nothing_like_this", "ModuleNotFoundError"),
+        ("raise ValueError('boom')", "ValueError: boom"),
+        ("raise ValueError('boom\\nand more')", "ValueError: boom"),
+        ("import sys\nsys.exit(3)", "SystemExit"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path, text, match):
+    refused(match, own(tmp_path, text))
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    refused("no Python file", tmp_path / "none.py")
+    refused("no Python file", tmp_path)
+
+
+def test_a_file_may_use_dataclasses_with_late_annotations(tmp_path):
+    text = (
+        "from __future__ import annotations\nfrom dataclasses import dataclass\n@dataclass\nclass A:\n    x: int = 1\n"
+    )
+    assert load_catalogue([own(tmp_path, text + OWN)]).names[-1] == "mine"
+
+
+class Point:
+    """An installed package's entry point."""
+
+    name = "package"
+
+    def __init__(self, found):
+        self.found = found
+
+    def load(self):
+        if isinstance(self.found, Exception):
+            raise self.found
+        return self.found
+
+
+def some_effect(name: str) -> Effect:
+    return Effect(name, "rig", Parameter("size_m", 1e-6, 1e-4, "m", "of it"), "all", (), lambda s, i: Forms())
+
+
+@pytest.mark.parametrize(
+    ("found", "match"),
+    [(None, "entry point package"), ((1,), "entry point package"), (ImportError("gone"), "entry point package")],
+)
+def test_entry_points(monkeypatch, found, match):
+    monkeypatch.setattr(module, "entry_points", lambda group: [Point((some_effect("theirs"),))])
+    assert "theirs" in load_catalogue().names
+    monkeypatch.setattr(module, "entry_points", lambda group: [Point(found)])
+    refused(match)
+
+
+@pytest.fixture(scope="module", params=["planar4", "delta8", "stewart6", "rrr3"])
+def setting(request):
+    readout = Readout(baseline_of(simulated(request.param, 40)))
+    return setting_of(readout, periodograms(readout)), readout
+
+
+def test_forms_fit_any_machine(setting):
+    """Channels that exist, columns that are finite and of one length, first column the size."""
+    setting, readout = setting
+    channels = Channels(readout.baseline).names
+    for effect in load_catalogue().effects:
+        places = effect.places(setting.machine)
+        assert places
+        for index in range(len(places)):
+            forms = effect.forms(setting, index)
+            for act in forms.acts:
+                for channel, shape in act:
+                    assert channel in channels, effect.name
+                    assert shape.shape == (len(setting.moments),), effect.name
+                    assert np.all(np.isfinite(shape)), effect.name
+            for form in forms.forms:
+                assert len(form.columns) == len(form.relative) > 0, effect.name
+                assert len(set(form.columns)) == len(form.columns), effect.name
+                assert max(form.columns) < len(forms.acts), effect.name
+                assert form.relative[0] == 1.0, effect.name
+                assert set(form.parameters) <= {p.name for p in effect.others} | {"onset_s", "tau_s"}, effect.name
+
+
+def test_building_forms_twice_gives_the_same(setting):
+    setting, _ = setting
+    for effect in load_catalogue().effects:
+        one, other = (effect.forms(setting, 0) for _ in range(2))
+        assert one.forms == other.forms
+        for a, b in zip(one.acts, other.acts, strict=True):
+            for (channel, shape), (channel_, shape_) in zip(a, b, strict=True):
+                assert channel == channel_
+                assert np.array_equal(shape, shape_)

@@ -1,0 +1,101 @@
+"""What effects know of a campaign, against histories integrated step by step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from calibration.effects.context import moments_of
+from mock_devices.recordings.design import DesignOptions
+from tests.calibration.diagnosis.campaigns import changed, plant, recorded
+
+SWING = ((3600.0, 0.0), (3601.0, 3.0), (5000.0, -2.0), (9000.0, 1.0))
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return plant(60, temperature_programme=SWING, design=DesignOptions(fly_share=0.2))
+
+
+@pytest.fixture(scope="module")
+def recording(bench):
+    return recorded(bench)
+
+
+@pytest.fixture(scope="module")
+def m(recording):
+    return moments_of(recording)
+
+
+def test_moments_are_those_of_the_design(bench, recording, m):
+    visits = bench.timeline.design.visits
+    on_pose = np.asarray(recording["phase"]) != "nests"
+    of = recording["visit"].astype(int)[on_pose]
+    assert m.direction[on_pose] == pytest.approx(np.array([visits[v].direction for v in of], dtype=float))
+    assert np.array_equal(m.moving[on_pose], [visits[v].on_the_fly for v in of])
+    assert not np.any(m.moving[~on_pose])
+    assert np.array_equal(m.arrival[on_pose], of)
+    assert len(m.history.arrived_s) == len(visits)
+    assert np.all(np.diff(m.history.arrived_s) > 0.0)
+    assert np.array_equal(m.history.drives[m.arrival][on_pose], m.drives[on_pose])
+    former = np.maximum(of - 1, 0)
+    assert m.former[on_pose] == pytest.approx(m.history.drives[former])
+
+
+def test_exchanges_are_counted_in_time(bench, recording, m):
+    payloads = [v.payload for v in bench.timeline.design.visits]
+    assert m.exchanges.max() == sum(a != b for a, b in pairwise(payloads))
+    order = np.argsort(recording["t_rig_s"])
+    assert np.all(np.diff(m.exchanges[order]) >= 0.0)
+    for number in np.unique(m.exchanges):
+        assert np.ptp(m.payload_kg[m.exchanges == number]) == 0.0
+
+
+def test_the_order_of_visits_does_not_matter(recording, m):
+    number = np.random.default_rng(1).permutation(100)[recording["visit"].astype(int)]
+    shuffle = np.argsort(number, kind="stable")
+    other = moments_of(replace(recording, columns={n: c[shuffle] for n, c in recording.columns.items()}))
+    for name in ("t_s", "drives", "direction", "exchanges", "elapsed_s", "former", "velocity_m_per_s"):
+        assert np.array_equal(getattr(other, name), getattr(m, name)[shuffle]), name
+    assert other.warmth(1, 900.0) == pytest.approx(m.warmth(1, 900.0)[shuffle])
+    assert other.lag_k("struts", 900.0) == pytest.approx(m.lag_k("struts", 900.0)[shuffle], abs=1e-9)
+
+
+@pytest.mark.parametrize("tau_s", [200.0, 1500.0, 6000.0])
+@pytest.mark.parametrize("drive", [0, 1])
+def test_warmth_is_the_heat_of_all_ways_before(m, drive, tau_s):
+    """dw/dt = (speed - w) / tau with each way at the moment of its arrival, integrated directly."""
+    expected = np.zeros(len(m))
+    for row, t in enumerate(m.t_s):
+        for k in range(1, int(m.arrival[row]) + 1):
+            way = abs(m.history.drives[k, drive] - m.history.drives[k - 1, drive])
+            expected[row] += way / tau_s * np.exp(-max(t - m.history.arrived_s[k], 0.0) / tau_s)
+    # Readings may be some milliseconds before the arrival that their dwell tells: the decay is from the arrival on.
+    assert m.warmth(drive, tau_s) == pytest.approx(expected, rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize("tau_s", [300.0, 1500.0, 6000.0])
+def test_lag_is_that_of_a_first_order_part(m, tau_s):
+    """T' = (S - T) / tau from T = S at the start, in steps of a tenth of a second."""
+    order = np.argsort(m.t_s)
+    t, sensed = m.t_s[order], m.temperatures_c["struts"][order]
+    fine = np.arange(t[0], t[-1] + 0.1, 0.1)
+    source = np.interp(fine, t, sensed)
+    part = np.empty(len(fine))
+    part[0] = source[0]
+    for i in range(1, len(fine)):
+        part[i] = part[i - 1] + 0.1 / tau_s * (source[i - 1] - part[i - 1])
+    expected = np.interp(m.t_s, fine, part - source)
+    got = m.lag_k("struts", tau_s)
+    assert np.abs(expected).max() > 0.2
+    assert got == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
+
+
+def test_an_unmoved_drive_is_cold(recording):
+    still = {f"left_{q}": np.full(len(recording), 1.0) for q in ("commanded_m", "actual_m")}
+    m = moments_of(changed(recording, **still))
+    assert np.all(m.warmth(0, 600.0) == 0.0)
+    assert np.any(m.warmth(1, 600.0) > 0.0)

@@ -1,0 +1,239 @@
+"""Struts that are no linear springs: their laws, their place in the structure, fitting them again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration.base.errors import InputError
+from calibration.diagnosis.curve_fit import refit
+from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
+from calibration.diagnosis.effect_inputs import periodograms, setting_of
+from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.context import moments_of
+from calibration.effects.structure import clearance_curves, link_stiffness_curves
+from calibration.effects.strut_laws import Held, Range, curve, misfit_m, one_way, play, slipping, softer
+from calibration.machine import equilibrium
+from calibration.machine.description import load_machine
+from mock_devices.effects import EffectChoice
+from tests.calibration.diagnosis.campaigns import PLANAR, Rest, drawn_geometry, drawn_poses, plant, recorded, simulated
+
+COMPLIANCE = 1e-8
+LAWS = {
+    "play": lambda: play(3e-5, 400.0),
+    "softer": lambda: softer(COMPLIANCE),
+    "slipping": lambda: slipping(COMPLIANCE, 2000.0, 2.0),
+    "tension alone": lambda: one_way(COMPLIANCE, 1.0, 200.0),
+    "compression alone": lambda: one_way(COMPLIANCE, -1.0, 200.0),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(tension=st.floats(-2e4, 2e4))
+def test_a_law_grows_from_zero_and_knows_its_derivative(name, tension):
+    law, at = LAWS[name](), np.array([tension])
+    assert law(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-15)
+    slope = law(at)[1]
+    numeric = (law(at + 0.5)[0] - law(at - 0.5)[0]) / 1.0
+    assert slope >= 0.0
+    assert slope == pytest.approx(numeric, rel=1e-4, abs=1e-12)
+
+
+@settings(deadline=None)
+@given(
+    free=st.lists(st.floats(-5e4, 5e4), min_size=1, max_size=6),
+    restraint=st.floats(0.0, 1e8),
+    clearance=st.floats(1e-6, 4e-4),
+    width=st.floats(50.0, 2e4),
+)
+def test_tension_and_growth_agree_with_what_holds_the_strut(free, restraint, clearance, width):
+    tension, zero = np.array(free), np.zeros((len(free), 1))
+    held = Held("length.any", 1e8, tension, np.full(len(free), restraint), zero)
+    for law in (play(clearance, width), slipping(COMPLIANCE, width, 6.0), one_way(COMPLIANCE, -1.0, width)):
+        at, slope, kept = held.taken_up(law, np.zeros(1))
+        assert at + restraint * law(at)[0] == pytest.approx(tension, rel=1e-6, abs=1e-6)
+        assert slope == pytest.approx(law(at)[1])
+        assert np.all((kept > 0.0) & (kept <= 1.0))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_structure_around_a_strut_is_linear_enough(name):
+    """Against the whole machine solved with that strut's length corrected until its law holds, pose by pose."""
+    machine, rng, strut = load_machine(PLANAR), np.random.default_rng(3), 2
+    law, geometry = LAWS[name](), drawn_geometry(machine, rng)
+    target, drives = drawn_poses(machine, rng, 6)
+    cold = {sensor: np.full(6, machine.reference_temperature_c) for sensor in machine.sensors.values()}
+    at = equilibrium.conditions(machine, 6, cold, np.full(6, 200.0), np.zeros((6, 3)))
+    linear = Rest.of(machine, geometry, drives, at, target)
+    answers = []
+    for h in (-1e-6, 1e-6):
+        length = geometry.length_m.copy()
+        length[strut] += h
+        answers.append(linear.again(replace(geometry, length_m=length)).rest.force_n[:, strut])
+    restraint = (answers[0] - answers[1]) / 2e-6
+    free = linear.rest.force_n[:, strut]
+    held = Held("length.any", geometry.stiffness_n_per_m[strut], free, restraint, np.zeros((6, 1)))
+    tension = held.taken_up(law, np.zeros(1))[0]
+    growth = law(tension)[0]
+    for row in range(6):
+        one = Rest.of(machine, geometry, drives[[row]], at.take(np.array([row])), target[[row]])
+
+        def longer(growth_m: float, one=one) -> float:
+            length = geometry.length_m.copy()
+            length[strut] += growth_m
+            return float(one.again(replace(geometry, length_m=length)).rest.force_n[0, strut])
+
+        solved = longer(float(growth[row]))
+        assert solved == pytest.approx(tension[row], abs=0.01 * abs(free[row]) + 5.0)
+        assert float(law(np.array([solved]))[0][0]) == pytest.approx(growth[row], abs=0.02 * abs(growth[row]) + 5e-7)
+
+
+@pytest.fixture(scope="module")
+def yielding():
+    """A strut that gives way above a tension."""
+    return recorded(plant(80, EffectChoice("link_stiffness", 4.0, "right_lower", "yielding")))
+
+
+@pytest.fixture(scope="module")
+def known(yielding):
+    readout = Readout(baseline_of(yielding))
+    return readout, setting_of(readout, periodograms(readout))
+
+
+def test_answers_of_the_setting_are_those_of_the_model(known):
+    """Tension after a strut grew, by the model solved again."""
+    readout, s = known
+    baseline, poses = readout.baseline, readout.baseline.poses
+    geometry, rest = poses.geometry, poses.rest
+    for j in range(4):
+        forces = []
+        for h in (-1e-6, 1e-6):
+            length = geometry.length_m.copy()
+            length[j] += h
+            solved = equilibrium.solve(
+                baseline.machine, replace(geometry, length_m=length), poses.visits.drives, poses.at, rest.coordinates()
+            )
+            forces.append(solved.force_n[:, :4])
+        expected = ((forces[1] - forces[0]) / 2e-6)[np.maximum(baseline.visit, 0)]
+        np.testing.assert_allclose(s.answer_n_per_m[:, :, j], expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_columns_of_a_tangent_are_derivatives(known):
+    """Growth a little beside a point against the column and the step that its coefficient stands for."""
+    _, s = known
+    found = curve(
+        Held.of(s, 3), lambda at: play(np.exp(at[0]), float(np.exp(at[1]))), (Range(-20.0, 0.0), Range(0.0, 20.0)),
+        [(np.log(4e-5), np.log(3000.0))], (0.5,), lambda at, growth: 1.0, lambda at: 1e-5, misfit_m(s),
+    )  # fmt: skip
+    at = found.starts[1]
+    here = found.tangent(at)
+    columns = np.array([shape for ((_, shape),) in here.acts])
+    nothing = np.eye(len(columns))[0]
+    for i in range(1, len(columns)):
+        moved = here.step(nothing + 1e-3 * np.eye(len(columns))[i])
+        assert np.flatnonzero(moved).tolist() == [i - 1]
+        (((_, above),), *_), (((_, below),), *_) = found.tangent(at + moved).acts, found.tangent(at - moved).acts
+        expected = (above - below) / 2e-3
+        np.testing.assert_allclose(columns[i], expected, atol=0.02 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("curves", "number", "own", "limits", "within"),
+    [
+        (clearance_curves, 0, (np.log(6e-5), np.log(0.1), 0.2), (1e-6, 4e-4), 0.5),
+        (link_stiffness_curves, 0, (np.log(2.0), 1.0, 0.5), (0.05, 20.0), 0.5),
+        (
+            link_stiffness_curves,
+            2,
+            (np.log(2.0),),
+            (0.05, 20.0),
+            1.5,
+        ),  # hardly told from a misfit: its uncertainty says so
+    ],
+)
+def test_fitting_again_finds_what_was_put_in(known, curves, number, own, limits, within):
+    """Noise as stated and what a law does to one strut with some misfit: size, parameters and misfit are found."""
+    readout, s = known
+    truth = curves(s, 1)[number]
+    point = np.zeros(len(truth.low))
+    point[: len(own)] = own
+    point[len(own)] = held_at(s, 1, 0.3)
+    tangent = truth.tangent(point)
+    size = float(np.exp(own[0]))
+    baseline = readout.baseline
+    noise = np.random.default_rng(2).standard_normal(baseline.residual.shape)
+    signal = size * readout.columns(tangent.acts[:1])[:, :, 0]
+    found = refit(Readout(replace(baseline, residual=noise + signal)), [truth], *limits)
+    assert found is not None
+    weights = np.array([*found.best.form.size, *[0.0] * (len(found.best.coefficients) - 2)])
+    u = float(np.sqrt(weights @ found.best.covariance @ weights))
+    assert weights @ found.best.coefficients == pytest.approx(size, abs=3.0 * u)
+    assert u < 0.35 * size
+    there = np.array(found.best.form.curve[1])
+    assert there[: len(own)] == pytest.approx(point[: len(own)], abs=within)
+    # What it does to the strut is what was put in, but for what calibration takes up.
+    left = np.einsum("nwk,k->nw", readout.columns(found.acts), found.best.coefficients) - signal
+    assert np.sqrt(np.mean(readout.apply(left[:, :, None]) ** 2)) < 0.15
+
+
+def test_the_contrary_of_an_effect_is_not_that_effect(known):
+    readout, s = known
+    truth = link_stiffness_curves(s, 1)[0]
+    acts = truth.tangent(np.zeros(len(truth.low))).acts
+    signal = -0.5 * readout.columns(acts[:1])[:, :, 0]
+    assert refit(Readout(replace(readout.baseline, residual=signal)), [truth], 0.05, 20.0) is None
+
+
+@pytest.mark.parametrize("name", ["stewart6", "prs3"])
+def test_struts_that_nothing_holds_carry_what_they_carry(name):
+    """On a machine without redundancy the tension stays, and misfits change nothing."""
+    readout = Readout(baseline_of(simulated(name, 40)))
+    s = setting_of(readout, periodograms(readout))
+    held = Held.of(s, 0)
+    assert np.max(held.restraint_n_per_m) < 1e-3 * held.stiffness_n_per_m
+    for curves, limits in ((link_stiffness_curves, (0.05, 20.0)), (clearance_curves, (1e-6, 4e-4))):
+        for one in curves(s, 0):
+            columns = np.array([shape for ((_, shape),) in one.tangent(one.starts[0]).acts])
+            assert np.all(np.isfinite(columns))
+        found = refit(readout, curves(s, 0), *limits)
+        assert found is None or np.isfinite(found.log_evidence)
+
+
+def held_at(s, strut: int, middle: float) -> float:
+    """The strut's misfit that puts its mean tension at so many standard deviations."""
+    return Held.of(s, strut).shifts_m((middle,))[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "variant", "size", "place"),
+    [
+        ("link_stiffness", "yielding", 4.0, "right_lower"),
+        ("link_stiffness", "joint_angle", 1.3, "left_lower"),
+        ("joint_clearance", "load_dependent", 6e-5, "left_upper"),
+        ("joint_clearance", "soft_contact", 8e-5, "right_upper"),
+    ],
+)
+def test_play_and_softness_of_a_strut_are_told_apart(name, variant, size, place):
+    diagnosis = diagnose(recorded(plant(120, EffectChoice(name, size, place, variant))))
+    assert name in (diagnosis.verdict, *diagnosis.equivalent)
+    assert diagnosis.effects[0].place == place
+
+
+def test_a_twin_with_a_curve_there_and_back(yielding):
+    _, twin = diagnose_and_add(yielding)
+    assert twin.added[0].curve is not None
+    hostile = twin.to_data()
+    for curve_data in ([0, 0.0], [99, *hostile["added"][0]["curve"][1:]], [0.5, 1.0], "curve", [0, float("nan")]):
+        hostile["added"][0]["curve"] = curve_data
+        with pytest.raises(InputError, match="twin"):
+            Twin.from_data(PLANAR.read_text(encoding="utf-8"), hostile)
+    again = Twin.from_data(PLANAR.read_text(encoding="utf-8"), twin.to_data())
+    moments = moments_of(yielding)
+    rows = np.arange(0, len(moments), 40)
+    assert np.array_equal(again.places_m(moments, rows), twin.places_m(moments, rows))

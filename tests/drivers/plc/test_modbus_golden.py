@@ -1,0 +1,116 @@
+"""The PLC's driver by the byte: what it sends and what it makes of the answers, on TCP and on RTU."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import threading
+import tty
+from collections.abc import Callable, Iterator
+
+import pytest
+from pymodbus.framer.rtu import FramerRTU
+
+from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine
+from drivers.plc.plc import Plc
+from tests.drivers.scripted import CountingClock
+
+VALUES = struct.pack(">7f", 20.5, 21.0, 22.0, 19.0, 20.0, 1002.5, 45.0)
+
+
+def block(heartbeat: int, payload: int = 0, taken: int = 0, result: int = 0) -> bytes:
+    """Registers 0 to 36 as they stand in an answer."""
+    words = [0] * 37
+    words[0], words[1], words[2], words[3] = heartbeat, 0x000F, payload, 0xFFF0
+    words[34], words[35], words[36] = taken, result, 1
+    data = bytearray(struct.pack(">37H", *words))
+    data[8 : 8 + len(VALUES)] = VALUES
+    return bytes(data)
+
+
+# Requests and answers without what frames them: our heartbeat goes in front of the block, the command once.
+SCRIPT = [
+    ("17 0000 0025 001E 0001 02 0001", b"\x17\x4a" + block(7)),
+    ("03 0000 0025", b"\x03\x4a" + block(8)),
+    ("03 0022 0002", bytes.fromhex("03 04 0005 0000")),
+    ("10 001F 0003 06 0006 0001 0002", bytes.fromhex("10 001F 0003")),
+    ("03 0022 0002", bytes.fromhex("03 04 0006 0002")),
+    ("03 0022 0002", bytes.fromhex("03 04 0006 0000")),
+    ("03 0000 0025", b"\x03\x4a" + block(9, payload=2, taken=6)),
+]
+
+
+def crc(data: bytes) -> bytes:
+    return FramerRTU.compute_CRC(data).to_bytes(2, "big")
+
+
+class ScriptedPlc:
+    """Plays the script; `errors` holds what did not go by it."""
+
+    def __init__(self, receive: Callable[[int], bytes], send: Callable[[bytes], None], tcp: bool) -> None:
+        self.errors: list[str] = []
+        self.left = list(SCRIPT)
+        self._receive, self._send, self._tcp = receive, send, tcp
+        self.thread = threading.Thread(target=self._play, daemon=True)
+        self.thread.start()
+
+    def _play(self) -> None:
+        for request, answer in SCRIPT:
+            wanted = bytes.fromhex(request)
+            framed = 7 + len(wanted) if self._tcp else 1 + len(wanted) + 2
+            got = b""
+            while len(got) < framed:
+                part = self._receive(framed - len(got))
+                if not part:
+                    return
+                got += part
+            head = got[:7] if self._tcp else got[:1]
+            body = got[7:] if self._tcp else got[1:-2]
+            frame = got[2:6] == struct.pack(">HH", 0, len(wanted) + 1) if self._tcp else got[-2:] == crc(got[:-2])
+            if body != wanted or not frame or head[-1] != 1:
+                self.errors.append(f"wanted {request}, got {got.hex(' ')}")
+            if self._tcp:
+                self._send(got[:2] + struct.pack(">HHB", 0, len(answer) + 1, 1) + answer)
+            else:
+                self._send(b"\x01" + answer + crc(b"\x01" + answer))
+            self.left.pop(0)
+
+
+@pytest.fixture(params=["tcp", "rtu"])
+def line(request: pytest.FixtureRequest) -> Iterator[tuple[ModbusLine, list[ScriptedPlc]]]:
+    played: list[ScriptedPlc] = []
+    if request.param == "tcp":
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+
+            def serve() -> None:
+                wire, _ = listener.accept()
+                played.append(ScriptedPlc(wire.recv, wire.sendall, True))
+                played[0].thread.join(10.0)
+                wire.close()
+
+            server = threading.Thread(target=serve, daemon=True)
+            server.start()
+            yield TcpLine("127.0.0.1", listener.getsockname()[1]), played
+            server.join(10.0)
+        return
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    played.append(
+        ScriptedPlc(lambda size: os.read(master, size), lambda data: (os.write(master, data), None)[1], False)
+    )
+    yield RtuLine(os.ttyname(slave), parity="N"), played
+    played[0].thread.join(10.0)
+    os.close(slave)
+    os.close(master)
+
+
+def test_connecting_and_a_payload_by_the_byte(line: tuple[ModbusLine, list[ScriptedPlc]]) -> None:
+    where, played = line
+    plc = Plc(where, clock=CountingClock(), reply_timeout_s=2.0, poll_period_s=0.05)
+    state = plc.connect()
+    assert (state.heartbeat, state.pressure_hpa, state.humidity) == (8, 1002.5, 0.45)
+    assert plc.request_payload(2).payload == 2
+    plc.close()
+    assert played[0].errors == []
+    assert played[0].left == []

@@ -1,0 +1,193 @@
+"""The main job on a short campaign, over the real protocols of the embedded mock rig."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+
+from calibration.machine.description import load_machine, shipped_machine
+from calibration.recording.folder import read_folder, write_folder
+from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs.identify import identify_with_checks
+from pkm_rig.jobs.verdict import stored_outcome
+from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.report.html import write_report
+from pkm_rig.report.outcome_json import outcome_json
+from pkm_rig.report.outcome_text import short_table
+from pkm_rig.results.attempt import Attempt
+from pkm_rig.rig.store import Store
+from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+from tests.pkm_rig.rig.test_rig import flat_table
+
+
+def silent(*_):
+    return None
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """One short calibration and what it left behind."""
+    out = tmp_path_factory.mktemp("short")
+    file, machine = short_rig_file(seed=4)
+    store = Store(out / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+        outcome = job.calibrate(rig, store, silent, silent)
+        states = [bank.state() for bank in rig.banks]
+        trip = rig.supervisor.trip
+        drives = [(drive.compensation.mode, drive.compensation.active_bank) for drive in mock.drives]
+    yield outcome, store, out, states, trip, drives
+    store.close()
+
+
+def test_error_falls_and_the_tables_stay(run):
+    outcome, _, _, states, _, drives = run
+    assert outcome.accepted
+    for verified in outcome.verified:
+        assert verified.after.position_rms_m < 0.6 * verified.before.position_rms_m
+        assert "the tables stay" in verified.decision.rule
+    assert [v.payload_kg for v in outcome.verified] == [0.0, 200.0]
+    assert all(state.on and state.valid and state.payload_kg == 200.0 for state in states)
+    assert all(mode == 1 and bank in (1, 2) for mode, bank in drives)
+
+
+def test_a_clean_campaign_trips_nothing(run):
+    assert run[4] is None
+
+
+def test_every_planned_reading_is_in_the_store_once(run):
+    outcome, store, *_ = run
+    recording = store.recording(outcome.campaign)
+    assert len(set(recording["uid"].tolist())) == len(recording)
+    np.testing.assert_array_equal(recording["sequence"], np.arange(len(recording)))
+    kinds = [event.kind for event in store.events(outcome.campaign)]
+    assert kinds.count("finished") == kinds.count("started")
+    assert {"identified", "activated", "accepted"} <= set(kinds)
+    phases = set(np.asarray(recording["phase"]).tolist())
+    assert phases == {"repeatability", "nests", "calibration", "verification_before", "verification_after"}
+    assert set(np.unique(recording["left_direction"])) == {-1.0, 1.0}
+
+
+def test_200_kg_was_never_calibrated(run):
+    recording = run[0].reduction.recording
+    calibrated = np.asarray(recording["phase"]) == "calibration"
+    assert set(recording["payload_mass_kg"][calibrated].tolist()) == {0.0, 400.0}
+
+
+def test_json_fits_the_schema(run, request):
+    schema = json.loads((request.config.rootpath / "docs" / "result.schema.json").read_text())
+    outcome, store, out, *_ = run
+    result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
+    jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
+    found = identify_with_checks(store.recording(outcome.campaign), "map")
+    jsonschema.validate(
+        json.loads(json.dumps(found, allow_nan=False)), {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]}
+    )
+
+
+def test_the_diagnosis_is_told_stored_and_reported(run, request):
+    outcome, store, out, *_ = run
+    schema = json.loads((request.config.rootpath / "docs" / "diagnosis.schema.json").read_text())
+    assert outcome.diagnosis.failure == ""
+    told = outcome_json(outcome, None)["diagnosis"]
+    jsonschema.validate(json.loads(json.dumps(told, allow_nan=False)), schema)
+    (event,) = store.events(outcome.campaign, "diagnosed")
+    assert (
+        event.data["verdict"] == told["verdict"] == stored_outcome(store, outcome.campaign).diagnosis.diagnosis.verdict
+    )
+    write_report(outcome, out / "diagnosed.html")
+    assert attempt_line(outcome.diagnosis).split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
+
+
+def test_a_diagnosis_that_fails_costs_one_line(run):
+    outcome, _, out, *_ = run
+    failed = replace(outcome, diagnosis=Attempt(None, "too few readings"))
+    assert outcome_json(failed, None)["diagnosis"] == {"failure": "too few readings"}
+    write_report(failed, out / "failed.html")
+    assert "diagnosis: too few readings" in (out / "failed.html").read_text(encoding="utf-8")
+
+
+def test_report_is_one_file_without_outside_requests(run):
+    outcome, _, out, *_ = run
+    path = out / "report.html"
+    write_report(outcome, path)
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", text)
+    assert "@import" not in text
+    assert "url(" not in text
+    assert text.count('src="data:image/png;base64,') >= 9
+    for verified in outcome.verified:
+        assert verified.decision.rule.replace(">", "&gt;") in text
+    assert "not an accredited certificate" in text.lower()
+
+
+def test_a_recording_folder_gives_the_same_result_as_the_store(run):
+    outcome, store, out, *_ = run
+    recording = store.recording(outcome.campaign)
+    write_folder(recording, out / "export")
+    again = read_folder(out / "export")
+    for name, column in recording.columns.items():
+        np.testing.assert_array_equal(column, again.columns[name], err_msg=name)
+    assert identify_with_checks(again, "map") == identify_with_checks(recording, "map")
+    other = Store(out / "other.sqlite")
+    other.add_recording(again)
+    assert identify_with_checks(other.recording(outcome.campaign), "map") == identify_with_checks(recording, "map")
+    other.close()
+
+
+def test_the_outcome_can_be_rebuilt_from_the_store(run):
+    outcome, store, *_ = run
+    again = stored_outcome(store, outcome.campaign)
+    assert short_table(again) == short_table(outcome)
+
+
+def test_a_machine_without_errors_is_refused_and_the_former_tables_come_back(tmp_path):
+    # No geometric errors, no expansion, no payload at the verification: next to nothing to correct.
+    text = shipped_machine("planar4").read_text(encoding="utf-8")
+    (tmp_path / "cold.toml").write_text(re.sub(r"(coefficient_per_k|u_per_k) = \S+", r"\1 = 0.0", text))
+    file, _ = short_rig_file(seed=6, verification_payloads=(0,))
+    mock_section = file.mock.model_copy(update={"error_scale": 0.0})
+    file = file.model_copy(update={"mock": mock_section, "machine": str(tmp_path / "cold.toml")})
+    machine = load_machine(tmp_path / "cold.toml")
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (_, rig):
+        rig.enable()
+        former = rig.compensate(rig.images(flat_table(0.0, 0.0), 7))
+        outcome = job.calibrate(rig, store, silent, silent)
+        after = [bank.state() for bank in rig.banks]
+    assert not outcome.accepted
+    assert "former tables come back" in outcome.verified[0].decision.rule
+    assert [(s.on, s.generation, s.crc) for s in after] == [(True, 7, s.crc) for s in former]
+    assert store.events(outcome.campaign, "refused")
+    store.close()
+
+
+def test_measure_then_verify_continues_the_campaign_even_after_a_broken_attempt(tmp_path):
+    file, machine = short_rig_file(seed=4, verification_payloads=(0,))
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (_, rig):
+        campaign = job.measure(rig, store, silent, silent)
+        measured = len(store.recording(campaign))
+
+        def breaks(advance, total, what):
+            if what == "verification_after":
+                raise KeyError("somebody pulled a plug")
+
+        with pytest.raises(KeyError):
+            job.verify(rig, store, campaign, silent, breaks)
+        assert not any(bank.state().on for bank in rig.banks)
+        broken = len(store.recording(campaign))
+        assert broken > measured
+        rig.drives.clear_stop()
+        outcome = job.verify(rig, store, campaign, silent, silent)
+    recording = store.recording(campaign)
+    np.testing.assert_array_equal(recording["sequence"], np.arange(len(recording)))
+    assert outcome.accepted
+    assert outcome.verified[0].before.n == 30
+    assert outcome.verified[0].after.n == 30
+    assert short_table(stored_outcome(store, campaign)) == short_table(outcome)
+    store.close()

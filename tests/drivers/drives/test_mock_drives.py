@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from test_table_image import make_image
 
 from drivers.can.can_line import CanLine
 from drivers.drives.cia402 import State
@@ -21,6 +20,7 @@ from drivers.errors import ConnectionFailed, DriveFault, SdoRefused, Stopped
 from mock_devices.drives.mock_drive import DriveServer
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
+from tests.drivers.drives.test_table_image import make_image
 
 _channels = itertools.count()
 

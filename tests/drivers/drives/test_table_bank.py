@@ -6,10 +6,10 @@ import itertools
 from collections.abc import Iterator
 
 import pytest
-from test_table_image import make_image
 
 from drivers.drives.table_bank import Activation, BankStatus, TableBank, activate_all
 from drivers.errors import SdoRefused, TableError
+from tests.drivers.drives.test_table_image import make_image
 from tests.drivers.scripted_drive import Rig
 
 _channels = itertools.count()

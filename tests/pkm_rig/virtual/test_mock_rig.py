@@ -12,7 +12,7 @@ import trustme
 
 from calibration.base.errors import InputError
 from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
-from pkm_rig.jobs.check import check
+from pkm_rig.jobs.check import check_devices
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connected
@@ -47,7 +47,7 @@ def test_the_example_rig_is_served_checked_and_moved_over_real_transports(rig_pa
         assert str(file.plc.port) in lines[2]
         clock = ScaledClock(file.time_scale)
         with connected(file, machine, clock) as rig:
-            assert check(rig)["problems"] == []
+            assert check_devices(rig)["problems"] == []
             rig.enable()
             rig.move(np.array([1.15, 1.10]), 0.2)
             np.testing.assert_allclose(rig.positions_m(), [1.15, 1.10], atol=1e-7)

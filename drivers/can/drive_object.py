@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+OUT_OF_RANGE = 0x06090030
+WRONG_STATE = 0x08000022
 
 
 @dataclass(frozen=True)
@@ -10,6 +14,7 @@ class DriveObject:
     """Index, sub-index, `struct` format (little-endian) and name of one object; format "" is a DOMAIN.
 
     `holds`: it reads back what was written, so that a write whose answer was lost can be cleared up by reading.
+    `refusals`: what an abort code means for this object, and the remedy, where that differs from CiA 301.
     """
 
     index: int
@@ -17,6 +22,7 @@ class DriveObject:
     format: str
     name: str
     holds: bool = True
+    refusals: Mapping[int, tuple[str, str]] = field(default_factory=dict, compare=False)
 
     def __str__(self) -> str:
         return f"0x{self.index:04X}:{self.sub:02X} {self.name}"

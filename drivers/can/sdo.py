@@ -14,14 +14,11 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
 from drivers.can.can_line import CanLine
-from drivers.can.drive_object import DriveObject
+from drivers.can.drive_object import OUT_OF_RANGE, WRONG_STATE, DriveObject
 from drivers.can.sdo_block import Aborted, BlockTransfer, Broken, Silent
-from drivers.drives.objects import TARGET_POSITION
 from drivers.errors import NoAnswer, ProtocolError, SdoRefused
 
 MOST_BYTES = 65_536
-OUT_OF_RANGE = 0x06090030
-WRONG_STATE = 0x08000022
 
 _FRAME = 8
 _ABORT, _READ = 0x80, 0x40
@@ -40,16 +37,6 @@ _TEXTS: dict[int, tuple[str, str]] = {
     0x06090011: ("there is no such sub-object", "check make and firmware of the drive"),
     OUT_OF_RANGE: ("the value is out of range", "check the value"),
     WRONG_STATE: ("not in this state of the drive", "disable the drive first, or check the bank's status"),
-}
-_TARGET_TEXTS: dict[int, tuple[str, str]] = {
-    OUT_OF_RANGE: (
-        "the set-point is outside the software limits or the active table's grid",
-        "choose a position inside both",
-    ),
-    WRONG_STATE: (
-        "compensation is on but no valid table is active for this payload",
-        "write and activate the payload's table, or switch compensation off",
-    ),
 }
 
 
@@ -230,8 +217,7 @@ class SdoAccess:
             if error.code in _OUT_OF_STEP_CODES:
                 what = f"the drive lost count of the frames (abort code 0x{error.code:08X})"
                 return ProtocolError(self._device, self._where(entry), what, "check the bus and repeat")
-            texts = _TEXTS | (_TARGET_TEXTS if entry == TARGET_POSITION else {})
-            what, remedy = texts.get(
+            what, remedy = {**_TEXTS, **entry.refusals}.get(
                 error.code, (" ".join(str(error).split()), "look the abort code up in the drive's manual")
             )
             what = f"{what} (abort code 0x{error.code:08X})"

@@ -7,16 +7,13 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from drivers.can.drive_object import DriveObject
 from drivers.clock import RigClock
 from drivers.drives import cia402, objects
 from drivers.drives.cia402 import State
+from drivers.drives.servo_drive import ServoDrive
 from drivers.errors import DeviceError, DriveFault, MotionTimeout
-
-if TYPE_CHECKING:
-    from drivers.drives.servo_drive import ServoDrive
 
 _POLLS_ATTAINED = 3
 _FEWEST_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer

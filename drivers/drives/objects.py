@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.can.drive_object import DriveObject
+from drivers.can.drive_object import OUT_OF_RANGE, WRONG_STATE, DriveObject
 
 DEVICE_TYPE = DriveObject(0x1000, 0, "<I", "device type")
 ERROR_REGISTER = DriveObject(0x1001, 0, "<B", "error register")
@@ -20,7 +20,22 @@ MODE = DriveObject(0x6060, 0, "<b", "mode of operation")
 MODE_DISPLAY = DriveObject(0x6061, 0, "<b", "mode of operation display")
 POSITION_ACTUAL = DriveObject(0x6064, 0, "<i", "position actual")
 RATED_TORQUE = DriveObject(0x6076, 0, "<I", "rated torque")
-TARGET_POSITION = DriveObject(0x607A, 0, "<i", "target position")
+TARGET_POSITION = DriveObject(
+    0x607A,
+    0,
+    "<i",
+    "target position",
+    refusals={
+        OUT_OF_RANGE: (
+            "the set-point is outside the software limits or the active table's grid",
+            "choose a position inside both",
+        ),
+        WRONG_STATE: (
+            "compensation is on but no valid table is active for this payload",
+            "write and activate the payload's table, or switch compensation off",
+        ),
+    },
+)
 HOME_OFFSET = DriveObject(0x607C, 0, "<i", "home offset")
 LIMIT_LOW = DriveObject(0x607D, 1, "<i", "software position limit, low")
 LIMIT_HIGH = DriveObject(0x607D, 2, "<i", "software position limit, high")

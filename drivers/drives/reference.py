@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from drivers.drives.drive_profile import DriveProfile
+from drivers.drives.drive_records import DriveExpectation
+from drivers.drives.drive_setup import DriveSetup
 from drivers.errors import NotReferenced
 
-if TYPE_CHECKING:
-    from drivers.drives.servo_drive import ServoDrive
-
 _BEYOND_M = 1e-3  # how far a drive that was stopped may stand outside its travel
+
+
+class ReferencedDrive(Protocol):
+    """What a reference has to know of its drive."""
+
+    name: str
+    profile: DriveProfile
+    expected: DriveExpectation
+    limits_m: tuple[float, float]
+
+    @property
+    def where(self) -> str:
+        """Its place on the bus, for messages."""
+
+    def position_actual_m(self) -> float:
+        """Where the drive says that it stands. Raises DeviceError."""
+
+    def setup(self) -> DriveSetup:
+        """Reading and writing of its settings."""
 
 
 class Reference:
     """The reference of one drive. `holds`: whether it was referenced when last asked, and is not distrusted."""
 
-    def __init__(self, drive: ServoDrive) -> None:
+    def __init__(self, drive: ReferencedDrive) -> None:
         self.holds = False
         self._drive = drive
         self._distrusted: str | None = None

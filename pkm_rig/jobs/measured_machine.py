@@ -31,28 +31,13 @@ from calibration.recording.measurement_folder import (
     write_measurements,
 )
 from calibration.reduction.data_checks import check_number
+from pkm_rig.results.unknowns import in_words
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
 SHARE = 0.8  # of the readings' numbers; with less left over the fit follows its readings
 PLAIN = 4  # parameters of a combination that people can take in
 SCATTER = 2.0  # times the stated deviations, from which on it is said
 HIDDEN = 0.01  # share of an effect that is left after the owner's fit, below which it is called aliased with it
-WORDS = {
-    "strut_length": "length of the struts (arms)",
-    "axis_tilt": "leaning axes (rails)",
-    "drive_scale": "drive scale",
-    "platform_joint": "joints on the platform",
-    "base_joint": "joints on the base",
-    "pivot": "pivots",
-    "guide_position": "places of the guides",
-    "guide_tilt": "tilts of the guides",
-    "ln_stiffness": "stiffness",
-    "bar.length": "zero of the distances",
-    "bar.scale": "scale of the distances",
-    "ball": "place of the ball",
-    "frame": "frame of the instrument",
-    "offset.z": "offset of the heights",
-}
 
 
 def find_measurements(what: str, out: Path) -> MeasuredMachine | None:
@@ -252,8 +237,3 @@ def _remarks(found: dict[str, Any], numbers: int) -> list[str]:
             "residual as well as the others, and sag and play, which no parameter stands for, may too"
         )
     return out
-
-
-def in_words(kind: str) -> str:
-    """What a kind of unknown is called."""
-    return WORDS.get(kind, kind)

@@ -7,8 +7,8 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from pkm_rig.jobs.measured_machine import in_words
 from pkm_rig.report.terminal import results
+from pkm_rig.results.unknowns import in_words
 
 SCALES = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "1": (1e3, "per mille")}
 

@@ -36,18 +36,19 @@ overhead: $(VENV)/run.stamp
 demo-check: $(VENV)/run.stamp
 	$(BIN)/python benchmarks/demo_check.py $(if $(SEEDS),--seeds $(SEEDS))
 
-# Random rigs of two machines, every estimator against the noise-free truth (docs/rig-study.md). Stopped, it goes on.
-# RIGS=20 for a first look, PROCESSES=4; the picture of docs/ is drawn from all rigs only.
+# Random rigs of two machines, every estimator against the noise-free truth (docs/explanation/rig-study.md).
+# Stopped, it goes on. RIGS=20 for a first look, PROCESSES=4; the picture of docs/ is drawn from all rigs only.
 rig-study: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.rig_study $(if $(PROCESSES),--processes $(PROCESSES)) \
 		$(if $(RIGS),--rigs $(RIGS),--picture docs/images/estimators.png)
 
-# The diagnosis on withheld cases, sealed (docs/withheld.md): seed of the operating system, final variants, one line in
-# the committed log. N=60 for a first look; SEED=1 is for development: no final variants, no log. Stopped, it goes on.
+# The diagnosis on withheld cases, sealed (docs/explanation/withheld.md): seed of the operating system, final variants,
+# one line in the committed log. N=60 for a first look; SEED=1 is for development: no final variants, no log. Stopped, it goes on.
 withheld: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.withheld.run $(if $(SEED),--seed $(SEED),--final) $(if $(N),--n $(N))
 
-# Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/benchmarks.md). QUICK=1 for a check that it runs.
+# Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/explanation/benchmarks.md). QUICK=1 for a check
+# that it runs.
 # Both are run whatever becomes of the first; the status tells of goals that were missed.
 bench: $(VENV)/bench.stamp
 	$(BIN)/python -m benchmarks.forward $(if $(QUICK),--quick); forward=$$?; \

@@ -1,7 +1,7 @@
 """The posterior bound of an identification, and errors as figures.
 
-The bound is the posterior covariance of the linearised model (docs/definitions.md), linearised at the truth and
-propagated to held-out poses by plain normal equations, not by the code of the fit.
+The bound is the posterior covariance of the linearised model (docs/reference/definitions.md), linearised at the truth
+and propagated to held-out poses by plain normal equations, not by the code of the fit.
 """
 
 from __future__ import annotations

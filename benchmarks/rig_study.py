@@ -5,7 +5,7 @@
 Each rig is a machine with errors drawn from the priors (`rig_truth`), measured with noise, identified and scored
 (`rig_scores`). A finished rig is on disk before it counts: stop at any time, the same command goes on. Progress goes to
 standard error, the table to standard output; exit status 1 if a criterion is missed. The criteria hold for
-the default estimator, maximum a posteriori: see docs/rig-study.md.
+the default estimator, maximum a posteriori: see docs/explanation/rig-study.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """True machines for the rig study, and where they stand by programs that share no code with `calibration`.
 
 `planar4` stands where the plant of the mock rig says; `gough8`, for which there is no such plant, where the
-reference model of the tests says, an independent implementation of docs/machine.md.
+reference model of the tests says, an independent implementation of docs/reference/machine.md.
 
 Errors are drawn from normal distributions with the standard deviation of the machine file's uniform ones, half-width /
 sqrt 3: exactly the priors of an identification. With uniform draws an interval of 1.96 prior standard deviations would

@@ -1,4 +1,4 @@
-"""The mock's own reader of the machine file (docs/machine.md).
+"""The mock's own reader of the machine file (docs/reference/machine.md).
 
 Planar vectors are complex numbers, x + iy in metres: the plant is planar and this is shorter than arrays.
 """

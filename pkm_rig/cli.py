@@ -121,7 +121,9 @@ def mock(
     list_faults: Annotated[bool, typer.Option(help="print the names of the faults and end")] = False,
     effect: Annotated[
         list[str] | None,
-        typer.Option(help="NAME=VALUE[,place=...,variant=...]: a flaw (docs/mock-effects.md); may be repeated"),
+        typer.Option(
+            help="NAME=VALUE[,place=...,variant=...]: a flaw (docs/reference/mock-effects.md); may be repeated"
+        ),
     ] = None,
     twin: Annotated[
         str | None, typer.Option(help="serve this twin: campaign of `pkm-rig diagnose --add`, or the twin's folder")
@@ -219,12 +221,15 @@ def diagnose(
     json: JsonOption = False,
     add: Annotated[bool, typer.Option("--add", help="add what was found to the rig's twin")] = False,
     effects: Annotated[
-        list[Path] | None, typer.Option(help="Python file with effects of your own (docs/diagnosis.md); again for more")
+        list[Path] | None,
+        typer.Option(help="Python file with effects of your own (docs/explanation/diagnosis.md); again for more"),
     ] = None,
 ) -> None:
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
     if find_measurements(campaign, out) is not None:
-        raise InputError(f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/recording.md)")
+        raise InputError(
+            f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/reference/recording.md)"
+        )
     found, result = diagnosing.run(find_recording(campaign, out), out, effects or (), add=add)
     print_result(json, result, diagnosis_text.text(found, result))
 
@@ -315,7 +320,7 @@ def export_campaign(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Write a campaign as a recording folder (docs/recording.md)."""
+    """Write a campaign as a recording folder (docs/reference/recording.md)."""
     with open_store(out) as store:
         recording = store.recording(campaign)
     write_folder(recording, folder)
@@ -330,7 +335,7 @@ def import_folder(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Read a recording folder into the store, or a printer.cfg into a measurement folder (docs/measurements.md)."""
+    """Read a recording into the store or a printer.cfg into a measurement folder (docs/reference/measurements.md)."""
     if not source.exists():
         raise InputError(f"{source}: no such file or folder; check the path")
     if source.is_file():
@@ -362,7 +367,7 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def main() -> None:
-    """Run a command; every expected failure is one line on stderr and an exit status (docs/commands.md)."""
+    """Run a command; every expected failure is one line on stderr and an exit status (docs/reference/commands.md)."""
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, _interrupt)

@@ -1,4 +1,4 @@
-/* A PLC on libmodbus for our driver: the registers of docs/plc.md; the heartbeat counts requests. */
+/* A PLC on libmodbus for our driver: the registers of docs/reference/plc.md; the heartbeat counts requests. */
 #include <modbus.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-// modbus-serial as a PLC for our driver: the registers of docs/plc.md, a heartbeat, commands taken at once.
+// modbus-serial as a PLC for our driver: the registers of docs/reference/plc.md, a heartbeat, commands taken at once.
 const ModbusRTU = require('modbus-serial');
 
 const words = new Array(60).fill(0);

@@ -80,7 +80,7 @@ class Rig:
         return equilibrium.solve(self.machine, self.geometry, self.drives, self.conditions, self.start)
 
     def ends(self, pose: int) -> tuple[Array, Array]:
-        """Base ends (c, 3) and unstrained lengths (c,) at the drives of one pose (docs/machine.md, Drives)."""
+        """Base ends (c, 3) and unstrained lengths (c,) at one pose's drives (docs/reference/machine.md, Drives)."""
         ends, lengths = self.geometry.base_joint_m.copy(), self.geometry.length_m.copy()
         for strut, a in enumerate(self.machine.strut_drive):
             travel = self.geometry.scale[a] * self.drives[pose, a]

@@ -1,4 +1,4 @@
-"""One pose at a time, written from docs/machine.md alone: energy gradient, stiffness and drives of sliders and legs.
+"""One pose at a time, written from docs/reference/machine.md alone: gradient, stiffness, drives of sliders and legs.
 
 Nothing is shared with the package: this is what one would write by hand to give scipy a residual with its Jacobian. In
 extended precision it is the reference that all competitors are held against.

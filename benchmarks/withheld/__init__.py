@@ -1,1 +1,1 @@
-"""Checks a diagnosis on data whose truth is withheld (docs/withheld.md)."""
+"""Checks a diagnosis on data whose truth is withheld (docs/explanation/withheld.md)."""

@@ -26,7 +26,7 @@ RAW_OF_EFFECT = (3.0, 5.0, 3.0, 5.0, 3.0, 1.0, 5.0, 3.0)
 RAW_OF_OUTSIDE = (3.0, 3.0, 5.0, 3.0, 1.0)
 RAW_TO_FIND = (3.0, 5.0)
 
-# What each rig declares and really has, one standard deviation each (docs/recording.md).
+# What each rig declares and really has, one standard deviation each (docs/reference/recording.md).
 PROFILES: dict[str, Nuisance] = {
     "small": Nuisance(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01),
     "drifting": Nuisance(drift_m=1.5e-5, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.02),

@@ -1,4 +1,4 @@
-"""On which coordinate each effect of the plant truly depends (docs/mock-effects.md), as kinds of shares."""
+"""On which coordinate each effect of the plant truly depends (docs/reference/mock-effects.md), as kinds of shares."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 SMALL = "small"
 SMALL_SHARE = 0.6
-EXCEEDS = 3.0  # a case that is to be found exceeds the nuisance by so much (docs/definitions.md)
+EXCEEDS = 3.0  # a case that is to be found exceeds the nuisance by so much (docs/reference/definitions.md)
 ELIGIBLE_RAW, ELIGIBLE_VISIBLE = 2.98, 0.5
 MOST_DRAWS = 16
 STYLES = {"platform_only": "platform", "next": "poor"}

@@ -1,4 +1,4 @@
-"""Checks the diagnosis on withheld cases: one table, three pictures (docs/withheld.md).
+"""Checks the diagnosis on withheld cases: one table, three pictures (docs/explanation/withheld.md).
 
     python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2]
 

@@ -65,7 +65,7 @@ def _check_header(path: Path, header: list[str], needed: Collection[str], option
     if len(set(header)) != len(header):
         raise InputError(f"{path}: a column stands twice in the header; remove one")
     if missing := [name for name in needed if name not in header]:
-        raise InputError(f"{path}: no column '{missing[0]}'; see docs/measurements.md")
+        raise InputError(f"{path}: no column '{missing[0]}'; see docs/reference/measurements.md")
     if unknown := [name for name in header if name not in needed and name not in optional]:
         raise InputError(f"{path}: unknown column '{unknown[0][:40]}'; remove it or correct its spelling")
 

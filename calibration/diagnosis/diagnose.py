@@ -1,4 +1,4 @@
-"""The diagnosis of a recording: a pure function of its readings and its nominal machine (docs/diagnosis.md)."""
+"""The diagnosis of a recording: a pure function of readings and nominal machine (docs/explanation/diagnosis.md)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The ordinary wander that a recording declares for its rig: columns with the declared standard deviations.
 
-Levels are those of docs/definitions.md; what is not declared has no column.
+Levels are those of docs/reference/definitions.md; what is not declared has no column.
 """
 
 from __future__ import annotations

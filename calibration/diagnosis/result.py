@@ -1,4 +1,4 @@
-"""What a diagnosis says. Terms are those of docs/definitions.md; units are in the names."""
+"""What a diagnosis says. Terms are those of docs/reference/definitions.md; units are in the names."""
 
 from __future__ import annotations
 

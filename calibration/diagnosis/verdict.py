@@ -3,7 +3,7 @@
 Evidence takes a form at its word; a real part never follows one exactly, and the more there is to see, the more that
 counts. Differences are therefore divided by a temperature that grows with the evidence, and an excess of form-free
 alternatives is held against a share of it. The constants were fitted on simulated rigs whose forms differ from ours
-(docs/withheld.md); none of them is specific to an effect.
+(docs/explanation/withheld.md); none of them is specific to an effect.
 """
 
 from __future__ import annotations

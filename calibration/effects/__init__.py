@@ -1,1 +1,1 @@
-"""The catalogue of physical effects that a calibrated model leaves out (docs/effects.md)."""
+"""The catalogue of physical effects that a calibrated model leaves out (docs/reference/effects.md)."""

@@ -1,7 +1,7 @@
 """What a catalogue effect is: a name, a place, a size with its range, and the forms that its physics may take.
 
 A form is a set of columns: functions of the readings' moments that act on the machine through channels
-(docs/effects.md). Its unknown coefficients are normal with standard deviations relative to the size, which
+(docs/reference/effects.md). Its unknown coefficients are normal with standard deviations relative to the size, which
 itself is unknown over its plausible range. The first column carries the size: one unit of it is one unit of the size.
 """
 

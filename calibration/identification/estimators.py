@@ -1,8 +1,8 @@
 """Identification: parameters, instruments and systematic unknowns together, from readings of visits.
 
 Maximum a posteriori with the tolerances as priors is the default; least squares, Tikhonov (generalised
-cross-validation or L-curve) and truncated SVD are there for comparison (docs/method.md). Geometry is fitted before
-stiffness: its columns vanish at zero misfit.
+cross-validation or L-curve) and truncated SVD are there for comparison (docs/explanation/method.md). Geometry is
+fitted before stiffness: its columns vanish at zero misfit.
 """
 
 from __future__ import annotations

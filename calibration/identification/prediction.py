@@ -1,8 +1,8 @@
 """Predicted tool poses and their uncertainty, linear and by Monte Carlo.
 
-A station of unknown frame that sees reflectors of unknown mounting knows a pose only up to one rigid motion of
-the machine and one of the tool on its platform. Both are fixed once by the readings (docs/definitions.md, frame), so
-that neither is an error: what fits such motions best over all visits is taken out of the derivatives.
+A station of unknown frame that sees reflectors of unknown mounting knows a pose only up to one rigid motion of the
+machine and one of the tool on its platform. Both are fixed once by the readings (docs/reference/definitions.md,
+frame), so that neither is an error: what fits such motions best over all visits is taken out of the derivatives.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Where the base, the sliders and the cranks hold the joints and reflectors that they carry.
 
-All arrays have poses last: q (n,), places (3, n). Signs are those of docs/machine.md.
+All arrays have poses last: q (n,), places (3, n). Signs are those of docs/reference/machine.md.
 """
 
 from __future__ import annotations
@@ -108,8 +108,8 @@ class Carrier:
 def on_branch(carrier: Carrier, branch: float, base_end: Array, direction: Array) -> NDArray[np.bool_]:
     """Whether (n,) a drive's strut is the assembled one, from its base end and the direction in which it leaves it.
 
-    Both (a, n), a axes: three, or x and y alone. Lengths do not matter, so the signs of docs/machine.md are those of
-    a slider's -u . n and a crank's u . ((s - c) x n).
+    Both (a, n), a axes: three, or x and y alone. Lengths do not matter, so the signs of docs/reference/machine.md are
+    those of a slider's -u . n and a crank's u . ((s - c) x n).
     """
     side = np.zeros(direction.shape[1])
     for axis in np.flatnonzero(carrier.axis):

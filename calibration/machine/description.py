@@ -1,6 +1,6 @@
 """The machine: elastic constraints between a platform and its drives, read from TOML.
 
-The format, its signs and its assembly branch are defined in docs/machine.md.
+The format, its signs and its assembly branch are defined in docs/reference/machine.md.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Pose at static equilibrium, batched over poses.
 
 A machine is a set of elastic constraints; the pose minimises V = 1/2 sum k e^2 minus the work of the loads
-(docs/machine.md, docs/method.md). Newton's method with the full Hessian, geometric stiffness included, in blocks of
-poses, so that memory does not grow with their number. Derivatives are in `sensitivity`, the way back from
-poses to drives in `inverse`. All arrays are float64; n poses, s struts, c constraints (struts, then guides), d drives.
+(docs/reference/machine.md, docs/explanation/method.md). Newton's method with the full Hessian, geometric stiffness
+included, in blocks of poses, so that memory does not grow with their number. Derivatives are in `sensitivity`, the
+way back from poses to drives in `inverse`. All arrays are float64; n poses, s struts, c constraints (struts, then
+guides), d drives.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from calibration.machine.sensitivity import Sensitivity
 def rigid_drives(machine: Machine, geometry: Geometry, pose: Array) -> Array:
     """Drive coordinates (n, d) that close each drive's first strut at full poses (n, 6), at the reference temperature.
 
-    NaN where the pose is out of reach. The formulas are in docs/machine.md.
+    NaN where the pose is out of reach. The formulas are in docs/reference/machine.md.
     """
     drives = np.empty((len(pose), len(machine.drive_names)))
     rotation = rotation_matrix(pose[:, 3:])

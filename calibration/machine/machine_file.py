@@ -1,4 +1,4 @@
-"""The machine file as it stands on disk (docs/machine.md): sections, their ranges, and what must fit together."""
+"""The machine file as it stands on disk (docs/reference/machine.md): sections, ranges, and what must fit together."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The mechanics of many poses at once: forces, energy gradient and Hessian of a platform on elastic constraints.
 
-V = 1/2 sum k e^2 minus the work of the loads (docs/machine.md). With D_f the motion of a joint for a unit of the
-free coordinate f, J_f = n . D_f and t = k e, the gradient is sum t J_f and the Hessian
-sum (k - t/L) J_f J_g + t/L D_f . D_g + t n . d2(R m). A guide is a strut of infinite length: t/L is zero.
+V = 1/2 sum k e^2 minus the work of the loads (docs/reference/machine.md). With D_f the motion of a joint for a unit
+of the free coordinate f, J_f = n . D_f and t = k e, the gradient is sum t J_f and the Hessian sum (k - t/L) J_f J_g +
+t/L D_f . D_g + t n . d2(R m). A guide is a strut of infinite length: t/L is zero.
 
 All arrays have poses last, so that every operation runs along contiguous memory; c constraints (struts, then
 guides), s struts, f free coordinates, n poses, a axes: three, or x and y alone where nothing leaves the plane z = 0.

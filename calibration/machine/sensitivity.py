@@ -2,7 +2,7 @@
 
 G is the gradient of the energy over the free coordinates, K its Hessian, geometric stiffness included. Rotations are
 left increments. Each method gives dG for one kind of quantity; `respond` turns columns of dG into derivatives of
-the pose. Formulas: docs/method.md; n poses, f free coordinates. Poses that are not at rest give NaN.
+the pose. Formulas: docs/explanation/method.md; n poses, f free coordinates. Poses that are not at rest give NaN.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Recording folders: recording.toml, machine.toml and readings.csv, written to round-trip and read with care.
 
-docs/recording.md defines the format. A folder is hostile input: data only, bounded in size, checked.
+docs/reference/recording.md defines the format. A folder is hostile input: data only, bounded in size, checked.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def _parse_rows(stream: io.TextIOBase, path: Path, file: RecordingFile) -> list[
         header = next(reader, [])
         missing = [n for n in column_names(file.drives, file.sensors) if n not in header]
         if missing:
-            raise InputError(f"{path}: no column '{missing[0]}'; see docs/recording.md")
+            raise InputError(f"{path}: no column '{missing[0]}'; see docs/reference/recording.md")
         if len(set(header)) != len(header):
             raise InputError(f"{path}: a column stands twice in the header")
         rows: list[dict[str, float | str]] = []

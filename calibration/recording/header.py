@@ -1,6 +1,6 @@
 """recording.toml: with what a campaign was measured, and what is stated of the instruments.
 
-The rig file shares these sections. docs/recording.md defines them.
+The rig file shares these sections. docs/reference/recording.md defines them.
 """
 
 from __future__ import annotations

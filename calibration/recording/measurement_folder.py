@@ -1,7 +1,7 @@
 """Measurement folders: a machine measured by anything but reflectors, as plain files that any program can write.
 
-docs/measurements.md defines the format: measurements.toml, machine.toml, coordinates.csv and distances.csv. A folder is
-hostile input: data only, bounded in size, checked.
+docs/reference/measurements.md defines the format: measurements.toml, machine.toml, coordinates.csv and distances.csv.
+A folder is hostile input: data only, bounded in size, checked.
 """
 
 from __future__ import annotations

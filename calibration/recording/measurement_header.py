@@ -1,4 +1,4 @@
-"""measurements.toml: what was measured of a machine and what is stated of it. docs/measurements.md defines it."""
+"""measurements.toml: what was measured of a machine and what is stated of it (docs/reference/measurements.md)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """One campaign in memory: named columns of numbers, checked before anything uses them.
 
 The store, a recording folder and other people's programs all produce this; every analysis takes it.
-docs/recording.md defines the columns.
+docs/reference/recording.md defines the columns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Before, after, noise floor: the figures that a verdict rests on, each with its uncertainty.
 
-Definitions are in docs/definitions.md; position figures are of the tool point in the coordinates that the drives
-command, orientation figures of the platform's free rotations.
+Definitions are in docs/reference/definitions.md; position figures are of the tool point in the coordinates that the
+drives command, orientation figures of the platform's free rotations.
 """
 
 from __future__ import annotations

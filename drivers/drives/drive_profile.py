@@ -1,6 +1,6 @@
 """Profiles of drive makes: which manufacturer objects a drive keeps its table bank under, and what it lacks.
 
-A profile is a small TOML file (docs/drive-objects.md). Objects are written "0x2100:01 u8".
+A profile is a small TOML file (docs/reference/drive-objects.md). Objects are written "0x2100:01 u8".
 """
 
 from __future__ import annotations

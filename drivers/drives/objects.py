@@ -1,4 +1,4 @@
-"""Objects of the drives' dictionaries that the master uses (docs/drive-objects.md)."""
+"""Objects of the drives' dictionaries that the master uses (docs/reference/drive-objects.md)."""
 
 from __future__ import annotations
 

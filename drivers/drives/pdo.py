@@ -30,7 +30,7 @@ class PdoMapping:
 def required_mappings(
     node_id: int, partner_node_id: int | None, partner: Sequence[DriveObject] = ()
 ) -> list[PdoMapping]:
-    """The PDOs of docs/drive-objects.md; RPDO2 only where there is a partner and objects for what it sends."""
+    """The PDOs of docs/reference/drive-objects.md; RPDO2 only with a partner and objects for what it sends."""
     mappings = [
         PdoMapping(0x1400, 0x1600, 0x200 + node_id, AT_ONCE, ((0x6040, 0, 16),)),
         PdoMapping(0x1800, 0x1A00, 0x180 + node_id, EVERY_SYNC, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))),

@@ -1,4 +1,4 @@
-"""The image of a compensation table as a drive stores it (docs/drive-objects.md)."""
+"""The image of a compensation table as a drive stores it (docs/reference/drive-objects.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The PLC's registers (docs/plc.md): where each value is, what is plausible, and how it is decoded."""
+"""The PLC's registers (docs/reference/plc.md): where each value is, what is plausible, and how it is decoded."""
 
 from __future__ import annotations
 

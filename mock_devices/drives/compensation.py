@@ -102,7 +102,7 @@ class Compensation:
             raise Refused(VALUE_RANGE)
 
     def permits_motion(self) -> bool:
-        """Whether a motion may start or go on: always with mode off; else as docs/drive-objects.md says."""
+        """Whether a motion may start or go on: always with mode off; else as docs/reference/drive-objects.md says."""
         if not self.mode:
             return True
         table, partner = self.table, self.partner.command_inc

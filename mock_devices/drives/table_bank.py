@@ -1,4 +1,4 @@
-"""Images of compensation tables as a drive keeps them (docs/drive-objects.md): decode, check, interpolate."""
+"""Images of compensation tables as a drive keeps them (docs/reference/drive-objects.md): decode, check, interpolate."""
 
 from __future__ import annotations
 

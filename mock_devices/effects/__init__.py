@@ -1,4 +1,4 @@
-"""Physics that a calibrated model leaves out, for the mock plant (docs/mock-effects.md).
+"""Physics that a calibrated model leaves out, for the mock plant (docs/reference/mock-effects.md).
 
 Written apart from any catalogue that a diagnosis uses: forms differ on purpose.
 """

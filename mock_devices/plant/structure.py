@@ -1,6 +1,6 @@
 """Static equilibrium of the planar over-constrained structure.
 
-The pose at rest minimises V (docs/machine.md). With planar vectors as complex numbers and a = R m:
+The pose at rest minimises V (docs/reference/machine.md). With planar vectors as complex numbers and a = R m:
 d = p + a - s, n = d / |d|, t = k (|d| - l), and w = <n, ia> the share of a small rotation along the strut.
 """
 

@@ -1,4 +1,4 @@
-"""What the mock PLC knows and does, and how that stands in its registers (docs/plc.md)."""
+"""What the mock PLC knows and does, and how that stands in its registers (docs/reference/plc.md)."""
 
 from __future__ import annotations
 

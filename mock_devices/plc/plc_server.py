@@ -1,4 +1,4 @@
-"""The PLC: a Modbus server (TCP, TLS or RTU) whose registers (docs/plc.md) follow the plant at each request.
+"""The PLC: a Modbus server (TCP, TLS or RTU) whose registers (docs/reference/plc.md) follow the plant at each request.
 
 Not modelled: several masters with different rights, and power that goes when the emergency stop opens or our
 heartbeat stays away: bits are only shown. The heartbeat word's limit is one for all masters.

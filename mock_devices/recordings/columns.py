@@ -1,4 +1,4 @@
-"""Columns and header of a recording (docs/recording.md), written apart from the reader's."""
+"""Columns and header of a recording (docs/reference/recording.md), written apart from the reader's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mock_devices.settings import MockSettings
 
 
 def column_names(machine: MachineFile) -> tuple[str, ...]:
-    """All columns in the order of docs/recording.md."""
+    """All columns in the order of docs/reference/recording.md."""
     fixed = [
         "uid",
         "phase",

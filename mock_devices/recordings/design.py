@@ -110,7 +110,7 @@ def draw_programme(rng: np.random.Generator, swing_k: float, start_s: float, dur
 
 
 def nominal_drives(machine: MachineFile, target_m: complex) -> tuple[float, ...]:
-    """Drive coordinates of a tool target by the nominal geometry, first strut of each drive (docs/machine.md)."""
+    """Drive coordinates of a tool target by the nominal geometry, first struts (docs/reference/machine.md)."""
     drives = []
     for index, slider in enumerate(machine.sliders):
         strut = next(s for s in machine.struts if s.drive == index)

@@ -1,4 +1,4 @@
-"""How large an effect is on a campaign: raw and visible size (docs/mock-effects.md), from the plant alone."""
+"""How large an effect is on a campaign: raw and visible size (docs/reference/mock-effects.md), from the plant alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes a mock recording as the three files of docs/recording.md."""
+"""Writes a mock recording as the three files of docs/reference/recording.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Recordings straight from the plant, without any wire: what the rig would have written of a designed campaign.
 
-The columns are those of docs/recording.md. Nothing in a recording tells of effects, seeds or the truth.
+The columns are those of docs/reference/recording.md. Nothing in a recording tells of effects, seeds or the truth.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def attempt(recording: Recording) -> Attempt:
 def run(
     recording: Recording, out: Path, effects: Sequence[Path] = (), *, add: bool = False
 ) -> tuple[Diagnosis, dict[str, Any]]:
-    """Diagnose, write what belongs to it into `out`/campaign, and give it as the object of docs/diagnosis.schema.json.
+    """Diagnose, write the files into `out`/campaign, and give it as an object (docs/reference/diagnosis.schema.json).
 
     `add`: the rig's twin is written too. Raises InputError.
     """

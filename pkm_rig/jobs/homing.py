@@ -10,7 +10,7 @@ from pkm_rig.rig.rig import Rig
 
 
 def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
-    """Home the drives that are not referenced, or all with `again`; tells of each where it stands (docs/json.md).
+    """Home the drives that are not referenced, or all with `again`; where each then stands (docs/reference/json.md).
 
     One after the other, the others under their brakes; compensation is switched off and stays off. InputError, before
     anything moves, where the rig file does not say how; raises what a motion raises.
@@ -38,6 +38,6 @@ def _homing(rig: Rig, number: int) -> Homing:
     if entry.homing is None:
         raise InputError(
             f"rig file: drives: {entry.name} is to be homed and has no [drives.homing]; "
-            "add it (docs/drive-objects.md) or home the drive by its own means"
+            "add it (docs/reference/drive-objects.md) or home the drive by its own means"
         )
     return Homing(**entry.homing.model_dump())

@@ -16,7 +16,7 @@ MOST_DRAWS = 200_000
 def identify_with_checks(
     recording: Recording, estimator: str, *, robust: bool = False, draws: int = 0
 ) -> dict[str, Any]:
-    """Identification with held-out error and posterior bound (docs/json.md); draws: of a Monte Carlo check."""
+    """Identification with held-out error and posterior bound (docs/reference/json.md). `draws`: Monte Carlo."""
     if estimator not in get_args(Estimator):
         raise InputError(f"estimator '{estimator}' is unknown; use {', '.join(get_args(Estimator))}")
     chosen: Estimator = estimator  # type: ignore[assignment]

@@ -49,7 +49,7 @@ def find_measurements(what: str, out: Path) -> MeasuredMachine | None:
 
 
 def import_printer(path: Path, folder: Path) -> dict[str, Any]:
-    """Write the calibration that a printer.cfg holds as a measurement folder; what was written (docs/json.md)."""
+    """Write the calibration that a printer.cfg holds as a measurement folder; its summary (docs/reference/json.md)."""
     printer = read_printer(path)
     name = re.sub(r"[^A-Za-z0-9._-]", "-", path.stem).lstrip("._-")[:100] or "printer"
     measured = measured_printer(printer, name, f"Klipper's delta_calibrate block in {path.name}"[:1000])
@@ -59,7 +59,7 @@ def import_printer(path: Path, folder: Path) -> dict[str, Any]:
 
 
 def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, Any]:
-    """Identification of a measurement folder (docs/json.md). InputError where nothing can be said of it."""
+    """Identification of a measurement folder (docs/reference/json.md). InputError where nothing can be said of it."""
     if estimator not in get_args(Estimator) or estimator == "truncated_svd":
         known = ", ".join(e for e in get_args(Estimator) if e != "truncated_svd")
         raise InputError(f"estimator '{estimator}' is not known for a measurement folder; use {known}")

@@ -93,7 +93,7 @@ class Planner:
         return np.vstack([grid, workspace_poses(self.machine, missing, SEED + 3)]) if missing else grid
 
     def plan(self, count: int, criterion: Criterion) -> dict[str, Any]:
-        """Selected poses, compared with a grid and with evenly spread ones, and what stays open (docs/json.md)."""
+        """Selected poses, beside a grid and evenly spread ones, and what stays open (docs/reference/json.md)."""
         sets = {
             "selected": self.selection(candidate_poses(self.machine, CANDIDATES, SEED)).choose(count, criterion),
             "grid": self.selection(self._filled_grid(count)).whole(),

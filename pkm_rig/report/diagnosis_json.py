@@ -1,4 +1,4 @@
-"""A diagnosis for programs (docs/diagnosis.schema.json); in words: diagnosis_text."""
+"""A diagnosis for programs (docs/reference/diagnosis.schema.json); in words: diagnosis_text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The result of a calibration for programs (docs/json.md)."""
+"""The result of a calibration for programs (docs/reference/json.md)."""
 
 from __future__ import annotations
 

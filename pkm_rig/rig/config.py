@@ -66,7 +66,7 @@ class HomingEntry(Section):
 class DriveEntry(Section):
     """One servo drive; its name is that of a drive in the machine file.
 
-    `profile` names a shipped profile of its make, or a file beside the rig file (docs/drive-objects.md).
+    `profile` names a shipped profile of its make, or a file beside the rig file (docs/reference/drive-objects.md).
     """
 
     name: str
@@ -79,7 +79,7 @@ class DriveEntry(Section):
 
 
 class RegisterEntry(Section):
-    """A register of the PLC; what is left out is that of the default map (docs/plc.md). A number is its address."""
+    """A register of the PLC; what is left out is as in the map (docs/reference/plc.md). A number is its address."""
 
     address: int = Field(ge=0, le=0xFFFF)
     type: Literal["u16", "i16", "u32", "i32", "f32"] | None = None
@@ -194,9 +194,10 @@ class Limits(Section):
 class MockSection(Section):
     """For `pkm-rig mock` and the embedded rig only: the seed of the truth and of the noise, and what is wrong with it.
 
-    `effects` are texts as of `pkm-rig mock --effect` (docs/mock-effects.md); `nuisance` is the wander that it really
-    has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise. Drives with
-    incremental encoders have to be homed first. The certificate and key are the PLC's, where it is reached by TLS.
+    `effects` are texts as of `pkm-rig mock --effect` (docs/reference/mock-effects.md); `nuisance` is the wander that
+    it really has, whatever the rig declares. `noise_tails`: degrees of freedom of Student's t, 0 for normal noise.
+    Drives with incremental encoders have to be homed first. The certificate and key are the PLC's, where it is
+    reached by TLS.
     """
 
     seed: int = Field(ge=0, default=1)

@@ -36,7 +36,7 @@ def plc_line(plc: PlcConnection, rig_path: Path) -> ModbusLine:
 
 
 def register_map(plc: PlcConnection) -> RegisterMap:
-    """The default map (docs/plc.md) with the rig file's changes. Raises InputError in one line."""
+    """The default map (docs/reference/plc.md) with the rig file's changes. Raises InputError in one line."""
     default = RegisterMap()
     names = {field.name for field in fields(RegisterMap)}
     changed: dict[str, Any] = dict.fromkeys(plc.without)
@@ -53,7 +53,7 @@ def register_map(plc: PlcConnection) -> RegisterMap:
                     raise InputError(f"rig file: plc.registers.{name}: a whole word, which has an address only")
                 changed[name] = entry.address
             else:
-                raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/plc.md")
+                raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/reference/plc.md")
         if plc.interlocks:
             changed["interlock_bits"] = dict(plc.interlocks)
         return replace(default, temperatures_c=temperatures, **changed)

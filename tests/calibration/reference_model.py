@@ -1,4 +1,4 @@
-"""A second model of any machine file, written from docs/machine.md alone, to check `calibration` against.
+"""A second model of any machine file, written from docs/reference/machine.md alone, to check `calibration` against.
 
 It imports nothing from `calibration` and is formulated differently on purpose: the orientation is a quaternion, moves
 are Cayley turns, the gradient of the energy is the balance of forces with each strut's moment taken at its base end,
@@ -292,7 +292,7 @@ class ReferenceModel:
     # --- statics -----------------------------------------------------------------------------------------------------
 
     def energy(self, pose: Pose, constraints: Sequence[Constraint], loads: Sequence[Load]) -> Number:
-        """V of docs/machine.md."""
+        """V of docs/reference/machine.md."""
         total = 0
         for c in constraints:
             residual, _ = c.residual_and_direction(pose, self.maths)
@@ -403,7 +403,7 @@ class ReferenceModel:
     # --- nominal drive positions -------------------------------------------------------------------------------------
 
     def nominal_drives(self, pose: Pose) -> list[float]:
-        """Drive coordinates that close the first strut of every drive of the nominal machine, docs/machine.md."""
+        """Drive coordinates that close the first strut of every nominal drive, docs/reference/machine.md."""
         found = []
         for entry in self.drives:
             s = next(s for s in self.file["struts"] if s.get("drive") == entry["name"])

@@ -1,4 +1,4 @@
-"""Builds table images by docs/drive-objects.md, independently of the decoder."""
+"""Builds table images by docs/reference/drive-objects.md, independently of the decoder."""
 
 from __future__ import annotations
 

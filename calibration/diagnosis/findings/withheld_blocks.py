@@ -21,7 +21,10 @@ from calibration.diagnosis.result import GapFigures
 REGIONS = 5
 LEAST_VISITS = 3
 SAMPLES = 400
-FORM_AFTER, FORM_BEFORE = 0.12, 0.03  # relative, standard deviations found on simulated rigs (docs/withheld.md)
+FORM_AFTER, FORM_BEFORE = (
+    0.12,
+    0.03,
+)  # relative, standard deviations found on simulated rigs (docs/explanation/withheld.md)
 SEED = 20  # of the samples, so that a diagnosis says the same twice
 
 

@@ -32,8 +32,8 @@ STATION_M = (0.3, -0.2, 4.0)
 
 
 def example() -> str:
-    """The Python file in docs/effects.md."""
-    text = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
+    """The Python file in docs/reference/effects.md."""
+    text = (Path(__file__).parents[3] / "docs" / "reference" / "effects.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     return block
 

@@ -188,7 +188,7 @@ def test_with_its_class_removed_it_is_unknown(periodic):
 
 
 def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creeping, tmp_path):
-    """The file is the example of docs/effects.md."""
+    """The file is the example of docs/reference/effects.md."""
     assert diagnose(creeping).verdict == UNKNOWN
     path = tmp_path / "mine.py"
     path.write_text(example(), encoding="utf-8")

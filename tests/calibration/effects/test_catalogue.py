@@ -20,7 +20,7 @@ from calibration.effects.catalogue import INSIDE_GEOMETRY, Catalogue, load_catal
 from mock_devices.effects.catalogue import SPECS
 from tests.calibration.diagnosis.campaigns import simulated
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[3] / "docs" / "reference"
 NAMES = {
     "link_thermal_growth", "column_thermal_growth", "screw_thermal_growth", "backlash", "friction_windup",
     "column_compliance", "link_stiffness", "joint_clearance", "screw_cumulative_error", "screw_periodic_error",

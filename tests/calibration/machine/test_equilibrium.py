@@ -47,7 +47,7 @@ def test_golden_poses_of_the_machine_document(machine, pose, left_m, right_m):
 
 
 def energy(machine, geometry, drives, payload_kg, com, x):
-    """V of docs/machine.md in plain words, one pose."""
+    """V of docs/reference/machine.md in plain words, one pose."""
     c, s = np.cos(x[2]), np.sin(x[2])
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     p = np.array([x[0], x[1], 0.0])

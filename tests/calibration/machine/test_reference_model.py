@@ -238,7 +238,7 @@ def test_forty_digits_change_nothing(name):
 
 @every_machine
 def test_nominal_drive_positions_close_their_struts_on_the_right_side(make):
-    """The closed formulas of docs/machine.md, checked by length and branch, then `calibration` against them."""
+    """The closed formulas of docs/reference/machine.md, checked by length and branch, then `calibration`."""
     t = make()
     trial = t.reference.trial(seed=6, count=30, loaded=False)
     target = np.array([[*pose.p, *t.reference.rotation_vector(pose)] for pose in trial.starts])

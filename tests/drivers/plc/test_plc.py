@@ -27,7 +27,7 @@ VALUES = {4: 20.5, 6: 21.0, 8: 22.0, 10: 19.0, 12: 20.0, 14: 1002.5, 16: 45.0}
 
 
 class ModbusPlc:
-    """The registers of docs/plc.md. The heartbeat counts reads; a payload takes `delay` polls."""
+    """The registers of docs/reference/plc.md. The heartbeat counts reads; a payload takes `delay` polls."""
 
     def __init__(self) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:

@@ -1,4 +1,4 @@
-"""The drawn machine: within tolerances, repeatable, expanding as docs/machine.md says."""
+"""The drawn machine: within tolerances, repeatable, expanding as docs/reference/machine.md says."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def test_200_kg_was_never_calibrated(run):
 
 
 def test_json_fits_the_schema(run, request):
-    schema = json.loads((request.config.rootpath / "docs" / "result.schema.json").read_text())
+    schema = json.loads((request.config.rootpath / "docs" / "reference" / "result.schema.json").read_text())
     outcome, store, out, *_ = run
     result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
     jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
@@ -91,7 +91,7 @@ def test_json_fits_the_schema(run, request):
 
 def test_the_diagnosis_is_told_stored_and_reported(run, request):
     outcome, store, out, *_ = run
-    schema = json.loads((request.config.rootpath / "docs" / "diagnosis.schema.json").read_text())
+    schema = json.loads((request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json").read_text())
     assert outcome.diagnosis.failure == ""
     told = outcome_json(outcome, None)["diagnosis"]
     jsonschema.validate(json.loads(json.dumps(told, allow_nan=False)), schema)

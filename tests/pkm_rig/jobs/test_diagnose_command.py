@@ -92,7 +92,7 @@ def added(folder, tmp_path_factory):
 
 
 def test_json_names_the_effect_its_place_and_its_size(run, folder, tmp_path, request):
-    schema = json.loads((request.config.rootpath / "docs" / "diagnosis.schema.json").read_text())
+    schema = json.loads((request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json").read_text())
     done = run("diagnose", folder, "--json", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -228,7 +228,7 @@ def test_a_twin_of_another_machine_is_not_served(added, tmp_path):
 
 def test_an_effect_of_ones_own(run, folder, tmp_path):
     own = tmp_path / "mine.py"
-    text = (Path(__file__).parents[3] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "explanation" / "diagnosis.md").read_text(encoding="utf-8")
     own.write_text(text.split("```python\n")[1].split("```")[0])
     done = run("diagnose", folder, "--json", "--effects", own, "--out", tmp_path)
     assert done.returncode == 0, done.stderr

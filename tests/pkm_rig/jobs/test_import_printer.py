@@ -50,7 +50,9 @@ def run(monkeypatch, capsys):
 @pytest.fixture
 def identified(run, tmp_path, request):
     """The result of importing and identifying the text of a printer.cfg."""
-    schema = json.loads((request.config.rootpath / "docs" / "result.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        (request.config.rootpath / "docs" / "reference" / "result.schema.json").read_text(encoding="utf-8")
+    )
 
     def identify(text):
         (tmp_path / "p.cfg").write_text(text, encoding="utf-8")

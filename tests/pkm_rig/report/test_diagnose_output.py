@@ -27,7 +27,7 @@ def machine():
 
 @pytest.fixture(scope="module")
 def schema(request):
-    return json.loads((request.config.rootpath / "docs" / "diagnosis.schema.json").read_text())
+    return json.loads((request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json").read_text())
 
 
 def printed(found):

@@ -16,7 +16,10 @@ from calibration.machine.description import COORDINATES, parse_machine
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from tests.calibration.certify import DIGITS, EXTENDED, FOLDER, STATED_DIGITS, TASKS, ManyDraws, Objective
+from tests.calibration.certified_objective import ManyDraws, Objective
+from tests.calibration.certified_tasks import TASKS
+from tests.calibration.certify import DIGITS, FOLDER, STATED_DIGITS
+from tests.calibration.reference_model import EXTENDED
 
 PROBLEMS = tuple(sorted(path.stem for path in FOLDER.glob("*.json")))
 SAME_MINIMUM = 1e-6  # of a standard error

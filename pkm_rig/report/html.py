@@ -53,6 +53,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
         },
         fit=outcome.calibration.fit,
         diagnosis=_diagnosis(outcome),
+        diagnosis_line=diagnosis_text.attempt_line(outcome.diagnosis),
         version=pkm_rig.__version__,
         hashes=_hashes(outcome),
         readings=len(recording),

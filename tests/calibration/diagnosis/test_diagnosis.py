@@ -211,11 +211,11 @@ def test_the_example_says_when_it_cannot_be_tested(creeping, tmp_path):
     assert "vary" in catalogue.effects[-1].untested(setting)
 
 
-def test_gap_knows_nothing_of_the_mock():
+def test_the_diagnosis_knows_nothing_of_the_mock():
     code = (
-        "import sys, pkgutil, importlib, calibration.gap, calibration.effects\n"
-        "for package in (calibration.gap, calibration.effects):\n"
-        "    for found in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):\n"
+        "import sys, pkgutil, importlib, calibration.diagnosis, calibration.effects\n"
+        "for package in (calibration.diagnosis, calibration.effects):\n"
+        "    for found in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):\n"
         "        importlib.import_module(found.name)\n"
         "from calibration.effects.catalogue import load_catalogue\n"
         "load_catalogue()\n"

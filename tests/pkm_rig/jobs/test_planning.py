@@ -13,6 +13,7 @@ from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.cli import app
 from pkm_rig.jobs import planning
+from pkm_rig.report.plan_text import campaign_section
 from pkm_rig.rig.config import CampaignSettings, embedded_rig_path, load_rig
 from pkm_rig.rig.schedule import calibration_targets
 
@@ -31,7 +32,7 @@ def test_the_selected_poses_promise_more_than_a_grid(found):
 
 
 def test_the_printed_section_is_a_campaign(found):
-    section = tomllib.loads(planning.campaign_section(found))["campaign"]
+    section = tomllib.loads(campaign_section(found))["campaign"]
     targets = calibration_targets(load_machine(shipped_machine("planar4")), CampaignSettings(**section))
     np.testing.assert_allclose(targets[:, :2], found["targets"])
 

@@ -91,7 +91,7 @@ class Baseline(Seen):
 def baseline_of(recording: Recording) -> Baseline:
     """Fit the model to a recording and linearise it there; InputError where the readings do not allow it."""
     rows = usable_rows(recording)
-    used = replace(recording, columns={name: column[rows] for name, column in recording.columns.items()})
+    used = recording.take(rows)
     machine = recording.machine
     moments = moments_of(used)
     smr = np.array([[s.name for s in machine.smrs].index(str(name)) for name in used["smr"]], dtype=np.intp)

@@ -57,7 +57,7 @@ def calibration_part(recording: Recording) -> Recording:
         return recording
     last = last_calibration_check(recording)
     keep = rows | (phase == "repeatability") | ((phase == "nests") & (recording["nest_check"] <= last))
-    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
+    return recording.take(keep)
 
 
 def identify_recording(

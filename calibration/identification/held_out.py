@@ -60,4 +60,4 @@ def _without_held_out(recording: Recording) -> Recording:
     drop = calibration & (recording["pose"].astype(int) % HELD_OUT_EVERY == 0)
     if np.all(drop[calibration]):
         raise InputError(f"recording {recording.file.campaign}: too few poses to hold any out; measure more")
-    return replace(recording, columns={n: c[~drop] for n, c in recording.columns.items()})
+    return recording.take(~drop)

@@ -6,12 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.base.arrays import Array
+from calibration.base.arrays import Array, RowSelection
 from calibration.machine.description import Machine
-
-Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 
 @dataclass(frozen=True)
@@ -33,7 +30,7 @@ class Visits:
     def __len__(self) -> int:
         return len(self.drives)
 
-    def take(self, rows: Rows) -> Visits:
+    def take(self, rows: RowSelection) -> Visits:
         """Some of the visits."""
         return Visits(
             self.drives[rows],

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.base.arrays import Array
+from calibration.base.arrays import Array, RowSelection
 from calibration.base.errors import InputError
 from calibration.machine.description import Machine
 from calibration.recording.header import RecordingFile
@@ -100,8 +100,11 @@ class Recording:
 
     def rows(self, *phases: str) -> Recording:
         """The rows of some phases."""
-        keep = np.isin(np.asarray(self.columns["phase"], dtype=str), phases)
-        return Recording(self.file, self.machine, {name: c[keep] for name, c in self.columns.items()})
+        return self.take(np.isin(np.asarray(self.columns["phase"], dtype=str), phases))
+
+    def take(self, rows: RowSelection) -> Recording:
+        """Some of the rows, by a mask (r,), indices or a slice."""
+        return Recording(self.file, self.machine, {name: c[rows] for name, c in self.columns.items()})
 
     @property
     def positions_m(self) -> Array:

@@ -7,7 +7,7 @@ filter gates outliers and turns reflectors into poses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +90,7 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     flagged = usable & (recording["flags"] > 0.0)
     dropped["flagged by the station"] = int(np.count_nonzero(flagged))
     usable &= ~flagged
-    recording = Recording(recording.file, recording.machine, {n: c[usable] for n, c in recording.columns.items()})
+    recording = recording.take(usable)
     constant, constant_u = (
         _range_constant(recording) if basis is None else (basis.range_constant_m, basis.range_constant_u_m)
     )
@@ -162,7 +162,7 @@ def without_left_open(recording: Recording) -> Recording:
     is_nest = np.asarray(recording["phase"]) == "nests"
     closing = recording["nest_check"].astype(int) + 1
     keep = is_nest | np.isin(closing, checks) | (closing > checks.max(initial=-1))
-    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
+    return recording.take(keep)
 
 
 def last_calibration_check(recording: Recording) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from calibration.base.errors import InputError
@@ -46,7 +44,7 @@ def last_attempt(store: Store, campaign: str) -> Recording:
     first = attempts[-1].data["first_sequence"] if attempts else 0
     phase = np.asarray(recording["phase"]).astype(str)
     keep = (recording["sequence"] >= first) | ~np.char.startswith(phase, "verification")
-    return replace(recording, columns={name: column[keep] for name, column in recording.columns.items()})
+    return recording.take(keep)
 
 
 def judge(

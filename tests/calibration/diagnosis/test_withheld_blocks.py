@@ -54,7 +54,7 @@ def test_a_block_is_predicted_as_by_a_real_refit(wandering, monkeypatch):
     whole = baseline_of(wandering)
     region, block = regions(whole), 2
     gone = (whole.visit >= 0) & (region[np.maximum(whole.visit, 0)] == block)
-    rest = replace(wandering, columns={n: c[whole.rows[~gone]] for n, c in wandering.columns.items()})
+    rest = wandering.take(whole.rows[~gone])
     again = baseline_of(rest)
     assert again.names == whole.names
     found = flat(again.columns).T @ again.apply(again.residual).ravel()

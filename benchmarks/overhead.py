@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pkm_rig.jobs.session import one_core
-from pkm_rig.rig.config import CampaignSettings, RigFile, embedded_rig_path, load_rig
+from pkm_rig.rig.campaign_sections import CampaignSettings
+from pkm_rig.rig.config import RigFile, embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connected
 from pkm_rig.rig.plans import visits
 from pkm_rig.rig.runner import describe_campaign, running

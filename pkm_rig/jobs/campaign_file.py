@@ -9,7 +9,7 @@ from calibration.base.toml_text import to_toml
 from calibration.diagnosis.result import Candidate, PlannedVisit
 from calibration.machine.description import COORDINATES, Machine
 from calibration.model.payload import PayloadEntry
-from pkm_rig.rig.config import CampaignFile, VisitEntry, VisitsSection
+from pkm_rig.rig.campaign_sections import CampaignFile, VisitEntry, VisitsSection
 
 DECIMALS = 9  # of a target: well below what a drive can resolve
 

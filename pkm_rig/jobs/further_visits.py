@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from calibration.reduction.figures import LEAST_VISITS
-from pkm_rig.rig.config import StationConnection
+from pkm_rig.rig.device_sections import StationConnection
 from pkm_rig.rig.schedule import Block
 from pkm_rig.rig.store import Store
 

@@ -9,7 +9,7 @@ from typing import Any
 from calibration.base.errors import InputError
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
 from drivers.plc.plc_registers import Register, RegisterMap
-from pkm_rig.rig.config import PlcConnection, RegisterEntry
+from pkm_rig.rig.device_sections import PlcConnection, RegisterEntry
 
 _MEASURED = ("pressure_hpa", "humidity_percent")
 _TEMPERATURE = "_temperature_c"

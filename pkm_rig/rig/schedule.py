@@ -13,7 +13,7 @@ from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_matrix
 from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives
-from pkm_rig.rig.config import CampaignSettings
+from pkm_rig.rig.campaign_sections import CampaignSettings
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2
 POSE_STREAM, ORDER_STREAM, VERIFICATION_STREAM = 1, 2, 3

@@ -12,8 +12,9 @@ from drivers.drives.homing import Homing
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
 from pkm_rig.jobs import homing
 from pkm_rig.jobs.further_visits import same_rig
-from pkm_rig.rig.config import HomingEntry, embedded_rig_path, load_rig
+from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connected
+from pkm_rig.rig.device_sections import HomingEntry
 from pkm_rig.virtual.mock_rig import embedded
 from tests.pkm_rig.conftest import short_rig_file
 

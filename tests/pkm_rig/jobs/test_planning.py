@@ -14,7 +14,8 @@ from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.cli import app
 from pkm_rig.jobs import planning
 from pkm_rig.report.plan_text import campaign_section
-from pkm_rig.rig.config import CampaignSettings, embedded_rig_path, load_rig
+from pkm_rig.rig.campaign_sections import CampaignSettings
+from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.schedule import calibration_targets
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig.rig.config import CampaignSettings
+from pkm_rig.rig.campaign_sections import CampaignSettings
 from pkm_rig.rig.schedule import calibration_blocks, calibration_targets, verification_block
 
 

@@ -1,0 +1,136 @@
+"""Sections of the rig file and of campaign files that say what a campaign measures and when it is refused."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from calibration.base.toml_file import Section
+from calibration.compensation.tables import GRID_MARGIN_M
+
+Speed = Annotated[float, Field(gt=0.0, le=2.0)]
+Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
+PayloadNumber = Annotated[int, Field(ge=0)]
+MOST_VISITS, MOST_DRIVES = 2000, 12
+
+
+class VisitEntry(Section):
+    """One visit of a campaign that lists its visits one by one."""
+
+    target: tuple[float, ...] = Field(
+        min_length=1, max_length=6, description="Commanded coordinates of the tool, in m and rad."
+    )
+    direction: tuple[Literal[-1, 1], ...] = Field(
+        default=(),
+        max_length=MOST_DRIVES,
+        description="Side that each drive comes from: 1 from below, -1 from above; left out, all from below.",
+    )
+    payload: PayloadNumber = Field(default=0, description="Number of the payload in `[[payloads]]`.")
+    speed_m_per_s: Speed | None = Field(
+        default=None, description="Speed of the approach; left out, the first of the campaign's."
+    )
+    dwell_s: Dwell | None = Field(
+        default=None, description="Time between arrival and measurement; left out, the first of the campaign's."
+    )
+
+
+class CampaignSettings(Section):
+    """What a campaign measures; durations are rig time."""
+
+    seed: int = Field(ge=0, default=1, description="Seed of poses, order, speeds and dwells.")
+    calibration_poses: int = Field(
+        ge=6, default=40, description="Number of calibration poses, drawn in the workspace and denser at its edges."
+    )
+    targets: tuple[tuple[float, ...], ...] = Field(
+        default=(),
+        max_length=1000,
+        description="Calibration poses in place of drawn ones (commanded coordinates), in drawn order, from both "
+        "sides, with and without payload.",
+    )
+    visits: tuple[VisitEntry, ...] = Field(
+        default=(), max_length=MOST_VISITS, description="Visits one by one, in this order, in place of poses."
+    )
+    loaded_payload: int = Field(ge=1, default=2, description="Payload of the loaded block, by number.")
+    readings_per_smr: int = Field(ge=1, le=20, default=1, description="Measurements averaged to a reading.")
+    readings_per_nest: int = Field(ge=1, le=20, default=5, description="The same for floor nests.")
+    two_face: bool = Field(default=False, description="Measure every point in both faces of the telescope.")
+    speeds_m_per_s: tuple[Speed, Speed] = Field(
+        default=(0.5, 0.25), description="Speeds of approach, drawn for each visit."
+    )
+    acceleration_m_per_s2: float = Field(gt=0.0, le=50.0, default=2.0, description="Acceleration of all motions.")
+    approach_m: float = Field(
+        gt=0.0, lt=GRID_MARGIN_M, default=0.010, description="Distance from which each drive makes its last approach."
+    )
+    dwells_s: tuple[Dwell, Dwell] = Field(
+        default=(2.0, 4.0), description="Times between arrival and measurement, drawn for each visit."
+    )
+    warm_up_max_s: float = Field(
+        ge=0.0, default=1800.0, description="Time after which a warm-up that has not settled has failed."
+    )
+    warm_up_step_s: float = Field(gt=0.0, default=60.0, description="Time between two looks at the temperatures.")
+    warm_up_rate_k_per_h: float = Field(
+        gt=0.0, default=2.0, description="Rate of change of the parts' temperatures below which measuring begins."
+    )
+    repeatability_visits: int = Field(ge=3, default=5, description="Visits of the repeatability test.")
+    repeatability_limit_m: float = Field(
+        gt=0.0, default=40e-6, description="Scatter of that test above which the campaign is refused."
+    )
+    nest_every_visits: int = Field(ge=1, default=5, description="Visits between two nest checks.")
+    nest_limit_m: float = Field(
+        gt=0.0, default=80e-6, description="Shift of a nest across the line of sight at which a nest check has failed."
+    )
+    verification_poses: int = Field(ge=30, default=40, description="Poses at which before and after are measured.")
+    verification_payloads: tuple[PayloadNumber, ...] = Field(
+        min_length=1, default=(0, 1), description="Payloads at which they are measured, by number."
+    )
+    payload_timeout_s: float = Field(
+        gt=0.0, default=3600.0, description="Longest wait for the PLC to report a payload that was asked for."
+    )
+
+
+class VisitsSection(Section):
+    """The visits of a campaign file."""
+
+    visits: tuple[VisitEntry, ...] = Field(
+        min_length=1, max_length=MOST_VISITS, description="Visits, made in this order."
+    )
+
+
+class CampaignFile(Section):
+    """A campaign file: the visits that a rig is to make, and nothing else of it."""
+
+    campaign: VisitsSection = Field(description="The only section.")
+
+
+class Limits(Section):
+    """When the rig is refused or stopped, and how well the station must know the air.
+
+    By the stations' own formula 0.1 ppm is 0.1 K or 0.4 hPa, 0.3 um over 3 m.
+    """
+
+    in_plane_u_m: float = Field(
+        gt=0.0, default=15e-6, description="Predicted uncertainty of a tool position above which `check` complains."
+    )
+    heartbeat_s: float = Field(
+        gt=0.0, default=2.0, description="Age of a drive's heartbeat that stops all drives; twice as old it is lost."
+    )
+    drive_watchdog_s: float = Field(
+        ge=1.0, le=60.0, default=1.5, description="Time without our heartbeat after which a drive stops by itself."
+    )
+    poll_period_s: float = Field(
+        ge=0.005, le=0.1, default=0.01, description="Period of polling the interlocks at time scale 1."
+    )
+    plc_heartbeat_s: float = Field(
+        gt=0.0, default=2.0, description="Time that the PLC's heartbeat may stand still before all drives are stopped."
+    )
+    atmosphere_age_s: float = Field(
+        gt=0.0, default=300.0, description="Age of the station's air at which it is set anew."
+    )
+    atmosphere_ppm: float = Field(
+        gt=0.0, default=0.1, description="Change of the correction for air at which it is set anew."
+    )
+    interlocks: tuple[str, ...] = Field(
+        default=("guard closed", "emergency stop released", "drive power on", "air pressure"),
+        description="Interlocks that must be good before anything moves, by their names in `[plc]`.",
+    )

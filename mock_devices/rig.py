@@ -20,8 +20,8 @@ from mock_devices.machine_file import MachineFile
 from mock_devices.plant.plant import Plant
 from mock_devices.plc.plc_server import PlcServer
 from mock_devices.settings import MockSettings
-from mock_devices.station.station import Station
-from mock_devices.station.tracker_server import PtyTrackerServer, TcpTrackerServer, TrackerServer
+from mock_devices.station.mock_station import MockStation
+from mock_devices.station.station_server import PtyStationServer, StationServer, TcpStationServer
 
 
 class MockRig:
@@ -82,13 +82,13 @@ class MockRig:
                 master_limit_s=master_limit_s,
             )
             self._started.callback(self.plc.close)
-            responder = Station(self.plant, faults)
-            self.tracker: TrackerServer = (
-                PtyTrackerServer(responder, faults)
+            responder = MockStation(self.plant, faults)
+            self.station_server: StationServer = (
+                PtyStationServer(responder, faults)
                 if station == "pty"
-                else TcpTrackerServer(responder, host, station_port, faults=faults)
+                else TcpStationServer(responder, host, station_port, faults=faults)
             )
-            self._started.callback(self.tracker.close)
+            self._started.callback(self.station_server.close)
             self.socketcand: SocketCandServer | None = None
             if socketcand_port is not None:
                 self.socketcand = SocketCandServer(client_bus_factory or bus_factory, host, socketcand_port)
@@ -100,7 +100,7 @@ class MockRig:
     @property
     def station_url(self) -> str:
         """Path of the pty, or `socket://host:port`."""
-        return self.tracker.url
+        return self.station_server.url
 
     @property
     def plc_address(self) -> tuple[str, int]:

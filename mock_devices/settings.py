@@ -36,7 +36,7 @@ class InstrumentProfile:
 
 
 @dataclass(frozen=True)
-class Nuisance:
+class DisturbanceLevels:
     """Ordinary wander of a rig at its declared level, one standard deviation each (`[nuisance]` of a recording)."""
 
     drift_m: float = 0.0
@@ -78,7 +78,7 @@ class MockSettings:
     temperature_sensor_sd_k: float = 0.005
     warm_up_time_constant_s: float = 900.0
     effects: tuple[EffectChoice, ...] = ()
-    nuisance: Nuisance = Nuisance()
+    nuisance: DisturbanceLevels = DisturbanceLevels()
     noise_tails: float = 0.0
     temperature_sensor_bias_k: float = 0.0
     clock_jitter_s: float = 0.0

@@ -40,7 +40,7 @@ PEER_NODE = 5
 
 @dataclass(frozen=True)
 class Check:
-    """One thing tried against one peer; None: the peer is absent."""
+    """One thing run_check against one peer; None: the peer is absent."""
 
     peer: str
     what: str
@@ -67,8 +67,8 @@ def main() -> int:
         ]
         checks = [
             check
-            for there, peer, what, work in tries
-            for check in (work() if there else [Check(peer, what, None, "could not be fetched")])
+            for is_available, peer, what, work in tries
+            for check in (work() if is_available else [Check(peer, what, None, "could not be fetched")])
         ]
     for check in checks:
         verdict = {True: "ok", False: "FAILED", None: "absent"}[check.ok]
@@ -136,7 +136,7 @@ def mock_rig() -> Iterator[MockRig]:
 def canopen_master(folder: Path, mock: MockRig) -> list[Check]:
     """Their master, our mock drive."""
     host, port = mock.socketcand_address
-    return spoken(
+    return json_lines(
         "npm canopen as master",
         ["node", "canopen_master.cjs", host, str(port), "1"],
         folder,
@@ -153,7 +153,7 @@ def canopen_device(folder: Path) -> list[Check]:
         server = SocketCandServer(lambda: EmbeddedBus("peer device", clock))
         stack.callback(server.close)
         host, port = server.address
-        stack.enter_context(serving(["node", "canopen_device.cjs", host, str(port), str(PEER_NODE)], folder))
+        stack.enter_context(serve_until_ready(["node", "canopen_device.cjs", host, str(port), str(PEER_NODE)], folder))
         line = stack.enter_context(CanLine(open_bus("socketcand", "can0", host, port)))
         sdo = SdoAccess(line, PEER_NODE, "peer", 2.0)
 
@@ -189,7 +189,7 @@ def canopen_device(folder: Path) -> list[Check]:
             "an unknown object is refused": refused,
             "heartbeat seen": heartbeat,
         }.items():
-            checks.append(tried(peer, what, work))
+            checks.append(run_check(peer, what, work))
     return checks
 
 
@@ -197,13 +197,13 @@ def geocom_client(folder: Path, mock: MockRig) -> list[Check]:
     """Another GeoCOM client, our mock station."""
     nest = next(s for s in mock.plant.sightings(mock.plant.clock.now_s()) if s.name == "N1").polar
     command = [sys.executable, str(HERE / "geocom_client.py"), mock.station_url, str(nest.hz_rad), str(nest.v_rad)]
-    return spoken("pygeocom", command, folder, {}, {"PYTHONPATH": str(folder / "python")})
+    return json_lines("pygeocom", command, folder, {}, {"PYTHONPATH": str(folder / "python")})
 
 
 def modbus_client(folder: Path, mock: MockRig) -> list[Check]:
     """Their client, our mock PLC."""
     host, port = mock.plc_address
-    return spoken("npm modbus-serial", ["node", "modbus_client.cjs", host, str(port)], folder, {})
+    return json_lines("npm modbus-serial", ["node", "modbus_client.cjs", host, str(port)], folder, {})
 
 
 def mbpoll(folder: Path, mock: MockRig) -> list[Check]:
@@ -211,39 +211,43 @@ def mbpoll(folder: Path, mock: MockRig) -> list[Check]:
     host, port = mock.plc_address
     command = [str(folder / "debian/usr/bin/mbpoll"), "-m", "tcp", "-p", str(port), "-a", "1", "-0", "-1", "-q"]
 
-    def run(*arguments: str) -> str:
-        done = subprocess.run(
-            [*command, *arguments[:-1], host, *arguments[-1].split()],
-            check=False, capture_output=True, text=True, timeout=10.0, env=with_libraries(folder),
-        )  # fmt: skip
-        return done.stdout + done.stderr
+    def run(options: str, values: str = "") -> str:
+        result = subprocess.run(
+            [*command, *options.split(), host, *values.split()],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=10.0,
+            env=environment_with_libraries(folder),
+        )
+        return result.stdout + result.stderr
 
     def registers() -> bool:
-        return "[1]: \t15" in run("-t", "4", "-r", "0", "-c", "4", "")
+        return "[1]: \t15" in run("-t 4 -r 0 -c 4")
 
     def floats() -> bool:
-        words = run("-t", "4:float", "-B", "-r", "14", "-c", "1", "").split()
+        words = run("-t 4:float -B -r 14 -c 1").split()
         return any(900.0 < float(word) < 1100.0 for word in words if word.replace(".", "", 1).isdigit())
 
     def command_taken() -> bool:
-        run("-t", "4", "-r", "31", "41 1 0")
-        return "[34]: \t41" in run("-t", "4", "-r", "34", "-c", "2", "")
+        run("-t 4 -r 31", "41 1 0")
+        return "[34]: \t41" in run("-t 4 -r 34 -c 2")
 
     def refused() -> bool:
-        return "Illegal data address" in run("-t", "4", "-r", "4", "1")
+        return "Illegal data address" in run("-t 4 -r 4", "1")
 
     return [
-        tried("mbpoll", "registers read", registers),
-        tried("mbpoll", "a float, high word first", floats),
-        tried("mbpoll", "a command is taken", command_taken),
-        tried("mbpoll", "a write to a value is refused", refused),
+        run_check("mbpoll", "registers read", registers),
+        run_check("mbpoll", "a float, high word first", floats),
+        run_check("mbpoll", "a command is taken", command_taken),
+        run_check("mbpoll", "a write to a value is refused", refused),
     ]
 
 
 def modbus_server(folder: Path) -> list[Check]:
     """Their PLC, our driver."""
     port = free_port()
-    with serving(["node", "modbus_server.cjs", str(port)], folder):
+    with serve_until_ready(["node", "modbus_server.cjs", str(port)], folder):
         return plc_checks("npm modbus-serial as PLC", port, without_function_23=True)
 
 
@@ -265,7 +269,7 @@ def libmodbus(folder: Path) -> list[Check]:
     done = subprocess.run([*command, "-l:libmodbus.so.5"], check=False, capture_output=True, text=True)
     if done.returncode != 0:
         return [Check("libmodbus", "as PLC", False, done.stderr.splitlines()[0])]
-    with serving([str(program), str(port)], folder):
+    with serve_until_ready([str(program), str(port)], folder):
         return plc_checks("libmodbus as PLC", port)
 
 
@@ -286,13 +290,13 @@ def plc_checks(peer: str, port: int, *, without_function_23: bool = False) -> li
 
     try:
         what = "values, interlocks, heartbeat" + (" (without function 23)" if without_function_23 else "")
-        return [tried(peer, what, values), tried(peer, "a command by its sequence word", payload)]
+        return [run_check(peer, what, values), run_check(peer, "a command by its sequence word", payload)]
     finally:
         plc.close()
         clock.close()
 
 
-def tried(peer: str, what: str, work: Callable[[], bool]) -> Check:
+def run_check(peer: str, what: str, work: Callable[[], bool]) -> Check:
     """A check by a function of ours."""
     try:
         return Check(peer, what, work())
@@ -300,7 +304,7 @@ def tried(peer: str, what: str, work: Callable[[], bool]) -> Check:
         return Check(peer, what, False, str(error))
 
 
-def spoken(
+def json_lines(
     peer: str,
     command: list[str],
     folder: Path,
@@ -323,10 +327,10 @@ def spoken(
 
 
 @contextmanager
-def serving(command: list[str], folder: Path) -> Iterator[None]:
+def serve_until_ready(command: list[str], folder: Path) -> Iterator[None]:
     """A program that prints a line when it is ready, ended afterwards."""
     with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, text=True, env=with_libraries(folder)
+        command, cwd=folder, stdout=subprocess.PIPE, text=True, env=environment_with_libraries(folder)
     ) as program:
         assert program.stdout is not None
         program.stdout.readline()
@@ -336,7 +340,7 @@ def serving(command: list[str], folder: Path) -> Iterator[None]:
             program.terminate()
 
 
-def with_libraries(folder: Path) -> dict[str, str]:
+def environment_with_libraries(folder: Path) -> dict[str, str]:
     """The environment in which programs find the unpacked libraries."""
     found = [str(path.parent) for path in (folder / "debian" / "usr").glob("lib/*/libmodbus.so.5")]
     return {**os.environ, "LD_LIBRARY_PATH": ":".join(found)}

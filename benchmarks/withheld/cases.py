@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mock_devices.effects import CATALOGUE, OUTSIDE
-from mock_devices.settings import Nuisance
+from mock_devices.settings import DisturbanceLevels
 
 FULL = {
     "effect": 740,
@@ -27,12 +27,12 @@ RAW_OF_OUTSIDE = (3.0, 3.0, 5.0, 3.0, 1.0)
 RAW_TO_FIND = (3.0, 5.0)
 
 # What each rig declares and really has, one standard deviation each (docs/reference/recording.md).
-PROFILES: dict[str, Nuisance] = {
-    "small": Nuisance(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01),
-    "drifting": Nuisance(drift_m=1.5e-5, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.02),
-    "reseating": Nuisance(drift_m=3e-6, reseat_m=6e-6, reversal_m=5e-7, temperature_k=0.02),
-    "reversing": Nuisance(drift_m=3e-6, reseat_m=1e-6, reversal_m=4e-6, temperature_k=0.02),
-    "warm": Nuisance(drift_m=5e-6, reseat_m=2e-6, reversal_m=1e-6, temperature_k=0.15),
+PROFILES: dict[str, DisturbanceLevels] = {
+    "small": DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01),
+    "drifting": DisturbanceLevels(drift_m=1.5e-5, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.02),
+    "reseating": DisturbanceLevels(drift_m=3e-6, reseat_m=6e-6, reversal_m=5e-7, temperature_k=0.02),
+    "reversing": DisturbanceLevels(drift_m=3e-6, reseat_m=1e-6, reversal_m=4e-6, temperature_k=0.02),
+    "warm": DisturbanceLevels(drift_m=5e-6, reseat_m=2e-6, reversal_m=1e-6, temperature_k=0.15),
 }
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from mock_devices.machine_file import MachineFile, read_machine_file
 from mock_devices.recordings.design import Design, DesignOptions, Visit, draw_design, draw_programme
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.recordings.timeline import Timeline, plan
 from mock_devices.recordings.visible_size import VisibleScale
-from mock_devices.settings import MockSettings, Nuisance
+from mock_devices.settings import DisturbanceLevels, MockSettings
 
 MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
 RICH = DesignOptions(fly_share=0.15)
@@ -48,7 +48,7 @@ class Drawn:
         """From the begin to the last reading."""
         return float(self.timeline.t_s[-1] - self.timeline.design.start_s)
 
-    def settings(self, seed: int, nuisance: Nuisance) -> MockSettings:
+    def settings(self, seed: int, nuisance: DisturbanceLevels) -> MockSettings:
         """A rig that carries it out: heavy-tailed noise, biased sensors, a clock that jitters."""
         return MockSettings(
             seed=seed,
@@ -59,14 +59,14 @@ class Drawn:
             temperature_programme=self.programme,
         )
 
-    def bench(self, seed: int, nuisance: Nuisance) -> Bench:
+    def bench(self, seed: int, nuisance: DisturbanceLevels) -> SimulatedCampaign:
         """A fresh machine to carry it out on."""
-        return Bench(MACHINE, self.settings(seed, nuisance), self.timeline)
+        return SimulatedCampaign(MACHINE, self.settings(seed, nuisance), self.timeline)
 
     @cached_property
     def visible(self) -> VisibleScale:
         """What a refit absorbs: sensitivities of one reference machine, the same for all to a ten-thousandth."""
-        return VisibleScale(self.bench(self.seed, Nuisance()))
+        return VisibleScale(self.bench(self.seed, DisturbanceLevels()))
 
     def extended(self, visits: tuple[Visit, ...]) -> Timeline:
         """The same campaign with further visits after its own."""

@@ -14,7 +14,7 @@ from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, dr
 from mock_devices.plant.structure import NoEquilibrium
 from mock_devices.recordings.columns import points
 from mock_devices.recordings.effect_size import SizeScale
-from mock_devices.recordings.maker import Bench, MockRecording
+from mock_devices.recordings.maker import MockRecording, SimulatedCampaign
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Case:
 
     slot: Slot
     drawn: Drawn
-    bench: Bench
+    bench: SimulatedCampaign
     recording: MockRecording
     truth: dict[str, Any]
     noise_free_m: Array
@@ -93,7 +93,7 @@ def _effects(
                 change = scale.change_m(choice)
             except (EffectError, NoEquilibrium):
                 continue
-            visible = drawn.visible.visible_of(change)
+            visible = drawn.visible.visible_size(change)
             plausible = SPECS[name].size.low <= choice.size <= SPECS[name].size.high
             rank = visible if plausible else -1.0 / (1.0 + visible)
             if best is None or rank > best[0]:
@@ -144,7 +144,7 @@ def _carried_out(
 ) -> Case:  # fmt: skip
     seed, profile, nuisance_raw = rig
     settings = replace(drawn.settings(seed, PROFILES[profile]), effects=choices)
-    bench = Bench(MACHINE, settings, drawn.timeline)
+    bench = SimulatedCampaign(MACHINE, settings, drawn.timeline)
     recording = bench.record()
     bare = drawn.bench(seed, PROFILES[profile])
     change = (bench.points_m() - bare.points_m()) @ bench.view.rotation
@@ -160,7 +160,7 @@ def _carried_out(
         "wanted_raw": list(slot.raw),
         "effects": facts,
         "raw": raw_of(bench, change, turned=True),
-        "visible": drawn.visible.visible_of(change),
+        "visible": drawn.visible.visible_size(change),
         "eligible": bool(facts) and all(
             f["raw"] >= ELIGIBLE_RAW and f["visible"] >= ELIGIBLE_VISIBLE and f["plausible"] for f in facts
         ),
@@ -180,7 +180,7 @@ def _without(slot: Slot, rng: np.random.Generator) -> tuple[str, ...]:
     return ()
 
 
-def raw_of(bench: Bench, change_m: Array, *, turned: bool = False) -> float:
+def raw_of(bench: SimulatedCampaign, change_m: Array, *, turned: bool = False) -> float:
     """Raw size of a change (r, 3) of the readings, given in the machine's axes if `turned`."""
     moved = change_m if turned else change_m @ bench.view.rotation
     rows = platform_rows(bench)
@@ -189,13 +189,13 @@ def raw_of(bench: Bench, change_m: Array, *, turned: bool = False) -> float:
     return float(np.sqrt(np.mean((moved[rows, :2] / sigma_m[:, None]) ** 2)))
 
 
-def platform_rows(bench: Bench) -> NDArray[np.intp]:
+def platform_rows(bench: SimulatedCampaign) -> NDArray[np.intp]:
     """Rows of the platform's reflectors."""
     on_platform = np.array([smr.on == "platform" for smr in bench.nominal.smrs])
     return np.flatnonzero(on_platform[bench.timeline.smr])
 
 
-def noise_free(bench: Bench) -> Array:
+def noise_free(bench: SimulatedCampaign) -> Array:
     """What the station would read without noise (r, 3), its frame: its range's constant, scale and ppm included."""
     seen, _, _ = bench.sight()
     rows, k = np.arange(len(bench.timeline)), bench.timeline.smr

@@ -22,7 +22,7 @@ from mock_devices.plant.atmosphere import ppm
 from mock_devices.plant.plant import Plant, ReadingNoise
 from mock_devices.recordings.columns import points
 from mock_devices.recordings.design import Design, Visit
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.recordings.timeline import Timeline
 from mock_devices.rig import MockRig
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
@@ -81,7 +81,7 @@ def difference_m(effect: str) -> float:
             key=lambda entry: entry[:2],
         )
     line = _timeline(plant, note, start_m, tuple((a, motion) for _, a, motion in motions))
-    bench = Bench(machine_path(load_rig(embedded_rig_path())[0], embedded_rig_path()), plant.settings, line)
+    bench = SimulatedCampaign(machine_path(load_rig(embedded_rig_path())[0], embedded_rig_path()), plant.settings, line)
     seen, _, _ = bench.sight()
     rows, k = np.arange(len(line)), line.smr
     air = [
@@ -145,10 +145,22 @@ def _timeline(plant: Plant, note: _Quiet, start_m: tuple[float, ...], motions: t
     exchanges = np.concatenate([[0.0], np.cumsum(np.diff(payload) != 0)])
     zero = np.zeros(n, dtype=np.intp)
     return Timeline(
-        design, plant.nominal, start_m, motions, np.array(note.t_s), np.array(note.smr, dtype=np.intp), zero, zero,
-        np.zeros(n, dtype=np.bool_), np.ones(n), np.zeros(n), payload, exchanges, np.array(note.q_m),
-        np.zeros((n, len(start_m))),
-    )  # fmt: skip
+        design=design,
+        machine=plant.nominal,
+        start_m=start_m,
+        motions=motions,
+        t_s=np.array(note.t_s),
+        smr=np.array(note.smr, dtype=np.intp),
+        visit=zero,
+        check=zero,
+        is_nest=np.zeros(n, dtype=np.bool_),
+        samples=np.ones(n),
+        dwell_s=np.zeros(n),
+        payload=payload,
+        exchanges=exchanges,
+        q_m=np.array(note.q_m),
+        velocity_m_per_s=np.zeros((n, len(start_m))),
+    )
 
 
 def main() -> int:

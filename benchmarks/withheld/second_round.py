@@ -11,7 +11,7 @@ from benchmarks.withheld.designs import MACHINE
 from benchmarks.withheld.making import Case
 from mock_devices.machine_file import MachineFile
 from mock_devices.recordings.design import Visit, nominal_drives
-from mock_devices.recordings.maker import Bench, MockRecording
+from mock_devices.recordings.maker import MockRecording, SimulatedCampaign
 
 MORE = 60
 ARMS = ("chosen", "random")
@@ -46,7 +46,7 @@ def random_visits(machine: MachineFile, rng: np.random.Generator, like: Visit) -
 def longer(case: Case, visits: tuple[Visit, ...]) -> MockRecording:
     """The recording as it was, followed by what the further visits give."""
     timeline = case.drawn.extended(visits)
-    made = Bench(MACHINE, case.bench.settings, timeline).record()
+    made = SimulatedCampaign(MACHINE, case.bench.settings, timeline).record()
     before = case.recording.columns
     # The nest check that closed the campaign is the one before its first further visit: nothing is told twice.
     n = len(case.recording)

@@ -16,7 +16,7 @@ INTERFACES = ("virtual", "socketcan", "slcan", "socketcand")
 _CHECK = "start the server or check interface, channel and adapter in the rig file"
 
 
-class DaemonBus(SocketCanDaemonBus):
+class SocketcandBus(SocketCanDaemonBus):
     """python-can's socketcand client that notices when its peer is gone.
 
     The library's client reads an endless empty answer then, with a core spinning. Here receiving
@@ -37,14 +37,14 @@ class DaemonBus(SocketCanDaemonBus):
         if self._gone.is_set():
             self._no_hurry.wait(0.1)
             raise can.CanOperationError(f"{self.channel_info}: the server has closed the connection")
-        if self._at_end(timeout):
+        if self._peer_closed(timeout):
             self._gone.set()
             raise can.CanOperationError(f"{self.channel_info}: the server has closed the connection")
         message: can.Message | None
         message, filtered = super()._recv_internal(0.0)  # type: ignore[no-untyped-call]
         return message, bool(filtered)
 
-    def _at_end(self, timeout: float | None) -> bool:
+    def _peer_closed(self, timeout: float | None) -> bool:
         """Wait for something to read; true if it is the end of the connection."""
         if self._buffered():
             return False
@@ -86,8 +86,8 @@ def open_bus(
         if interface == "socketcand":
             if host is None or port is None:
                 raise ValueError("socketcand needs host and port")
-            _knock(host, port)
-            return DaemonBus(channel, host, port, tcp_tune=hasattr(socket, "TCP_QUICKACK"))
+            _probe_server(host, port)
+            return SocketcandBus(channel, host, port, tcp_tune=hasattr(socket, "TCP_QUICKACK"))
         settings: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
         return can.Bus(interface=interface, channel=channel, **settings)
     except (can.CanError, OSError, ImportError) as error:
@@ -95,7 +95,7 @@ def open_bus(
         raise ConnectionFailed("CAN line", where, f"cannot be opened: {reason}", _CHECK) from error
 
 
-def _knock(host: str, port: int) -> None:
+def _probe_server(host: str, port: int) -> None:
     """Fail soon where no server greets: the library's client tries for ten seconds, then waits for ever."""
     with socket.create_connection((host, port), timeout=2.0) as wire:
         greeting = wire.recv(64)

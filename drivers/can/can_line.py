@@ -62,7 +62,7 @@ class CanLine:
         try:
             self.network.send_message(cob_id, data)
         except (can.CanError, OSError, RuntimeError, ValueError) as error:
-            self.lose(error)
+            self.mark_lost(error)
             self.check()
 
     def send_sync(self) -> None:
@@ -92,7 +92,7 @@ class CanLine:
                 "CAN line", self.name, self.failed, "check adapter, server and cable, then connect again"
             )
 
-    def lose(self, error: Exception) -> None:
+    def mark_lost(self, error: Exception) -> None:
         """Count the line as lost, for this reason; whoever finds its bus broken says so."""
         reason = " ".join(str(error).split()) or type(error).__name__
         with self.received:
@@ -117,7 +117,7 @@ class CanLine:
                 message = self._bus.recv(_RECEIVE_S)
             except Exception as error:  # an adapter that garbles a frame may bring any: never end in silence
                 if not self._closing:
-                    self.lose(error)
+                    self.mark_lost(error)
                 return
             if message is not None and not (message.is_error_frame or message.is_remote_frame):
                 self._hand_out(message)

@@ -13,7 +13,7 @@ WRONG_STATE = 0x08000022
 class DriveObject:
     """Index, sub-index, `struct` format (little-endian) and name of one object; format "" is a DOMAIN.
 
-    `holds`: it reads back what was written, so that a write whose answer was lost can be cleared up by reading.
+    `reads_back`: it reads back what was written, so that a write whose answer was lost can be cleared up by reading.
     `refusals`: what an abort code means for this object, and the remedy, where that differs from CiA 301.
     """
 
@@ -21,7 +21,7 @@ class DriveObject:
     sub: int
     format: str
     name: str
-    holds: bool = True
+    reads_back: bool = True
     refusals: Mapping[int, tuple[str, str]] = field(default_factory=dict, compare=False)
 
     def __str__(self) -> str:

@@ -15,7 +15,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoEr
 
 from drivers.can.can_line import CanLine
 from drivers.can.drive_object import OUT_OF_RANGE, WRONG_STATE, DriveObject
-from drivers.can.sdo_block import Aborted, BlockTransfer, Broken, Silent
+from drivers.can.sdo_block import BlockTransfer, NoResponse, ProtocolBroken, TransferAborted
 from drivers.errors import NoAnswer, ProtocolError, SdoRefused
 
 MOST_BYTES = 65_536
@@ -98,9 +98,9 @@ class SdoAccess:
         """Stop listening to the node."""
         self._line.unsubscribe(self._client.tx_cobid, self._client.on_response)
 
-    def read(self, entry: DriveObject, *, again: bool = True) -> int:
-        """Read an integer object; without `again` a lost answer is not asked for a second time."""
-        data = self.read_bytes(entry, again=again)
+    def read(self, entry: DriveObject, *, retry: bool = True) -> int:
+        """Read an integer object; without `retry` a lost answer is not asked for a second time."""
+        data = self.read_bytes(entry, retry=retry)
         size = struct.calcsize(entry.format)
         if len(data) < size:
             raise ProtocolError(
@@ -116,13 +116,13 @@ class SdoAccess:
             raise ValueError(f"{entry}: {value} does not fit") from error
         self.write_bytes(entry, data)
 
-    def read_bytes(self, entry: DriveObject, *, again: bool = True) -> bytes:
+    def read_bytes(self, entry: DriveObject, *, retry: bool = True) -> bytes:
         """Read an object of any length."""
         with self._lock:
             try:
                 return self._transfer(entry, lambda: self._upload(entry))
             except (NoAnswer, ProtocolError):
-                if not again:
+                if not retry:
                     raise
                 return self._transfer(entry, lambda: self._upload(entry))
 
@@ -132,12 +132,12 @@ class SdoAccess:
             try:
                 self._transfer(entry, lambda: self._download(entry, data))
             except (NoAnswer, ProtocolError):
-                if not entry.holds:
+                if not entry.reads_back:
                     raise
-                if not self._held(entry, data):
+                if not self._is_written(entry, data):
                     self._transfer(entry, lambda: self._download(entry, data))
 
-    def _held(self, entry: DriveObject, data: bytes) -> bool:
+    def _is_written(self, entry: DriveObject, data: bytes) -> bool:
         """Whether a write whose answer was lost has been carried out; an object without content says no by refusing."""
         try:
             return self.read_bytes(entry) == data
@@ -166,7 +166,7 @@ class SdoAccess:
         self._wire.forget()
         try:
             return by_block()
-        except Aborted as error:
+        except TransferAborted as error:
             if error.code not in _NO_BLOCKS:
                 raise
             self._blocks = False
@@ -179,10 +179,10 @@ class SdoAccess:
                 self._get_in_step()
             return work()
         except can.CanError as error:
-            self._line.lose(error)
+            self._line.mark_lost(error)
             self._line.check()
             raise  # not reached: a lost line is an error of its own
-        except (SdoError, Aborted, Broken, Silent, OSError, RuntimeError) as error:
+        except (SdoError, TransferAborted, ProtocolBroken, NoResponse, OSError, RuntimeError) as error:
             typed = self._typed(error, entry)
             self._out_of_step = not isinstance(typed, SdoRefused)
             raise typed from error
@@ -202,18 +202,18 @@ class SdoAccess:
             try:
                 frame = self._wire.receive()
             except queue.Empty as error:
-                raise Silent("no answer") from error
+                raise NoResponse("no answer") from error
             if frame[0] & 0xE0 == _READ and frame[1:4] == wanted:
                 self._out_of_step = False
                 return
-        raise Broken("frames that nobody asked for keep coming")
+        raise ProtocolBroken("frames that nobody asked for keep coming")
 
     def _where(self, entry: DriveObject) -> str:
         return f"node {self._node_id}, {entry}"
 
     def _typed(self, error: Exception, entry: DriveObject) -> Exception:
         self._line.check()
-        if isinstance(error, SdoAbortedError | Aborted):
+        if isinstance(error, SdoAbortedError | TransferAborted):
             if error.code in _OUT_OF_STEP_CODES:
                 what = f"the drive lost count of the frames (abort code 0x{error.code:08X})"
                 return ProtocolError(self._device, self._where(entry), what, "check the bus and repeat")
@@ -223,7 +223,7 @@ class SdoAccess:
             what = f"{what} (abort code 0x{error.code:08X})"
             return SdoRefused(self._device, self._where(entry), what, remedy, error.code)
         silent = isinstance(error, SdoCommunicationError) and "No SDO response" in str(error)
-        if silent or isinstance(error, Silent):
+        if silent or isinstance(error, NoResponse):
             return NoAnswer(
                 self._device, self._where(entry), "no answer", "check power, node id and cable of the drive"
             )

@@ -28,7 +28,7 @@ ABORT_CRC = 0x05040004
 ABORT_MEMORY = 0x05040005
 
 
-class Aborted(Exception):
+class TransferAborted(Exception):
     """The server has ended the transfer with this abort code."""
 
     def __init__(self, code: int) -> None:
@@ -36,11 +36,11 @@ class Aborted(Exception):
         self.code = code
 
 
-class Broken(Exception):
+class ProtocolBroken(Exception):
     """The transfer cannot go on; the server has been told so."""
 
 
-class Silent(Exception):
+class NoResponse(Exception):
     """The server has not answered in time; it has been told so."""
 
 
@@ -57,7 +57,7 @@ class SdoWire(Protocol):
 
 
 class BlockTransfer:
-    """One block transfer on one channel at a time. Raises Aborted, Broken and Silent."""
+    """One block transfer on one channel at a time. Raises TransferAborted, ProtocolBroken and NoResponse."""
 
     def __init__(self, wire: SdoWire) -> None:
         self._wire = wire
@@ -132,7 +132,7 @@ class BlockTransfer:
             except queue.Empty:
                 break  # what has come is confirmed, the rest will be sent again
             if frame[0] == _ABORT:
-                raise Aborted(struct.unpack_from("<I", frame, 4)[0])
+                raise TransferAborted(struct.unpack_from("<I", frame, 4)[0])
             number = frame[0] & 0x7F
             if number == taken + 1:
                 taken = number
@@ -152,9 +152,9 @@ class BlockTransfer:
             frame = self._wire.receive()
         except queue.Empty as error:
             self._abort(ABORT_TIMED_OUT)
-            raise Silent("no answer") from error
+            raise NoResponse("no answer") from error
         if frame[0] == _ABORT:
-            raise Aborted(struct.unpack_from("<I", frame, 4)[0])
+            raise TransferAborted(struct.unpack_from("<I", frame, 4)[0])
         return frame
 
     def _expect(self, frame: bytes, command: int, kind: int, what: bytes | None = None) -> None:
@@ -167,9 +167,9 @@ class BlockTransfer:
             raise self._break(ABORT_SEQUENCE, f"a block of {frames} frames")
         return frames
 
-    def _break(self, code: int, why: str) -> Broken:
+    def _break(self, code: int, why: str) -> ProtocolBroken:
         self._abort(code)
-        return Broken(why)
+        return ProtocolBroken(why)
 
     def _abort(self, code: int) -> None:
         self._wire.send(struct.pack("<B3sI", _ABORT, self._object, code))

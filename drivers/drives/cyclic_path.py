@@ -48,12 +48,12 @@ def require_on_path(
     """
     for drive, sample, places_m in zip(drives, samples, zip(*rows, strict=True), strict=True):
         if not sample.statusword & cia402.FOLLOWS_TARGET:
-            raise _not_led(drive, "it says that it does not follow its targets (statusword bit 12)")
+            raise _path_fault(drive, "it says that it does not follow its targets (statusword bit 12)")
         if not min(places_m) - tolerance_m <= sample.demand_m <= max(places_m) + tolerance_m:
-            raise _not_led(
+            raise _path_fault(
                 drive, f"its demand is {sample.demand_m:.6f} m, which is not on the path ({places_m[-1]:.6f} m)"
             )
 
 
-def _not_led(drive: ServoDrive, what: str) -> DriveFault:
+def _path_fault(drive: ServoDrive, what: str) -> DriveFault:
     return DriveFault(drive.name, drive.where, what, "check limits and PDOs of the drive, then clear the stop")

@@ -16,16 +16,16 @@ from drivers.drives import cia402
 from drivers.drives.cia402 import State
 from drivers.drives.cyclic_path import Row, check_path, require_on_path
 from drivers.drives.drive_setup import interpolation_period
-from drivers.drives.homing import DriveHoming, Homing
+from drivers.drives.homing import DriveHoming, HomingParameters
 from drivers.drives.servo_drive import DriveSample, Emergency, ServoDrive
-from drivers.drives.sync_sampler import Lead, SyncSampler
+from drivers.drives.sync_sampler import CyclicSync, SyncSampler
 from drivers.errors import DeviceError, MotionTimeout, Stopped
 
-_FEWEST_SAMPLES_AT_REST = 3
-_FEWEST_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
+_MIN_SAMPLES_AT_REST = 3
+_MIN_POLLS = 10  # however fast rig time runs, the drives get their chance to answer
 _CLOCK_GRAIN_S = 1e-9
-_SYNCS_TO_ARRIVE = 10
-_FAULTY = (State.FAULT, State.FAULT_REACTION)
+_SYNC_COUNT_TO_ARRIVE = 10
+_FAULT_STATES = (State.FAULT, State.FAULT_REACTION)
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class DriveGroup:
             drive.fault_reset()
             drive.reference.ask()
 
-    def home(self, homings: Sequence[Homing | None]) -> None:
+    def home(self, homings: Sequence[HomingParameters | None]) -> None:
         """Home drives one after the other, leaving out where there is None; the others stand without power meanwhile.
 
         All are without power afterwards. Whatever goes wrong stops all, and the stop is remembered. Raises DriveFault,
@@ -158,7 +158,7 @@ class DriveGroup:
                 drive,
                 homing,
                 partial(self._send, drive),
-                partial(self._require_good, drive),
+                partial(self._require_no_fault, drive),
                 self._clock,
                 self.poll_period_s,
             )
@@ -247,13 +247,13 @@ class DriveGroup:
             off_m = _farthest_m(samples, path_m[0])
             if off_m > self.rest.demand_m + self.rest.following_error_m:
                 raise ValueError(f"the path begins {off_m * 1e6:.0f} um from where the drives stand")
-            with self._stopping_on_failure(), self._sampler.leading(samples, period_s) as lead:
-                return self._lead_along(path_m, period_s, [sample.demand_m for sample in samples], lead)
+            with self._stopping_on_failure(), self._sampler.cyclic_sync(samples, period_s) as lead:
+                return self._follow_path(path_m, period_s, [sample.demand_m for sample in samples], lead)
 
-    def _lead_along(self, path_m: Sequence[Row], period_s: float, start_m: Row, lead: Lead) -> list[DriveSample]:
+    def _follow_path(self, path_m: Sequence[Row], period_s: float, start_m: Row, lead: CyclicSync) -> list[DriveSample]:
         last_rows = deque[Row]([start_m, start_m], maxlen=3)
         due_s = self._clock.now_s()
-        for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNCS_TO_ARRIVE)), start=1):
+        for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNC_COUNT_TO_ARRIVE)), start=1):
             last_rows.append(row)
             samples = self._check_all(lead(partial(self._send_targets, row)))
             require_on_path(self.drives, samples, last_rows, self.rest.demand_m)
@@ -262,7 +262,7 @@ class DriveGroup:
             late_s = samples[0].t_rig_s - due_s
             due_s += period_s + (late_s if late_s > 0.5 * period_s else 0.0)  # a SYNC sent again begins a period anew
             self._clock.sleep_s(due_s - self._clock.now_s())
-        raise _too_late(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNCS_TO_ARRIVE)
+        raise _timeout_error(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNC_COUNT_TO_ARRIVE)
 
     def _send_targets(self, row: Row) -> None:
         self._raise_if_stopped()
@@ -273,11 +273,11 @@ class DriveGroup:
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
         pairs = list(zip(self.drives, samples, strict=True))
         pairs.sort(
-            key=lambda pair: (pair[1].state not in _FAULTY, pair[0].last_emergency() is None)
+            key=lambda pair: (pair[1].state not in _FAULT_STATES, pair[0].last_emergency() is None)
         )  # the guilty first
         for drive, sample in pairs:
             drive.check()
-            if sample.state in _FAULTY:
+            if sample.state in _FAULT_STATES:
                 raise drive.fault("the drive is in fault")
             if sample.state is not State.OPERATION_ENABLED:
                 self._raise_if_stopped()
@@ -298,7 +298,7 @@ class DriveGroup:
                 written.append((drive, old_m))
         except DeviceError:
             for drive, old_m in written:
-                _put_back(drive, old_m)
+                _restore_target(drive, old_m)
             raise
 
     def _start(self, targets_m: Sequence[float]) -> None:
@@ -310,12 +310,12 @@ class DriveGroup:
         def acknowledged(sample: DriveSample, _target_m: float) -> bool:
             return bool(sample.statusword & cia402.SET_POINT_ACKNOWLEDGED)
 
-        def again(_samples: list[DriveSample]) -> float:
+        def resend(_samples: list[DriveSample]) -> float:
             self._send_all(cia402.NEW_SET_POINT)
             return self.poll_period_s
 
         self._send_all(cia402.NEW_SET_POINT)
-        self._wait(acknowledged, targets_m, self._handshake_limit_s, "set-point not acknowledged", pause_s=again)
+        self._wait(acknowledged, targets_m, self._handshake_limit_s, "set-point not acknowledged", pause_s=resend)
         self._send_all(cia402.ENABLE_OPERATION)
 
     def _wait_for_rest(self, targets_m: Sequence[float], velocity_m_per_s: float, limit_s: float) -> list[DriveSample]:
@@ -340,7 +340,7 @@ class DriveGroup:
             limit_s,
             "not at rest on the target",
             self.rest.hold_s,
-            _FEWEST_SAMPLES_AT_REST,
+            _MIN_SAMPLES_AT_REST,
             pause_s,
         )
 
@@ -370,8 +370,8 @@ class DriveGroup:
             if in_a_row >= fewest and t_s - since_s >= hold_s - _CLOCK_GRAIN_S:
                 return samples
             polls += 1
-            if waiting and polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
-                raise _too_late(*waiting[0], what, limit_s)
+            if waiting and polls >= _MIN_POLLS and self._clock.now_s() >= end_s:
+                raise _timeout_error(*waiting[0], what, limit_s)
             self._clock.sleep_s(pause_s(samples) if pause_s else self.poll_period_s)
             self._raise_if_stopped()
 
@@ -386,12 +386,12 @@ class DriveGroup:
             for drive in self.drives:
                 drive.send_controlword(controlword)
 
-    def _require_good(self, homed: ServoDrive) -> None:
+    def _require_no_fault(self, homed: ServoDrive) -> None:
         """Raise if the drives were stopped, one cannot be reached or another one than that being homed is in fault."""
         self._raise_if_stopped()
         for drive in self.drives:
             drive.check()
-            if drive is not homed and drive.state() in _FAULTY:
+            if drive is not homed and drive.state() in _FAULT_STATES:
                 self._raise_if_stopped()  # by its EMCY, which says more
                 raise drive.fault("the drive is in fault")
 
@@ -451,14 +451,14 @@ def _farthest_m(samples: Sequence[DriveSample], targets_m: Sequence[float]) -> f
     return max(abs(target - sample.demand_m) for sample, target in zip(samples, targets_m, strict=True))
 
 
-def _put_back(drive: ServoDrive, target_m: float) -> None:
+def _restore_target(drive: ServoDrive, target_m: float) -> None:
     """Restore a target that never was started; without a set-point signal it is harmless if that fails."""
     if math.isfinite(target_m):
         with suppress(DeviceError):
             drive.write_target(target_m)
 
 
-def _too_late(drive: ServoDrive, sample: DriveSample, what: str, limit_s: float) -> DeviceError:
+def _timeout_error(drive: ServoDrive, sample: DriveSample, what: str, limit_s: float) -> DeviceError:
     last = drive.last_emergency()
     return MotionTimeout(
         drive.name,

@@ -108,13 +108,15 @@ def _shipped(name: str) -> str:
 
 
 def _profile(table: Mapping[str, Any]) -> DriveProfile:
-    _only(table, {"name", "factor_group", "watchdog", "referenced", "home_offset_sign", "compensation"}, "profile")
+    _require_only_keys(
+        table, {"name", "factor_group", "watchdog", "referenced", "home_offset_sign", "compensation"}, "profile"
+    )
     sign = _typed(table.get("home_offset_sign", 1), int, "home_offset_sign")
     if sign not in (1, -1):
         raise _NotAProfile(f"home_offset_sign: 1 or -1 wanted, not {sign}")
     referenced = table.get("referenced")
     if referenced is not None:
-        _only(referenced, {"object", "mask"}, "referenced")
+        _require_only_keys(referenced, {"object", "mask"}, "referenced")
     return DriveProfile(
         name=_typed(table.get("name"), str, "name"),
         factor_group=_typed(table.get("factor_group", True), bool, "factor_group"),
@@ -127,18 +129,18 @@ def _profile(table: Mapping[str, Any]) -> DriveProfile:
 
 
 def _compensation(table: Any) -> CompensationObjects:
-    _only(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks"}, "compensation")
+    _require_only_keys(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks"}, "compensation")
     banks = table.get("banks")
     if not isinstance(banks, list) or len(banks) != 2:
         raise _NotAProfile("compensation.banks: two are wanted")
     for number, bank in enumerate(banks, start=1):
-        _only(bank, set(_BANK), f"bank {number}")
+        _require_only_keys(bank, set(_BANK), f"bank {number}")
     first, second = (
         BankObjects(**{key: _object(bank.get(key), f"bank {number} {key}") for key in _BANK})
         for number, bank in enumerate(banks, start=1)
     )
     named = {key: _object(table.get(key), f"compensation {key}") for key in _COMPENSATION}
-    named["activate"] = _object(table.get("activate"), "activate bank", holds=False)
+    named["activate"] = _object(table.get("activate"), "activate bank", reads_back=False)
     return CompensationObjects(
         **named,
         partner_command=_object(table.get("partner_command"), "partner's command"),
@@ -147,14 +149,14 @@ def _compensation(table: Any) -> CompensationObjects:
     )
 
 
-def _object(text: Any, name: str, *, holds: bool = True) -> DriveObject:
+def _object(text: Any, name: str, *, reads_back: bool = True) -> DriveObject:
     match = _OBJECT.fullmatch(text) if isinstance(text, str) else None
     if match is None or match[3] not in _FORMATS:
         raise _NotAProfile(f"{name}: {text!r:.40} is no object such as '0x2100:01 u8'")
-    return DriveObject(int(match[1], 16), int(match[2], 16), _FORMATS[match[3]], name, holds)
+    return DriveObject(int(match[1], 16), int(match[2], 16), _FORMATS[match[3]], name, reads_back)
 
 
-def _only(table: Any, keys: set[str], where: str) -> None:
+def _require_only_keys(table: Any, keys: set[str], where: str) -> None:
     if not isinstance(table, dict):
         raise _NotAProfile(f"{where}: a table is wanted")
     unknown = sorted(set(table) - keys)

@@ -35,7 +35,7 @@ class DriveSetup:
     def find(self) -> None:
         """Raise ConnectionFailed if the node is absent, IdentityMismatch if it is no drive."""
         try:
-            device_type = self.sdo.read(objects.DEVICE_TYPE, again=False)
+            device_type = self.sdo.read(objects.DEVICE_TYPE, retry=False)
         except NoAnswer as error:
             seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
             raise ConnectionFailed(
@@ -92,13 +92,13 @@ class DriveSetup:
         self.set_and_compare(objects.INTERPOLATION_EXPONENT, exponent)
 
     def _set_mappings(self, required: Sequence[PdoMapping]) -> None:
-        wrong = pdo.differing(self.sdo, required)
+        wrong = pdo.mappings_to_write(self.sdo, required)
         if not wrong:
             return
         self.line.send_nmt(NMT_PRE_OPERATIONAL, self.node_id)
         for mapping in wrong:
             pdo.write_mapping(self.sdo, mapping)
-        if pdo.differing(self.sdo, wrong):
+        if pdo.mappings_to_write(self.sdo, wrong):
             raise self._mismatch("the drive does not keep the PDO mapping")
 
     def is_referenced(self) -> bool:

@@ -16,12 +16,12 @@ from drivers.drives.servo_drive import ServoDrive
 from drivers.errors import DeviceError, DriveFault, MotionTimeout
 
 _POLLS_ATTAINED = 3
-_FEWEST_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer
+_MIN_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer
 _WHERE_IT_STANDS = (35, 37)  # methods that end as they begin: their attained bit may fall and rise between two polls
 
 
 @dataclass(frozen=True)
-class Homing:
+class HomingParameters:
     """How one drive is homed: method of 0x6098, and the position that its mark has.
 
     Times are rig time. Afterwards the drive must say that it stands within `tolerance_m` of the mark: a drive may run
@@ -47,24 +47,24 @@ class Homing:
 class DriveHoming:
     """One homing of one drive, its numbers converted beforehand.
 
-    `send` sends its controlwords and raises when the drives were stopped, `require_good` raises then as well, and when
+    `send` sends its controlwords and raises if the drives were stopped; `require_no_fault` raises then as well, and if
     anything is wrong with any of them. Raises ValueError for numbers that do not fit, and for a drive that cannot say
-    whether it is referenced: a homing that broke off would pass for one that went well.
+    whether it is referenced: an aborted homing would then pass for a successful one.
     """
 
     def __init__(
         self,
         drive: ServoDrive,
-        homing: Homing,
+        homing: HomingParameters,
         send: Callable[[int], None],
-        require_good: Callable[[], None],
+        require_no_fault: Callable[[], None],
         clock: RigClock,
         poll_period_s: float,
     ) -> None:
         if drive.profile.referenced is None:
             raise ValueError(f"{drive.name}: its profile does not say how to tell whether it is referenced")
         self._drive, self._homing = drive, homing
-        self._send, self._require_good = send, require_good
+        self._send, self._require_no_fault = send, require_no_fault
         self._clock, self._poll_period_s = clock, poll_period_s
         self._settings = _settings(drive, homing)
 
@@ -104,7 +104,7 @@ class DriveHoming:
             done = not old and word & cia402.TARGET_REACHED and word & cia402.HOMING_ATTAINED
             attained = attained + 1 if done else 0
             polls += 1
-            if not done and polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
+            if not done and polls >= _MIN_POLLS and self._clock.now_s() >= end_s:
                 raise MotionTimeout(
                     self._drive.name,
                     self._drive.where,
@@ -114,11 +114,11 @@ class DriveHoming:
 
     def _statusword(self) -> int:
         """The statusword of a drive that is still enabled: nothing may be sent that would enable it again."""
-        self._require_good()
+        self._require_no_fault()
         word = self._drive.sdo.read(objects.STATUSWORD)
         state = cia402.state_of(word)
         if state is not State.OPERATION_ENABLED:
-            self._require_good()  # raises where it was stopped: that is the cause then
+            self._require_no_fault()  # raises where it was stopped: that is the cause then
             raise self._drive.fault(f"homing ended in {state.value}")
         return word
 
@@ -155,7 +155,7 @@ class DriveHoming:
         return False
 
 
-def _settings(drive: ServoDrive, homing: Homing) -> list[tuple[DriveObject, int]]:
+def _settings(drive: ServoDrive, homing: HomingParameters) -> list[tuple[DriveObject, int]]:
     """What is written before homing, in increments. Raises ValueError for what an object cannot hold."""
 
     def increments(value: float) -> int:

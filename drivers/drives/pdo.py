@@ -47,7 +47,7 @@ def cyclic_mapping(node_id: int) -> PdoMapping:
     return PdoMapping(0x1402, 0x1602, 0x300 + node_id, AT_ONCE, ((0x607A, 0, 32),))
 
 
-def differing(sdo: SdoAccess, mappings: Sequence[PdoMapping]) -> list[PdoMapping]:
+def mappings_to_write(sdo: SdoAccess, mappings: Sequence[PdoMapping]) -> list[PdoMapping]:
     """The mappings that the drive does not hold. Raises SdoRefused, NoAnswer, ProtocolError."""
     return [mapping for mapping in mappings if not _is_set(sdo, mapping)]
 

@@ -31,17 +31,17 @@ class ReferencedDrive(Protocol):
         """Reading and writing of its settings."""
 
 
-class Reference:
-    """The reference of one drive. `holds`: whether it was referenced when last asked, and is not distrusted."""
+class ReferenceState:
+    """The reference of one drive. `is_valid`: whether it was referenced when last asked, and is not distrusted."""
 
     def __init__(self, drive: ReferencedDrive) -> None:
-        self.holds = False
+        self.is_valid = False
         self._drive = drive
         self._distrusted: str | None = None
 
     def ask(self) -> None:
         """Ask the drive whether its position is referenced."""
-        self.holds = self._drive.setup().is_referenced() and self._distrusted is None
+        self.is_valid = self._drive.setup().is_referenced() and self._distrusted is None
 
     def read(self) -> None:
         """The same. Raises NotReferenced."""
@@ -50,7 +50,7 @@ class Reference:
 
     def require(self) -> None:
         """Raise NotReferenced if the position was not referenced when last asked."""
-        if self.holds:
+        if self.is_valid:
             return
         remedy = "home the drive (pkm-rig home --rig RIG.toml)"
         if self._drive.profile.referenced is None:
@@ -60,7 +60,7 @@ class Reference:
 
     def distrust(self, why: str) -> None:
         """Take the drive for not referenced, whatever it says, until it is trusted again."""
-        self._distrusted, self.holds = why, False
+        self._distrusted, self.is_valid = why, False
 
     def distrust_outside_travel(self) -> None:
         """A reference by which the drive stands outside its software limits or its travel cannot be right."""

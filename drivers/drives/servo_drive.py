@@ -17,13 +17,13 @@ from drivers.drives.cia402 import State
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from drivers.drives.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
 from drivers.drives.drive_setup import DriveSetup
-from drivers.drives.reference import Reference
+from drivers.drives.reference import ReferenceState
 from drivers.errors import DriveFault, MotionTimeout, StaleData
 
 __all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Heartbeat", "ServoDrive"]
 
 _OPERATIONAL = 5
-_FEWEST_POLLS = 10  # however fast rig time runs
+_MIN_POLLS = 10  # however fast rig time runs
 _TPDO1 = struct.Struct("<Hih")
 _TPDO2 = struct.Struct("<ii")
 _EMERGENCY = struct.Struct("<HB")
@@ -73,7 +73,7 @@ class ServoDrive:
         self.emergencies: deque[Emergency] = deque(maxlen=100)
         self.on_emergency: Callable[[Emergency], None] | None = None
         self.restarted = False
-        self.reference = Reference(self)
+        self.reference = ReferenceState(self)
         self.mode: int | None = None
         self.sync_period_s = math.nan
         self.tpdo_counts = [0, 0]
@@ -189,7 +189,7 @@ class ServoDrive:
         if low < high:
             self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
 
-    def unwatch_master(self) -> None:
+    def stop_master_watchdog(self) -> None:
         """Have the drive watch the master no more: it is about to leave."""
         if self._master_node_id is not None and self.profile.watchdog:
             self.sdo.write(objects.HEARTBEAT_CONSUMER, 0)
@@ -345,7 +345,7 @@ class ServoDrive:
         while not condition():
             self.line.check()
             polls += 1
-            if polls >= _FEWEST_POLLS and self._clock.now_s() >= end_s:
+            if polls >= _MIN_POLLS and self._clock.now_s() >= end_s:
                 raise MotionTimeout(
                     self.name,
                     self.where,
@@ -372,12 +372,12 @@ class ServoDrive:
                 self.on_emergency(emergency)
 
     def _on_tpdo1(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
-        self._keep(0, data, _TPDO1.size)
+        self._store_tpdo(0, data, _TPDO1.size)
 
     def _on_tpdo2(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
-        self._keep(1, data, _TPDO2.size)
+        self._store_tpdo(1, data, _TPDO2.size)
 
-    def _keep(self, number: int, data: bytearray, size: int) -> None:
+    def _store_tpdo(self, number: int, data: bytearray, size: int) -> None:
         if len(data) < size:
             return
         with self.line.received:

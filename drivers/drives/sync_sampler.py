@@ -13,7 +13,7 @@ from drivers.errors import NoAnswer
 
 _POLLS_A_PERIOD = 20
 
-Lead = Callable[[Callable[[], None]], list[DriveSample]]
+CyclicSync = Callable[[Callable[[], None]], list[DriveSample]]
 
 
 class SyncSampler:
@@ -44,7 +44,7 @@ class SyncSampler:
             return self._led or self._sample(self._wait_host)
 
     @contextmanager
-    def leading(self, samples: list[DriveSample], period_s: float) -> Iterator[Lead]:
+    def cyclic_sync(self, samples: list[DriveSample], period_s: float) -> Iterator[CyclicSync]:
         """SYNC is the caller's alone: gives a function that has targets sent and then SYNC, and returns the samples.
 
         `samples` are the last ones. An answer is waited for about `period_s` of rig time: drives under way bear no

@@ -26,7 +26,7 @@ _UINT32 = 2**32
 class TableImage:
     """One table: corrections in metres over both commanded positions, `corrections_m[own, partner]`.
 
-    It is added to the command. `partner_metres_per_increment` of 0 means the same as the own axis'.
+    They are added to the command. `partner_metres_per_increment` of 0 means the value of the own axis.
     """
 
     node_id: int
@@ -49,51 +49,42 @@ class TableImage:
 
 
 def machine_id_of(machine_name: str) -> bytes:
-    """The 16 bytes by which a drive knows its machine."""
+    """The 16 bytes that identify the machine to a drive."""
     return hashlib.sha256(machine_name.encode()).digest()[:16]
 
 
 def image_crc(data: bytes) -> int:
-    """The CRC that a whole image carries in its last four bytes. Raises TableError for less."""
+    """The CRC in the last four bytes of an image. Raises TableError if the image is too short."""
     if len(data) < _HEAD.size + _CRC.size:
-        raise _bad(f"{len(data)} bytes are too few")
+        raise _error(f"{len(data)} bytes are too few")
     return int(_CRC.unpack(data[-_CRC.size :])[0])
 
 
 def encode_table(image: TableImage) -> bytes:
     """The image's bytes; positions and corrections are rounded to whole increments.
 
-    Raises TableError for what the format or a drive cannot hold.
+    Raises TableError for values that the format or a drive cannot hold.
     """
     corrections = np.asarray(image.corrections_m, dtype=np.float64)
     if corrections.ndim != 2 or not all(FEWEST <= n <= MOST for n in corrections.shape):
-        raise _bad(f"a grid of {corrections.shape} points, {FEWEST} to {MOST} a side are allowed")
+        raise _error(f"a grid of {corrections.shape} points; {FEWEST} to {MOST} per side are allowed")
     if len(image.machine_id) != 16:
-        raise _bad("the machine id is not 16 bytes long")
+        raise _error("the machine id is not 16 bytes long")
     own_m, partner_m = image.metres_per_increment, image.partner_increment_m
     if not (np.isfinite(corrections).all() and own_m > 0.0 and partner_m > 0.0):
-        raise _bad("a correction or an increment is not a usable number")
+        raise _error("a correction or an increment is not a usable number")
     counts = np.rint(corrections / own_m)
     if np.abs(counts).max() >= _INT32:
-        raise _bad("a correction does not fit")
-    own = (_int32(image.own_start_m / own_m), _positive(image.own_step_m / own_m))
-    partner = (_int32(image.partner_start_m / partner_m), _positive(image.partner_step_m / partner_m))
+        raise _error("a correction does not fit")
+    own_axis = (_int32(image.own_start_m / own_m), _positive(image.own_step_m / own_m))
+    partner_axis = (_int32(image.partner_start_m / partner_m), _positive(image.partner_step_m / partner_m))
     try:
-        head = _HEAD.pack(
-            MAGIC,
-            VERSION,
-            image.node_id,
-            image.generation,
-            _whole(image.payload_kg * 1e3),
-            _int32(image.temperature_c * 1e3),
-            image.machine_id,
-            *own,
-            corrections.shape[0],
-            *partner,
-            corrections.shape[1],
-        )
+        axes = (*own_axis, corrections.shape[0], *partner_axis, corrections.shape[1])
+        payload_g, temperature_mdegc = _uint32(image.payload_kg * 1e3), _int32(image.temperature_c * 1e3)
+        contents = (image.node_id, image.generation, payload_g, temperature_mdegc, image.machine_id)
+        head = _HEAD.pack(MAGIC, VERSION, *contents, *axes)
     except struct.error as error:
-        raise _bad(f"a number does not fit: {error}") from error
+        raise _error(f"a number does not fit: {error}") from error
     body = head + counts.astype("<i4").tobytes()
     return body + _CRC.pack(zlib.crc32(body))
 
@@ -101,19 +92,19 @@ def encode_table(image: TableImage) -> bytes:
 def decode_table(
     data: bytes, metres_per_increment: float = 1e-8, partner_metres_per_increment: float = 0.0
 ) -> TableImage:
-    """The table in an image. Raises TableError for anything but a whole image."""
+    """The table in an image. Raises TableError unless it is complete and valid."""
     if image_crc(data) != zlib.crc32(data[: -_CRC.size]):
-        raise _bad("the CRC is wrong")
+        raise _error("the CRC is wrong")
     magic, version, node_id, generation, payload, temperature, machine_id, *axes = _HEAD.unpack_from(data)
     if magic != MAGIC or version != VERSION:
-        raise _bad(f"no table of version {VERSION}")
+        raise _error(f"no table of version {VERSION}")
     own_start, own_step, own_count, partner_start, partner_step, partner_count = axes
     if not (FEWEST <= own_count <= MOST and FEWEST <= partner_count <= MOST):
-        raise _bad(f"a grid of {own_count} x {partner_count} points")
+        raise _error(f"a grid of {own_count} x {partner_count} points")
     if own_step <= 0 or partner_step <= 0:
-        raise _bad("a step is not positive")
+        raise _error("a step is not positive")
     if len(data) != _HEAD.size + 4 * own_count * partner_count + _CRC.size:
-        raise _bad(f"{len(data)} bytes do not go with {own_count} x {partner_count} points")
+        raise _error(f"{len(data)} bytes do not match {own_count} x {partner_count} points")
     counts = np.frombuffer(data, dtype="<i4", count=own_count * partner_count, offset=_HEAD.size)
     partner_m = partner_metres_per_increment or metres_per_increment
     return TableImage(
@@ -134,22 +125,22 @@ def decode_table(
 
 def _int32(value: float) -> int:
     if not math.isfinite(value) or abs(value) >= _INT32 - 1:
-        raise _bad(f"{value} does not fit")
+        raise _error(f"{value} does not fit")
     return round(value)
 
 
 def _positive(value: float) -> int:
     step = _int32(value)
     if step <= 0:
-        raise _bad(f"a step of {value} increments is not positive")
+        raise _error(f"a step of {value} increments is not positive")
     return step
 
 
-def _whole(value: float) -> int:
+def _uint32(value: float) -> int:
     if not (math.isfinite(value) and 0.0 <= value < _UINT32 - 1):
-        raise _bad(f"a payload of {value} g does not fit")
+        raise _error(f"a payload of {value} g does not fit")
     return round(value)
 
 
-def _bad(what: str) -> TableError:
+def _error(what: str) -> TableError:
     return TableError("compensation table", "image", what, "compute the table anew")

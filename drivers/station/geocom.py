@@ -46,7 +46,7 @@ _PROBES = 2
 Call = Callable[[], GeoComResponse[Any]]
 
 
-class QuietGeoCom(GeoCom):
+class GeoComCalls(GeoCom):
     """geocompy's calls without its constructor, which sleeps a second and swallows what goes wrong.
 
     Sets the fields that the constructor sets for the subsystems used here; a test compares the two.
@@ -68,16 +68,16 @@ class QuietGeoCom(GeoCom):
         self.tmc = GeoComTMC(self)
 
     @property
-    def checked(self) -> bool:
+    def uses_checksums(self) -> bool:
         """Whether requests carry a checksum."""
         return self._checksum
 
-    @checked.setter
-    def checked(self, checked: bool) -> None:
-        self._checksum = checked
+    @uses_checksums.setter
+    def uses_checksums(self, on: bool) -> None:
+        self._checksum = on
 
 
-class Real(Byte):
+class GeoComFloat(Byte):
     """A parameter with all its digits.
 
     geocompy writes floats with six decimals, which turns a wavelength of 658 nm into 1 um; `Byte` is the one kind
@@ -125,11 +125,11 @@ class GeoComSession:
         except (OSError, ValueError) as error:
             raise ConnectionFailed(device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE) from error
         self._line = SerialLine(port, clock, reply_timeout_s)
-        self.geocom = QuietGeoCom(self._line, first_transaction)
+        self.geocom = GeoComCalls(self._line, first_transaction)
 
     def call(self, rpc: int, *parameters: float) -> Call:
         """A call without values in its answer, floats written with all their digits, for `ask` and `command`."""
-        written = [Real(p) if isinstance(p, float) else p for p in parameters]
+        written = [GeoComFloat(p) if isinstance(p, float) else p for p in parameters]
         return lambda: self.geocom.request(rpc, written)
 
     @property
@@ -138,9 +138,9 @@ class GeoComSession:
         return self._line.last_time
 
     @property
-    def checked(self) -> bool:
+    def uses_checksums(self) -> bool:
         """Whether every request and answer carries a checksum."""
-        return self.geocom.checked
+        return self.geocom.uses_checksums
 
     @property
     def next_transaction(self) -> int:
@@ -158,11 +158,11 @@ class GeoComSession:
         Raises NoAnswer, ProtocolError, ConnectionFailed and StationError.
         """
         for _ in range(_PROBES):
-            self.geocom.checked = True
+            self.geocom.uses_checksums = True
             try:
                 self.ask(self.geocom.com.nullprocess, values=False)
             except ProtocolError:
-                self.geocom.checked = False
+                self.geocom.uses_checksums = False
                 self.ask(self.geocom.com.nullprocess, values=False)
             else:
                 return True
@@ -175,9 +175,9 @@ class GeoComSession:
         Raises NoAnswer, ProtocolError, ConnectionFailed and StationError.
         """
         try:
-            return self._settled(call, values, self._reply_timeout_s)
+            return self._call_when_idle(call, values, self._reply_timeout_s)
         except (NoAnswer, ProtocolError):
-            return self._settled(call, values, self._reply_timeout_s)
+            return self._call_when_idle(call, values, self._reply_timeout_s)
 
     def command(self, call: Call, *, idempotent: bool = False) -> None:
         """Make a call that moves or measures.
@@ -186,52 +186,52 @@ class GeoComSession:
         was done; an `idempotent` one (turn to a direction) also, once, after a lost or garbled answer.
         """
         try:
-            self._settled(call, False, self._motion_timeout_s)
+            self._call_when_idle(call, False, self._motion_timeout_s)
         except NotExecuted:
-            self._settled(call, False, self._motion_timeout_s)
+            self._call_when_idle(call, False, self._motion_timeout_s)
         except (NoAnswer, ProtocolError):
             if not idempotent:
                 raise
-            self._settled(call, False, self._motion_timeout_s)
+            self._call_when_idle(call, False, self._motion_timeout_s)
 
     def ask_flagged(self, call: Call) -> tuple[Any, tuple[str, ...]]:
         """Like `ask` for a measurement: values, and the flags that the station puts on them."""
         try:
-            return self._settled_flagged(call, True, self._motion_timeout_s)
+            return self._call_when_idle_flagged(call, True, self._motion_timeout_s)
         except (NoAnswer, ProtocolError):
-            return self._settled_flagged(call, True, self._motion_timeout_s)
+            return self._call_when_idle_flagged(call, True, self._motion_timeout_s)
 
-    def _settled(self, call: Call, values: bool, timeout_s: float) -> Any:
-        result, _ = self._settled_flagged(call, values, timeout_s)
+    def _call_when_idle(self, call: Call, values: bool, timeout_s: float) -> Any:
+        result, _ = self._call_when_idle_flagged(call, values, timeout_s)
         return result
 
-    def _settled_flagged(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
+    def _call_when_idle_flagged(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
         end_s = self._clock.now_s() + self._busy_limit_s
         while True:
             with self._lock:
                 self._line.reply_timeout_s = timeout_s
                 response = call()
             try:
-                return self._judge(response, values)
+                return self._values_or_raise(response, values)
             except StationBusy:
                 if self._clock.now_s() >= end_s:
                     raise
             self._clock.sleep_s(_BUSY_PAUSE_S)
 
-    def _judge(self, response: GeoComResponse[Any], values: bool) -> tuple[Any, tuple[str, ...]]:
+    def _values_or_raise(self, response: GeoComResponse[Any], values: bool) -> tuple[Any, tuple[str, ...]]:
         name, code = response.rpcname, int(response.error)
         where = f"{self.where}, {name}"
         if code == codes.COM_TIMED_OUT:
             raise NoAnswer(self.device, where, "no answer", _CHECK_LINE)
         if code == codes.COM_CANT_SEND:
             raise ConnectionFailed(self.device, where, "the line is broken", _CHECK_LINE)
-        shown = response.response[:60]
+        answer_text = response.response[:60]
         if code in codes.NOT_EXECUTED:
             raise NotExecuted(
                 self.device, where, f"the station could not read the request (GeoCOM {code})", _CHECK_LINE
             )
-        if code in codes.GARBLED or (self.checked and _WITHOUT_CHECKSUM.match(shown)):
-            raise ProtocolError(self.device, where, f"cannot make sense of {shown!r}", _CHECK_LINE)
+        if code in codes.GARBLED or (self.uses_checksums and _WITHOUT_CHECKSUM.match(answer_text)):
+            raise ProtocolError(self.device, where, f"cannot make sense of {answer_text!r}", _CHECK_LINE)
         flag = codes.VALUES_WITH_FLAG.get(code)
         if code != codes.OK and not (flag and response.params is not None):
             raise station_error(_code_in(response.response, code), name, self.device, self.where)

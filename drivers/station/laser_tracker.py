@@ -98,7 +98,7 @@ class LaserTracker:
         self._edm_mode = edm_mode
         self._prism_type = prism_type
         self._checksums = checksums
-        self.found_as_given = False
+        self.settings_unchanged_on_connect = False
         self._settings = (-1, -1)
         self._air: Air | None = None
         self._wavelength_m = 0.0
@@ -107,7 +107,7 @@ class LaserTracker:
     def connect(self) -> StationIdentity:
         """Open the port, learn who answers, set precision, distance mode and prism, read all back.
 
-        `found_as_given` then tells whether distance mode and prism were already those that are wanted.
+        `settings_unchanged_on_connect` then tells whether distance mode and prism were already those that are wanted.
         Raises ConnectionFailed, NoAnswer, ProtocolError (nonsense), IdentityMismatch, StationError.
         """
         self.close()
@@ -129,7 +129,9 @@ class LaserTracker:
             setup = StationSetup(session)
             setup.set_precision()
             self.identity = setup.read_identity(self._expected_serial)
-            self.found_as_given = setup.has_settings(self._edm_mode, self._prism_type, self.prism_constant_m)
+            self.settings_unchanged_on_connect = setup.has_settings(
+                self._edm_mode, self._prism_type, self.prism_constant_m
+            )
             mode = setup.set_distance_mode(self._edm_mode)
             self._settings = (mode, setup.set_prism(self._prism_type, self.prism_constant_m))
             self._wavelength_m = setup.read_atmosphere()[0]
@@ -147,9 +149,9 @@ class LaserTracker:
             session.close()
 
     @property
-    def checked(self) -> bool:
+    def uses_checksums(self) -> bool:
         """Whether requests and answers carry checksums."""
-        return self._open().checked
+        return self._open().uses_checksums
 
     def stop(self) -> None:
         """End a distance measurement that goes on (2008 with 'stop')."""
@@ -255,7 +257,7 @@ class LaserTracker:
         """
         if n < 1:
             raise ValueError(f"n must be at least 1, not {n}")
-        readings = self._settled(settle) if settle else []
+        readings = self._measure_until_settled(settle) if settle else []
         readings = readings[-n:]
         readings += [self._measure_once() for _ in range(n - len(readings))]
         if two_face:
@@ -270,7 +272,7 @@ class LaserTracker:
     def measure_simple(self) -> PolarReading:
         """One reading by the simple measurement (2108): quicker, without the station's own quality values."""
         session, tmc = self._open(), self._open().geocom.tmc
-        return self._measured(lambda: session.ask_flagged(lambda: tmc.get_simple_measurement(_WAIT_S)), 2)
+        return self._measure_with(lambda: session.ask_flagged(lambda: tmc.get_simple_measurement(_WAIT_S)), 2)
 
     def require_target(
         self, reading: PolarReading | MeanReading, expected_m: tuple[float, float, float], tolerance_m: float, name: str
@@ -307,11 +309,11 @@ class LaserTracker:
 
     def _measure_once(self) -> PolarReading:
         session, tmc = self._open(), self._open().geocom.tmc
-        return self._measured(
+        return self._measure_with(
             lambda: session.ask_flagged(lambda: tmc.get_complete_measurement(_WAIT_S, Inclination.AUTO)), 6
         )
 
-    def _measured(
+    def _measure_with(
         self, fetch: Callable[[], tuple[tuple[float, ...], tuple[str, ...]]], distance_at: int
     ) -> PolarReading:
         session, tmc = self._open(), self._open().geocom.tmc
@@ -319,7 +321,7 @@ class LaserTracker:
         started = session.last_time
         values, flags = fetch()
         ended = session.last_time
-        if not session.checked and fetch() != (values, flags):
+        if not session.uses_checksums and fetch() != (values, flags):
             raise ProtocolError(
                 self.name, self.port_url, "a measurement was fetched twice and came different", "check the line"
             )
@@ -343,7 +345,7 @@ class LaserTracker:
             prism_type=self._settings[1],
         )
 
-    def _settled(self, criterion: SettleCriterion) -> list[PolarReading]:
+    def _measure_until_settled(self, criterion: SettleCriterion) -> list[PolarReading]:
         end_s = self._clock.now_s() + criterion.limit_s
         readings: list[PolarReading] = []
         while True:

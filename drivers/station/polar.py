@@ -85,7 +85,16 @@ def average(readings: Sequence[PolarReading]) -> MeanReading:
     v, s_v = _mean([v for _, v in directions])
     d, s_d = _mean([reading.slope_distance_m for reading in readings])
     t, _ = _mean([reading.t_rig_s for reading in readings])
-    return MeanReading((hz0 + hz) % TWO_PI, v, d, s_hz, s_v, s_d, len(readings), t)
+    return MeanReading(
+        hz_rad=(hz0 + hz) % TWO_PI,
+        v_rad=v,
+        slope_distance_m=d,
+        s_hz_rad=s_hz,
+        s_v_rad=s_v,
+        s_distance_m=s_d,
+        n=len(readings),
+        t_rig_s=t,
+    )
 
 
 def _mean(values: Sequence[float]) -> tuple[float, float]:

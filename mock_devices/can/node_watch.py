@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from mock_devices.can.sdo_abort import VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import VALUE_RANGE, RefusedWrite
 from mock_devices.clock import RigClock
 
 _HISTORY = 8
@@ -42,7 +42,7 @@ class Watchdog:
             self._cancel, self._last_s, self._missing = None, None, False
             self._limit_s = limit_s
 
-    def feed(self) -> None:
+    def on_message(self) -> None:
         """It has come."""
         with self._lock:
             if self._limit_s <= 0.0:
@@ -89,7 +89,7 @@ class HeartbeatConsumer:
     def on_heartbeat(self, node: int) -> None:
         """A heartbeat of some node has come."""
         if node == self._node:
-            self._watchdog.feed()
+            self._watchdog.on_message()
 
     def close(self) -> None:
         """Watch nothing any more."""
@@ -117,7 +117,7 @@ class ErrorHistory:
     def write_count(self, value: int) -> None:
         """Writing 0 forgets all; anything else is refused."""
         if value != 0:
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self._codes = []
 
 

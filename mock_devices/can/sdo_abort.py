@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Refused(Exception):
+class RefusedWrite(Exception):
     """A write that the drive refuses; `abort_code` is that of SDO."""
 
     def __init__(self, abort_code: int) -> None:

@@ -29,7 +29,7 @@ _LONGEST = 1 << 20
 Fallback = Callable[[int, bytearray, float], None]
 
 
-class Store(Protocol):
+class ObjectWriter(Protocol):
     """The node's dictionary."""
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
@@ -37,7 +37,7 @@ class Store(Protocol):
         ...
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        """Store bytes. Raises SdoAbortedError."""
+        """ObjectWriter bytes. Raises SdoAbortedError."""
         ...
 
 
@@ -82,7 +82,7 @@ class SdoServer:
 
     def __init__(
         self,
-        store: Store,
+        store: ObjectWriter,
         send: Callable[[bytes], None],
         fallback: Fallback,
         faults: FaultPlan,

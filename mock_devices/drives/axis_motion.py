@@ -1,15 +1,15 @@
 """Where one drive is at any time: a chain of profiles, stops and times under the brake.
 
-Positions are increments in command coordinates; the encoder counts command + correction - lag. Where the axis truly
-stands is its count plus a shift, which homing and a restart change (`recount`) while the axis stays where it is. A past
-time can be asked for as long as its segment is kept. Not modelled: slip of the brake, noise of the encoder.
+Positions are increments in command coordinates; the encoder counts command + correction - following error. The true
+position of the axis is its count plus a shift, which homing and a restart change (`recount`) while the axis does not
+move. A past time can be queried as long as its segment is kept. Not modelled: slip of the brake, noise of the encoder.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mock_devices.drives.profile import Profile, brake, move, rest
+from mock_devices.drives.motion_profile import Profile, decelerate_to_rest, move, standstill
 from mock_devices.drives.table_bank import Table
 from mock_devices.plant.plant import SetPoint
 
@@ -44,7 +44,7 @@ class AxisMotion:
     """The chain of one drive, which starts under the brake. Not safe for threads: the drive locks."""
 
     def __init__(self, encoder_inc: float, shift_inc: float = 0.0) -> None:
-        start = rest(encoder_inc)
+        start = standstill(encoder_inc)
         point = SetPoint(0, round(encoder_inc))
         self._chain = [_Segment(float("-inf"), start, None, point, encoder_inc, shift_inc)]
         self.trail: list[tuple[float, Profile, float]] = []  # motions: start, profile, shift; for effects that remember
@@ -54,20 +54,20 @@ class AxisMotion:
         segment = self._at(t_s)
         return segment.profile.at(t_s - segment.start_s)
 
-    def lag(self, t_s: float) -> float:
+    def following_error(self, t_s: float) -> float:
         """Command minus actual, in increments."""
         segment = self._at(t_s)
-        return 0.0 if segment.braked_at_inc is not None else segment.profile.lag(t_s - segment.start_s)
+        return 0.0 if segment.braked_at_inc is not None else segment.profile.following_error(t_s - segment.start_s)
 
     def encoder_inc(self, t_s: float, partner_inc: float | None) -> float:
         """What the encoder counts, for the partner's command that the drive knows."""
         segment = self._at(t_s)
         if segment.braked_at_inc is not None:
-            return segment.braked_at_inc - segment.profile.lag(t_s - segment.start_s)
+            return segment.braked_at_inc - segment.profile.following_error(t_s - segment.start_s)
         position = segment.profile.at(t_s - segment.start_s)[0]
-        return position + _correction(segment.table, position, partner_inc) - self.lag(t_s)
+        return position + _correction(segment.table, position, partner_inc) - self.following_error(t_s)
 
-    def place_inc(self, t_s: float, partner_inc: float | None) -> float:
+    def true_position_inc(self, t_s: float, partner_inc: float | None) -> float:
         """Where the axis truly stands, whatever the encoder counts."""
         return self.encoder_inc(t_s, partner_inc) + self._at(t_s).shift_inc
 
@@ -90,7 +90,7 @@ class AxisMotion:
         encoder = self.encoder_inc(max(t_s, last.start_s), partner_inc)
         position = command_for(encoder, table, partner_inc)
         start_s = max(t_s, last.start_s)
-        self._append(_Segment(start_s, rest(position), table, last.set_point, shift_inc=last.shift_inc))
+        self._append(_Segment(start_s, standstill(position), table, last.set_point, shift_inc=last.shift_inc))
 
     def apply_brake(self, t_s: float, deceleration: float, partner_inc: float | None) -> None:
         """Stop as quickly as told, then put the brake on."""
@@ -100,7 +100,7 @@ class AxisMotion:
             return
         position, start_s = last.profile.target, max(t_s, last.end_s)
         encoder = position + _correction(last.table, position, partner_inc)
-        settling = rest(position, last.profile.lag(start_s - last.start_s))
+        settling = standstill(position, last.profile.following_error(start_s - last.start_s))
         self._append(_Segment(start_s, settling, last.table, last.set_point, encoder, last.shift_inc))
 
     def recount(self, t_s: float, count_inc: float) -> None:
@@ -109,7 +109,7 @@ class AxisMotion:
         start_s = max(t_s, self.end_s)
         former_inc = last.profile.target if last.braked_at_inc is None else last.braked_at_inc
         point = SetPoint(last.set_point.count + 1, round(count_inc))
-        resting = rest(count_inc, last.profile.lag(start_s - last.start_s))
+        resting = standstill(count_inc, last.profile.following_error(start_s - last.start_s))
         braked_at_inc = None if last.braked_at_inc is None else count_inc
         shift_inc = last.shift_inc + former_inc - count_inc
         self._append(_Segment(start_s, resting, None, point, braked_at_inc, shift_inc))
@@ -126,7 +126,7 @@ class AxisMotion:
             speed=dynamics.speed,
             acceleration=dynamics.acceleration,
             deceleration=dynamics.deceleration,
-            lag=before.profile.lag(start_s - before.start_s),
+            following_error=before.profile.following_error(start_s - before.start_s),
         )
         point = SetPoint(self._chain[-1].set_point.count + 1, target_inc)
         self._append(_Segment(start_s, profile, before.table, point, shift_inc=before.shift_inc))
@@ -137,8 +137,8 @@ class AxisMotion:
             return
         now = self._at(t_s)
         position, velocity, _ = now.profile.at(t_s - now.start_s)
-        lag = now.profile.lag(t_s - now.start_s)
-        profile = brake(position, velocity, deceleration=deceleration, lag=lag)
+        following_error = now.profile.following_error(t_s - now.start_s)
+        profile = decelerate_to_rest(position, velocity, deceleration=deceleration, following_error=following_error)
         self._append(_Segment(t_s, profile, now.table, self._chain[-1].set_point, shift_inc=now.shift_inc))
 
     def _append(self, segment: _Segment) -> None:

@@ -5,7 +5,7 @@ The drive may move with compensation only while the active table is the one for 
 
 from __future__ import annotations
 
-from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives.table_bank import Bank, BankStatus, Table
 
 UNKNOWN_PAYLOAD = 0xFFFFFFFF
@@ -59,47 +59,47 @@ class Compensation:
         return self.banks[self.active_bank].table if self.active_bank else None
 
     @property
-    def applied(self) -> Table | None:
+    def table_in_use(self) -> Table | None:
         """The table that corrects commands."""
         return self.table if self.mode else None
 
     @property
     def valid(self) -> bool:
         """Mode on, a table active, and it is for the payload that is on."""
-        table = self.applied
+        table = self.table_in_use
         return table is not None and table.payload_g == self.payload_g
 
     def set_mode(self, mode: int, powered: bool) -> None:
-        """Object 0x2100:01. Raises Refused."""
+        """Object 0x2100:01. Raises RefusedWrite."""
         if powered:
-            raise Refused(STATE_FORBIDS)
+            raise RefusedWrite(STATE_FORBIDS)
         if mode not in (0, 1):
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self.mode = mode
 
     def activate(self, bank: int, powered: bool) -> None:
-        """Object 0x2100:02. Raises Refused."""
+        """Object 0x2100:02. Raises RefusedWrite."""
         if bank not in (0, 1, 2):
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         if powered or (bank and self.banks[bank].status is not BankStatus.WHOLE):
-            raise Refused(STATE_FORBIDS)
+            raise RefusedWrite(STATE_FORBIDS)
         self.active_bank = bank
 
     def write_bank(self, bank: int, image: bytes) -> None:
-        """Object 0x2101:01 or 0x2102:01. Raises Refused while it is in use."""
+        """Object 0x2101:01 or 0x2102:01. Raises RefusedWrite while it is in use."""
         if self.mode and bank == self.active_bank:
-            raise Refused(STATE_FORBIDS)
+            raise RefusedWrite(STATE_FORBIDS)
         self.banks[bank].write(image)
 
     def check_target(self, target_inc: int) -> None:
-        """What writing 0x607A asks while mode is on. Raises Refused."""
+        """What writing 0x607A asks while mode is on. Raises RefusedWrite."""
         if not self.mode:
             return
         table = self.table
         if table is None or not self.valid:
-            raise Refused(STATE_FORBIDS)
+            raise RefusedWrite(STATE_FORBIDS)
         if not table.own.covers(target_inc):
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
 
     def permits_motion(self) -> bool:
         """Whether a motion may start or go on: always with mode off; else as docs/reference/drive-objects.md says."""

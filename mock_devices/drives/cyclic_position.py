@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mock_devices.can.sdo_abort import VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import VALUE_RANGE, RefusedWrite
 from mock_devices.drives.axis_motion import Dynamics
 
 FASTEST_INC_PER_S = 200_000_000.0
@@ -44,15 +44,15 @@ class CyclicPosition:
         return _PERIODS_WITHOUT_SYNC * self.period_s if self.under_way else 0.0
 
     def set_units(self, units: int) -> None:
-        """Object 0x60C2:01. Raises Refused."""
+        """Object 0x60C2:01. Raises RefusedWrite."""
         if not 1 <= units <= 255:
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self.units = units
 
     def set_exponent(self, exponent: int) -> None:
-        """Object 0x60C2:02. Raises Refused."""
+        """Object 0x60C2:02. Raises RefusedWrite."""
         if not -6 <= exponent <= 0:
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self.exponent = exponent
 
     def step(self, way_inc: float, window_inc: int) -> Dynamics | None:

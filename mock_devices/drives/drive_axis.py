@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives import cia402
 from mock_devices.drives.axis_motion import AxisMotion, Dynamics, command_for
 from mock_devices.drives.cia402 import State
@@ -104,17 +104,17 @@ class DriveAxis:
             self._acknowledged = False
 
     def set_mode(self, mode: int) -> None:
-        """Object 0x6060. Raises Refused."""
+        """Object 0x6060. Raises RefusedWrite."""
         if mode not in (PROFILE_POSITION, HOMING, CYCLIC_POSITION):
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self._break_homing_off()
         self.mode, self.cyclic.under_way = mode, False
 
     def set_target(self, target_inc: int) -> None:
-        """Object 0x607A. Raises Refused."""
+        """Object 0x607A. Raises RefusedWrite."""
         self.cyclic.ignores = True
         if not self.limits.low_inc <= target_inc <= self.limits.high_inc:
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self.compensation.check_target(target_inc)
         self.target_inc, self.cyclic.ignores = target_inc, False
 
@@ -136,15 +136,15 @@ class DriveAxis:
             self.state,
             target_reached=t_s >= self.motion.end_s + WINDOW_TIME_S,
             set_point_acknowledged=acknowledged,
-            following_error=self.error_code == EMCY_FOLLOWING_ERROR or self._lags(),
+            following_error=self.error_code == EMCY_FOLLOWING_ERROR or self._following_error_too_large(),
         )
 
     def actual_inc(self) -> float:
         """Object 0x6064: position in command coordinates."""
         t_s = self._now_s()
         if self.powered:
-            return self.motion.command(t_s)[0] - self.motion.lag(t_s)
-        return command_for(self.encoder_inc(t_s), self.compensation.applied, self.compensation.partner.command_inc)
+            return self.motion.command(t_s)[0] - self.motion.following_error(t_s)
+        return command_for(self.encoder_inc(t_s), self.compensation.table_in_use, self.compensation.partner.command_inc)
 
     def demand_inc(self) -> float:
         """Object 0x6062: the command; where the axis stands if the motor is off."""
@@ -154,14 +154,14 @@ class DriveAxis:
         """Object 0x6063, not rounded."""
         return self.motion.encoder_inc(t_s, self.compensation.partner.command_inc)
 
-    def place_inc(self, t_s: float) -> float:
+    def true_position_inc(self, t_s: float) -> float:
         """Where the axis truly stands, whatever its encoder counts."""
-        return self.motion.place_inc(t_s, self.compensation.partner.command_inc)
+        return self.motion.true_position_inc(t_s, self.compensation.partner.command_inc)
 
     def sync(self) -> None:
         """A SYNC: take over the partner's command; stop where motion is not permitted any more."""
         self.compensation.partner.sync()
-        if self.state is State.OPERATION_ENABLED and self._lags():
+        if self.state is State.OPERATION_ENABLED and self._following_error_too_large():
             self.fault(EMCY_FOLLOWING_ERROR)
         self._follow()
         self.watch_motion()
@@ -185,8 +185,8 @@ class DriveAxis:
             return
         self.motion.go(t_s, self.target_inc, step, at_once=True)
 
-    def _lags(self) -> bool:
-        return abs(self.motion.lag(self._now_s())) > self.limits.following_error_window_inc
+    def _following_error_too_large(self) -> bool:
+        return abs(self.motion.following_error(self._now_s())) > self.limits.following_error_window_inc
 
     def abort_connection(self) -> None:
         """The master is gone (0x6007): nothing, fault, power off or quick stop."""
@@ -235,7 +235,7 @@ class DriveAxis:
         self.refresh()
         if self.powered:
             self._brake()
-        self.homing.give_up()
+        self.homing.abort()
         if not self.absolute:
             self.motion.recount(self._now_s(), 0.0)
             self.homing.referenced, self.target_inc = False, 0
@@ -254,7 +254,7 @@ class DriveAxis:
         if begun_s is None:
             return
         if self.state is not State.OPERATION_ENABLED:
-            self.homing.give_up()
+            self.homing.abort()
         elif not self.motion.is_moving(self._now_s()):
             self.motion.recount(begun_s, float(self.homing.offset_inc))
             self.target_inc = self.homing.offset_inc
@@ -268,11 +268,11 @@ class DriveAxis:
         if previous & cia402.NEW_SET_POINT:
             return
         t_s = self._now_s()
-        if self.motion.is_moving(t_s) or self.compensation.applied is not None:
-            self.homing.give_up(failed=True)
+        if self.motion.is_moving(t_s) or self.compensation.table_in_use is not None:
+            self.homing.abort(failed=True)
             return
         self.homing.begin(t_s)
-        way_inc = self.homing.way_inc(self.place_inc(t_s))
+        way_inc = self.homing.way_inc(self.true_position_inc(t_s))
         if way_inc:
             steep = float(self.homing.acceleration)
             target_inc = round(self.demand_inc() + way_inc)
@@ -283,7 +283,7 @@ class DriveAxis:
         self.refresh()
         if self.homing.begun_s is not None:
             self.motion.stop(self._now_s(), float(self.homing.acceleration))
-            self.homing.give_up()
+            self.homing.abort()
 
     def _carry_out(self, before: State) -> None:
         if self.state is before:
@@ -291,7 +291,7 @@ class DriveAxis:
         t_s = self._now_s()
         if self.state is State.OPERATION_ENABLED and before is State.SWITCHED_ON:
             partner_inc = self.compensation.partner.command_inc
-            self.motion.release(t_s, self.compensation.applied, partner_inc)
+            self.motion.release(t_s, self.compensation.table_in_use, partner_inc)
             self._halted = False
         elif self.state is State.QUICK_STOP_ACTIVE:
             self.motion.stop(t_s, self.limits.quick_stop_deceleration)
@@ -320,7 +320,7 @@ class DriveAxis:
     def _permits(self, target_inc: int) -> bool:
         try:
             self.compensation.check_target(target_inc)
-        except Refused:
+        except RefusedWrite:
             return False
         return self.limits.low_inc <= target_inc <= self.limits.high_inc
 

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, error_register
-from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives.drive_axis import DriveAxis
 from mock_devices.drives.table_bank import Bank
 
@@ -54,7 +54,7 @@ class DriveObjects:
         return None if reader is None else reader()
 
     def write(self, index: int, subindex: int, value: Any) -> None:
-        """Act on a written value. Raises Refused."""
+        """Act on a written value. Raises RefusedWrite."""
         writer = self._writers.get((index, subindex))
         if writer is not None:
             writer(value)
@@ -87,7 +87,7 @@ class DriveObjects:
             (0x6067, 0): lambda: limits.position_window_inc,
             (0x60C2, 1): lambda: axis.cyclic.units,
             (0x60C2, 2): lambda: axis.cyclic.exponent,
-            (0x60F4, 0): lambda: round(axis.motion.lag(now())),
+            (0x60F4, 0): lambda: round(axis.motion.following_error(now())),
             (0x607C, 0): lambda: homing.offset_inc,
             (0x6098, 0): lambda: homing.method,
             (0x6099, 1): lambda: homing.speed,
@@ -119,22 +119,22 @@ class DriveObjects:
             (0x6007, 0): self._set_abort_connection_option,
             (0x6040, 0): axis.control,
             (0x6060, 0): axis.set_mode,
-            (0x6065, 0): _setter(limits, "following_error_window_inc"),
-            (0x6067, 0): _setter(limits, "position_window_inc"),
+            (0x6065, 0): _make_setter(limits, "following_error_window_inc"),
+            (0x6067, 0): _make_setter(limits, "position_window_inc"),
             (0x60C2, 1): axis.cyclic.set_units,
             (0x60C2, 2): axis.cyclic.set_exponent,
             (0x607A, 0): axis.set_target,
-            (0x607D, 1): _setter(limits, "low_inc", positive=False),
-            (0x607D, 2): _setter(limits, "high_inc", positive=False),
-            (0x6081, 0): _setter(limits, "speed"),
-            (0x6083, 0): _setter(limits, "acceleration"),
-            (0x6084, 0): _setter(limits, "deceleration"),
-            (0x6085, 0): _setter(limits, "quick_stop_deceleration"),
-            (0x607C, 0): _setter(homing, "offset_inc", positive=False),
+            (0x607D, 1): _make_setter(limits, "low_inc", positive=False),
+            (0x607D, 2): _make_setter(limits, "high_inc", positive=False),
+            (0x6081, 0): _make_setter(limits, "speed"),
+            (0x6083, 0): _make_setter(limits, "acceleration"),
+            (0x6084, 0): _make_setter(limits, "deceleration"),
+            (0x6085, 0): _make_setter(limits, "quick_stop_deceleration"),
+            (0x607C, 0): _make_setter(homing, "offset_inc", positive=False),
             (0x6098, 0): homing.set_method,
-            (0x6099, 1): _setter(homing, "speed"),
-            (0x6099, 2): _setter(homing, "zero_speed"),
-            (0x609A, 0): _setter(homing, "acceleration"),
+            (0x6099, 1): _make_setter(homing, "speed"),
+            (0x6099, 2): _make_setter(homing, "zero_speed"),
+            (0x609A, 0): _make_setter(homing, "acceleration"),
             (0x2100, 1): lambda mode: comp.set_mode(mode, axis.powered),
             (0x2100, 2): lambda bank: comp.activate(bank, axis.powered),
             (0x2100, 7): self._set_payload,
@@ -145,7 +145,7 @@ class DriveObjects:
 
     def _set_abort_connection_option(self, option: int) -> None:
         if option not in (0, 1, 2, 3):
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self._axis.abort_connection_option = option
 
     def _set_payload(self, payload_g: int) -> None:
@@ -174,12 +174,12 @@ def _bank_readers(index: int, bank: Bank) -> Readers:
     }
 
 
-def _setter(settings: object, name: str, *, positive: bool = True) -> Callable[[int], None]:
+def _make_setter(settings: object, name: str, *, positive: bool = True) -> Callable[[int], None]:
     """What keeps a written value; one that has to be positive is refused otherwise."""
 
     def write(value: int) -> None:
         if positive and value <= 0:
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         setattr(settings, name, value)
 
     return write
@@ -188,6 +188,6 @@ def _setter(settings: object, name: str, *, positive: bool = True) -> Callable[[
 def _only_signature(signature: int) -> Callable[[int], None]:
     def write(value: int) -> None:
         if value != signature:
-            raise Refused(STATE_FORBIDS)
+            raise RefusedWrite(STATE_FORBIDS)
 
     return write

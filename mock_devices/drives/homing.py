@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mock_devices.can.sdo_abort import VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import VALUE_RANGE, RefusedWrite
 
 INDEX_INC = 1_000_000
 TO_INDEX_BELOW, TO_INDEX_ABOVE, WHERE_IT_STANDS = 33, 34, (35, 37)
@@ -32,17 +32,17 @@ class Homing:
     begun_s: float | None = None  # while it is under way
 
     def set_method(self, method: int) -> None:
-        """Object 0x6098. Raises Refused."""
+        """Object 0x6098. Raises RefusedWrite."""
         if method not in (TO_INDEX_BELOW, TO_INDEX_ABOVE, *WHERE_IT_STANDS):
-            raise Refused(VALUE_RANGE)
+            raise RefusedWrite(VALUE_RANGE)
         self.method = method
 
-    def way_inc(self, place_inc: float) -> float:
+    def way_inc(self, true_position_inc: float) -> float:
         """How far the mark is from a true position; an index on which the axis stands is not looked for."""
         if self.method == TO_INDEX_ABOVE:
-            return INDEX_INC * (math.floor(round(place_inc) / INDEX_INC) + 1) - place_inc
+            return INDEX_INC * (math.floor(round(true_position_inc) / INDEX_INC) + 1) - true_position_inc
         if self.method == TO_INDEX_BELOW:
-            return INDEX_INC * (math.ceil(round(place_inc) / INDEX_INC) - 1) - place_inc
+            return INDEX_INC * (math.ceil(round(true_position_inc) / INDEX_INC) - 1) - true_position_inc
         return 0.0
 
     def begin(self, t_s: float) -> None:
@@ -55,6 +55,6 @@ class Homing:
         self.referenced = self.attained = True
         self.begun_s = None
 
-    def give_up(self, *, failed: bool = False) -> None:
+    def abort(self, *, failed: bool = False) -> None:
         """It is broken off or cannot be begun, or the mode is left."""
         self.attained, self.failed, self.begun_s = False, failed, None

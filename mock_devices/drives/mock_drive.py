@@ -25,7 +25,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from mock_devices.can.node_services import Heartbeat, NmtSlave, NmtState
 from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
 from mock_devices.can.pdo import Mapping, read_mapping
-from mock_devices.can.sdo_abort import Refused
+from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.can.sdo_server import SdoServer, SegmentServer
 from mock_devices.clock import RigClock
 from mock_devices.drives.compensation import Compensation
@@ -115,7 +115,7 @@ class DriveServer:
     def encoder_m(self, t_s: float) -> float:
         """Where the drive stands at rig time `t_s`, compensation included, free of lag's rounding."""
         with self._lock:
-            return self.axis.place_inc(t_s) * METRES_PER_INCREMENT
+            return self.axis.true_position_inc(t_s) * METRES_PER_INCREMENT
 
     def set_point(self, t_s: float) -> SetPoint:
         """The set-point that was followed at `t_s`."""
@@ -212,7 +212,7 @@ class DriveServer:
             self.axis.sync()
             if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
                 self._sync_watch.set_limit(self.axis.cyclic.patience_s)
-            self._sync_watch.feed()
+            self._sync_watch.on_message()
             self._syncs += 1
             if self._nmt.state is not NmtState.OPERATIONAL:
                 return
@@ -330,7 +330,7 @@ class DriveServer:
         with self._lock:
             try:
                 self._objects.write(index, subindex, od.decode_raw(bytes(data)))
-            except Refused as refusal:
+            except RefusedWrite as refusal:
                 raise SdoAbortedError(refusal.abort_code) from None
 
 

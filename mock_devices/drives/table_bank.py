@@ -105,7 +105,17 @@ def decode_image(image: bytes, node_id: int, machine_id: bytes) -> Table:
     if node != node_id or machine != machine_id:
         raise ImageError(f"made for node {node} or another machine")
     corrections = struct.unpack_from(f"<{number}i", image, first)
-    return Table(node, generation, payload_g, mdegc, machine, own, partner, corrections, crc)
+    return Table(
+        node_id=node,
+        generation=generation,
+        payload_g=payload_g,
+        temperature_mdegc=mdegc,
+        machine_id=machine,
+        own=own,
+        partner=partner,
+        corrections_inc=corrections,
+        crc=crc,
+    )
 
 
 def stored_crc(image: bytes) -> int:

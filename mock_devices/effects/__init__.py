@@ -3,7 +3,7 @@
 Written apart from any catalogue that a diagnosis uses: forms differ on purpose.
 """
 
-from mock_devices.effects.base import EffectChoice, EffectSpec, Parameter
+from mock_devices.effects.base import EffectChoice, EffectParameter, EffectSpec
 from mock_devices.effects.catalogue import CATALOGUE, GEOMETRY, OUTSIDE, SPECS, EffectError, draw, parse
 
 __all__ = [
@@ -13,8 +13,8 @@ __all__ = [
     "SPECS",
     "EffectChoice",
     "EffectError",
+    "EffectParameter",
     "EffectSpec",
-    "Parameter",
     "draw",
     "parse",
 ]

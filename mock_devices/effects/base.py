@@ -1,7 +1,7 @@
 """What every unmodelled effect is made of: named parameters, a place, a variant, and what it acts on.
 
 An effect sees moments (when the drives stood where, how they came there, how warm everything was) and changes a
-departure: what differs from the machine without it. It draws from its own seed only and keeps its own history.
+deviation: what differs from the machine without it. It draws from its own seed only and keeps its own history.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from mock_devices.effects.state import Array, Complex, Departure, Law, Leg, Moments, Sight
+from mock_devices.effects.state import Array, Complex, Deviation, Law, Leg, MotionState, StationSight
 from mock_devices.machine_file import MachineFile, Vector3
 
 Place = Literal["drive", "strut", "smr", "rig"]
@@ -22,7 +22,7 @@ GRAVITY_M_PER_S2 = 9.80665
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """A number of an effect: its unit is the end of its name; `typical` is what holds if nothing is said."""
 
     name: str
@@ -47,15 +47,15 @@ class EffectSpec:
     name: str
     kind: Kind
     place: Place
-    size: Parameter
+    size: EffectParameter
     variants: tuple[str, ...]
     final: str
     reveals: str
-    make: Callable[[Made], Effect]
-    others: tuple[Parameter, ...] = ()
+    make: Callable[[EffectArguments], Effect]
+    others: tuple[EffectParameter, ...] = ()
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[EffectParameter, ...]:
         """All parameters, the size first."""
         return (self.size, *self.others)
 
@@ -87,7 +87,7 @@ class Site:
 
 
 @dataclass(frozen=True)
-class Made:
+class EffectArguments:
     """What an effect is made from: a choice with all its numbers, its place as an index, its own generator."""
 
     site: Site
@@ -100,7 +100,7 @@ class Made:
 class Effect:
     """One effect at one place. The defaults do nothing."""
 
-    def __init__(self, made: Made) -> None:
+    def __init__(self, made: EffectArguments) -> None:
         self.site, self.place, self.variant = made.site, made.place, made.variant
         self.values, self.rng = made.values, made.rng
         self.size = next(iter(made.values.values()))
@@ -109,46 +109,46 @@ class Effect:
     def setup(self) -> None:
         """Draw what is fixed from now on."""
 
-    def follow(self, drive: int, leg: Leg) -> None:
+    def record_leg(self, drive: int, leg: Leg) -> None:
         """A leg of a drive and the rest after it are over."""
 
-    def early_s(self, m: Moments) -> Array | float:
+    def early_s(self, state: MotionState) -> Array | float:
         """By how much the drives are seen at a later time than the station's."""
         return 0.0
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the machine."""
 
-    def sight(self, m: Moments, s: Sight) -> None:
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Change what the station sees."""
 
-    def elapsed_s(self, m: Moments) -> Array:
+    def elapsed_s(self, state: MotionState) -> Array:
         """Time since the campaign began."""
-        return np.maximum(m.t_s - self.site.start_s, 0.0)
+        return np.maximum(state.t_s - self.site.start_s, 0.0)
 
 
-class Remembering(Effect):
+class StatefulEffect(Effect):
     """An effect whose drives remember how they were moved: one number a drive, kept as it was before each leg."""
 
-    def __init__(self, made: Made) -> None:
+    def __init__(self, made: EffectArguments) -> None:
         self._before: list[list[float]] = [[0.0] for _ in made.site.machine.sliders]
         super().__init__(made)
 
-    def after(self, drive: int, before: float, leg: Leg) -> float:
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """What is remembered when the rest after a leg ends."""
         raise NotImplementedError
 
-    def follow(self, drive: int, leg: Leg) -> None:
+    def record_leg(self, drive: int, leg: Leg) -> None:
         """Keep what holds before the next leg."""
         kept = self._before[drive]
-        kept.append(self.after(drive, kept[-1], leg))
+        kept.append(self.state_after(drive, kept[-1], leg))
 
-    def before(self, m: Moments, drive: int) -> Array:
+    def state_before(self, state: MotionState, drive: int) -> Array:
         """What was remembered before the leg of each moment (n,)."""
         kept = self._before[drive]
-        if len(m) < len(kept):
-            return np.array([kept[k] for k in m.leg[:, drive]])
-        return np.array(kept)[m.leg[:, drive]]
+        if len(state) < len(kept):
+            return np.array([kept[k] for k in state.leg[:, drive]])
+        return np.array(kept)[state.leg[:, drive]]
 
 
 def smooth_curve(rng: np.random.Generator, terms: int = 4) -> Callable[[Array], Array]:
@@ -175,18 +175,18 @@ __all__ = [
     "GRAVITY_M_PER_S2",
     "Array",
     "Complex",
-    "Departure",
+    "Deviation",
     "Effect",
+    "EffectArguments",
     "EffectChoice",
+    "EffectParameter",
     "EffectSpec",
     "Kind",
     "Law",
     "Leg",
-    "Made",
-    "Moments",
-    "Parameter",
+    "MotionState",
     "Place",
-    "Remembering",
-    "Sight",
     "Site",
+    "StatefulEffect",
+    "StationSight",
 ]

@@ -11,19 +11,29 @@ from mock_devices.effects import (
     drive_train,
     guides,
     instrument,
-    nuisance,
+    ordinary_disturbances,
     outside,
     reversal,
     structure,
     thermal,
 )
-from mock_devices.effects.base import Effect, EffectChoice, EffectSpec, Made, Site, names_of
+from mock_devices.effects.base import Effect, EffectArguments, EffectChoice, EffectSpec, Site, names_of
 from mock_devices.machine_file import MachineFile
 from mock_devices.seeds import generator
 
 SPECS: dict[str, EffectSpec] = {
     spec.name: spec
-    for module in (thermal, reversal, structure, drive_train, guides, instrument, control, outside, nuisance)
+    for module in (
+        thermal,
+        reversal,
+        structure,
+        drive_train,
+        guides,
+        instrument,
+        control,
+        outside,
+        ordinary_disturbances,
+    )
     for spec in module.EFFECTS
 }
 CATALOGUE = tuple(name for name, spec in SPECS.items() if spec.kind == "catalogue")
@@ -73,7 +83,7 @@ def make(choice: EffectChoice, site: Site, seed: int) -> Effect:
     values = {parameter.name: values[parameter.name] for parameter in spec.parameters}  # the size first
     rng = generator(seed, f"effect {spec.name}", choice.seed)
     place = places.index(choice.place) if choice.place else 0
-    return spec.make(Made(site, place, choice.variant or spec.variants[0], values, rng))
+    return spec.make(EffectArguments(site, place, choice.variant or spec.variants[0], values, rng))
 
 
 def draw(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState
 
 REFERENCE_SPEED_M_PER_S = 0.5
 
@@ -12,23 +12,23 @@ REFERENCE_SPEED_M_PER_S = 0.5
 class AxisCoupling(Effect):
     """Where the other axis stands moves this one: a cross beam, a shared reading head, a cable chain."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
         a = self.place
-        b = (a + 1) % m.q_m.shape[1]
+        b = (a + 1) % state.q_m.shape[1]
         (mine, my_half), (middle, half) = self.site.drive_range_m(a), self.site.drive_range_m(b)
-        x = m.q_m[:, b] - middle
+        x = state.q_m[:, b] - middle
         if self.variant == "quadratic":
             y = 2.0 * x * np.abs(x) / half
         elif self.variant == "saturating":
             y = 0.25 * np.tanh(x / 0.12)
         elif self.variant == "by_approach":  # the other axis pushes while it comes, and this one sticks
-            y = 0.25 * m.direction[:, b] * m.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
+            y = 0.25 * state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
         elif self.variant == "product":
-            y = x * (m.q_m[:, a] - mine) / my_half * 2.0
+            y = x * (state.q_m[:, a] - mine) / my_half * 2.0
         else:
             y = x
-        d.travel_m[:, a] += self.size * y
+        deviation.travel_m[:, a] += self.size * y
 
 
 class Latency(Effect):
@@ -37,30 +37,30 @@ class Latency(Effect):
     `filtering` is a first-order filter in the tracking instead of a dead time, which is still felt after a stop.
     """
 
-    def early_s(self, m: Moments) -> Array | float:
+    def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
         if self.variant == "filtering":
             return 0.0
         if self.variant == "bus_cycles":  # alternates between two cycles of a bus
-            return np.asarray(self.size * (0.6 + 0.8 * (m.leg[:, 0] % 2)), dtype=np.float64)
+            return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "with_speed":
-            return np.asarray(self.size * np.abs(m.velocity_m_per_s).max(axis=1) / 0.25)
+            return np.asarray(self.size * np.abs(state.velocity_m_per_s).max(axis=1) / 0.25)
         return self.size
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Let the filter lag: behind by v tau while moving, less and less after the stop."""
         if self.variant == "filtering" and self.size > 0.0:
-            speed = m.direction * m.speed_m_per_s
-            d.travel_m -= self.size * speed * np.exp(-m.since_s / self.size)
+            speed = state.direction * state.speed_m_per_s
+            deviation.travel_m -= self.size * speed * np.exp(-state.since_s / self.size)
 
 
 class ServoSettling(Effect):
     """The slider comes to rest late: `amplitude_m` behind its target on arrival at 0.5 m/s."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
-        t = m.since_s[:, a] / tau
+        t = state.since_s[:, a] / tau
         share = np.exp(-t)
         if self.variant == "ringing":
             share = np.exp(-0.5 * t) * np.cos(2.5 * t)
@@ -70,25 +70,40 @@ class ServoSettling(Effect):
             share = np.maximum(1.0 - 0.5 * t, 0.0)
         elif self.variant == "two_stages":
             share = 0.6 * np.exp(-2.0 * t) + 0.4 * np.exp(-0.4 * t)
-        behind = m.direction[:, a] * m.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
-        d.travel_m[:, a] -= self.size * behind * share
+        behind = state.direction[:, a] * state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
+        deviation.travel_m[:, a] -= self.size * behind * share
 
 
 EFFECTS = (
     EffectSpec(
-        "axis_coupling", "catalogue", "drive", Parameter("ratio", 1e-6, 3e-5, 2e-3, "metres a metre of the other axis"),
-        ("linear", "quadratic", "saturating", "by_approach", "product"), "product",
-        "the other drive's coordinate, SMRs on the sliders", AxisCoupling,
+        name="axis_coupling",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("ratio", 1e-6, 3e-5, 2e-3, "metres a metre of the other axis"),
+        variants=("linear", "quadratic", "saturating", "by_approach", "product"),
+        final="product",
+        reveals="the other drive's coordinate, SMRs on the sliders",
+        make=AxisCoupling,
     ),
     EffectSpec(
-        "latency", "catalogue", "rig", Parameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
-        ("dead_time", "filtering", "with_speed", "bus_cycles"), "bus_cycles",
-        "readings on the fly at several speeds, or short dwell", Latency,
+        name="latency",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
+        variants=("dead_time", "filtering", "with_speed", "bus_cycles"),
+        final="bus_cycles",
+        reveals="readings on the fly at several speeds, or short dwell",
+        make=Latency,
     ),
     EffectSpec(
-        "servo_settling", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
-        ("creep", "ringing", "logarithmic", "integrator", "two_stages"), "two_stages",
-        "varied dwell and speed, SMRs on the sliders", ServoSettling,
-        (Parameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
+        name="servo_settling",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
+        variants=("creep", "ringing", "logarithmic", "integrator", "two_stages"),
+        final="two_stages",
+        reveals="varied dwell and speed, SMRs on the sliders",
+        make=ServoSettling,
+        others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
     ),
-)  # fmt: skip
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter, smooth_curve
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState, smooth_curve
 
 FULL_PAYLOAD_KG = 400.0
 
@@ -17,10 +17,10 @@ class CumulativeError(Effect):
         self.curve = smooth_curve(self.rng)
         self.kink = float(self.rng.uniform(-0.4, 0.4))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
         middle, half = self.site.drive_range_m(self.place)
-        x = (m.q_m[:, self.place] - middle) / half
+        x = (state.q_m[:, self.place] - middle) / half
         if self.variant == "cubic":
             y = 2.6 * (x**3 - x)
         elif self.variant == "irregular":
@@ -29,7 +29,7 @@ class CumulativeError(Effect):
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
             y = 2.0 * x**2 - 1.0
-        d.travel_m[:, self.place] += self.size * y
+        deviation.travel_m[:, self.place] += self.size * y
 
 
 class PeriodicError(Effect):
@@ -39,9 +39,9 @@ class PeriodicError(Effect):
         """Phase of the turn."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
-        q = m.q_m[:, self.place]
+        q = state.q_m[:, self.place]
         turn = 2.0 * np.pi * q / self.values["period_m"] + self.phase
         y = np.sin(turn)
         if self.variant == "two_harmonics":
@@ -50,10 +50,10 @@ class PeriodicError(Effect):
             middle, half = self.site.drive_range_m(self.place)
             y = y * (1.0 + 0.8 * (q - middle) / half)
         elif self.variant == "with_load":
-            y = y * (0.6 + 0.8 * m.payload_kg / FULL_PAYLOAD_KG)
+            y = y * (0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
         elif self.variant == "triangle":
             y = 2.0 / np.pi * np.arcsin(y) * 1.2
-        d.travel_m[:, self.place] += self.size * y
+        deviation.travel_m[:, self.place] += self.size * y
 
 
 class Interpolation(Effect):
@@ -63,9 +63,9 @@ class Interpolation(Effect):
         """Phase of the scale."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
-        q = m.q_m[:, self.place]
+        q = state.q_m[:, self.place]
         phase = 2.0 * np.pi * q / self.values["pitch_m"] + self.phase
         y: Array = np.sin(2.0 * phase)
         if self.variant == "offset":
@@ -75,26 +75,40 @@ class Interpolation(Effect):
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
             middle, half = self.site.drive_range_m(self.place)
             y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
-        d.travel_m[:, self.place] += self.size * y
+        deviation.travel_m[:, self.place] += self.size * y
 
 
 EFFECTS = (
     EffectSpec(
-        "screw_cumulative_error", "catalogue", "drive",
-        Parameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
-        ("parabola", "cubic", "irregular", "two_pieces"), "two_pieces",
-        "drive coordinate, SMRs on the sliders", CumulativeError,
+        name="screw_cumulative_error",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
+        variants=("parabola", "cubic", "irregular", "two_pieces"),
+        final="two_pieces",
+        reveals="drive coordinate, SMRs on the sliders",
+        make=CumulativeError,
     ),
     EffectSpec(
-        "screw_periodic_error", "catalogue", "drive", Parameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
-        ("sine", "two_harmonics", "modulated", "with_load", "triangle"), "triangle",
-        "many drive positions off a grid, SMRs on the sliders", PeriodicError,
-        (Parameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
+        name="screw_periodic_error",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
+        variants=("sine", "two_harmonics", "modulated", "with_load", "triangle"),
+        final="triangle",
+        reveals="many drive positions off a grid, SMRs on the sliders",
+        make=PeriodicError,
+        others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
     ),
     EffectSpec(
-        "encoder_interpolation", "catalogue", "drive", Parameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
-        ("amplitude", "offset", "both", "dirty_scale"), "dirty_scale",
-        "many drive positions off a grid, SMRs on the sliders", Interpolation,
-        (Parameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
+        name="encoder_interpolation",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
+        variants=("amplitude", "offset", "both", "dirty_scale"),
+        final="dirty_scale",
+        reveals="many drive positions off a grid, SMRs on the sliders",
+        make=Interpolation,
+        others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),
-)  # fmt: skip
+)

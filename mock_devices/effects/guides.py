@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter, smooth_curve
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState, smooth_curve
 
 FULL_PAYLOAD_KG = 400.0
 FOOT_M = -1.2
@@ -19,8 +19,8 @@ class _Guide(Effect):
         self.curve = smooth_curve(self.rng, 6)
         self.joint = float(self.rng.uniform(-0.4, 0.4))
 
-    def error(self, m: Moments) -> Array:
-        q = m.q_m[:, self.place]
+    def error(self, state: MotionState) -> Array:
+        q = state.q_m[:, self.place]
         middle, half = self.site.drive_range_m(self.place)
         x = (q - middle) / half
         if self.variant == "bow":
@@ -29,7 +29,7 @@ class _Guide(Effect):
             y = self.curve(x)
         elif self.variant == "with_load":
             y = np.sin(2.0 * np.pi * q / self.values["wavelength_m"] + self.phase)
-            y = y * (0.6 + 0.8 * m.payload_kg / FULL_PAYLOAD_KG)
+            y = y * (0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -40,30 +40,30 @@ class _Guide(Effect):
 class Straightness(_Guide):
     """The guide bends sideways; the slider follows it without turning."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider across its axis."""
-        d.sideways_m[:, self.place] += self.error(m)
+        deviation.sideways_m[:, self.place] += self.error(state)
 
 
 class Angular(_Guide):
     """The slider turns in the plane along its way; its joints and its reflector go by their lever arms."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Turn the slider."""
-        d.yaw_rad[:, self.place] += self.error(m)
+        deviation.yaw_rad[:, self.place] += self.error(state)
 
 
-class Settling(Effect):
+class FoundationSettling(Effect):
     """The foot of a column sinks, and the column leans: `tilt_per_m` of angle for each metre that it sank."""
 
     def setup(self) -> None:
-        """Moments and shares of the steps of variant `stick_slip`."""
+        """MotionState and shares of the steps of variant `stick_slip`."""
         self.steps = np.sort(self.rng.uniform(0.0, 4.0, 5))
         self.shares = self.rng.dirichlet(np.full(5, 2.0))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lower and lean the column."""
-        t = m.t_s - self.site.start_s - self.values["onset_s"]
+        t = state.t_s - self.site.start_s - self.values["onset_s"]
         tau, after = self.values["tau_s"], np.maximum(t, 0.0)
         if self.variant == "step":
             share = (t >= 0.0).astype(float)
@@ -77,33 +77,52 @@ class Settling(Effect):
             share = 1.0 - np.exp(-after / tau)
         a = self.place
         strut = next(s for s in self.site.machine.struts if s.drive == a)
-        height = m.q_m[:, a] + strut.base_joint.imag - FOOT_M
+        height = state.q_m[:, a] + strut.base_joint.imag - FOOT_M
         lean = self.values["tilt_per_m"] * self.size * share
-        d.travel_m[:, a] -= self.size * share
-        d.sideways_m[:, a] += lean * height
-        d.yaw_rad[:, a] += lean
+        deviation.travel_m[:, a] -= self.size * share
+        deviation.sideways_m[:, a] += lean * height
+        deviation.yaw_rad[:, a] += lean
 
 
-_WAVE = (Parameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
+_WAVE = (EffectParameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
 _VARIANTS = ("sine", "bow", "irregular", "with_load", "rail_joint")
 
 EFFECTS = (
     EffectSpec(
-        "guide_straightness", "catalogue", "drive", Parameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        _VARIANTS, "rail_joint", "drive coordinate, SMRs on the sliders", Straightness, _WAVE,
+        name="guide_straightness",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
+        variants=_VARIANTS,
+        final="rail_joint",
+        reveals="drive coordinate, SMRs on the sliders",
+        make=Straightness,
+        others=_WAVE,
     ),
     EffectSpec(
-        "guide_angular", "catalogue", "drive", Parameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        _VARIANTS, "rail_joint", "drive coordinate, platform rotation; not a slider's SMR", Angular, _WAVE,
+        name="guide_angular",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
+        variants=_VARIANTS,
+        final="rail_joint",
+        reveals="drive coordinate, platform rotation; not a slider's SMR",
+        make=Angular,
+        others=_WAVE,
     ),
     EffectSpec(
-        "foundation_settling", "catalogue", "drive", Parameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
-        ("exponential", "step", "logarithmic", "creep", "stick_slip"), "stick_slip",
-        "time, SMRs on the sliders against the floor nests", Settling,
-        (
-            Parameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),
-            Parameter("tau_s", 300.0, 1200.0, 7200.0, "time constant"),
-            Parameter("tilt_per_m", 0.0, 0.3, 1.0, "lean of the column, radians a metre sunk"),
+        name="foundation_settling",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
+        variants=("exponential", "step", "logarithmic", "creep", "stick_slip"),
+        final="stick_slip",
+        reveals="time, SMRs on the sliders against the floor nests",
+        make=FoundationSettling,
+        others=(
+            EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),
+            EffectParameter("tau_s", 300.0, 1200.0, 7200.0, "time constant"),
+            EffectParameter("tilt_per_m", 0.0, 0.3, 1.0, "lean of the column, radians a metre sunk"),
         ),
     ),
-)  # fmt: skip
+)

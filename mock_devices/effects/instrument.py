@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Moments, Parameter, Sight, names_of
+from mock_devices.effects.base import (
+    Array,
+    Deviation,
+    Effect,
+    EffectParameter,
+    EffectSpec,
+    MotionState,
+    StationSight,
+    names_of,
+)
 
 HOUR_S = 3600.0
 LEVER_M = 3.2
@@ -31,19 +40,19 @@ class RandomWalk:
         return np.asarray((1.0 - share) * self._nodes[low] + share * self._nodes[low + 1])
 
 
-def move_station(s: Sight, turn_rad: Array, shift_m: Array) -> None:
+def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
     """Small rotation (n, 3) and shift (n, 3) of all points in the frame of the station; angles and distances follow."""
-    moved = np.cross(turn_rad[:, None, :], s.points_m) + shift_m[:, None, :]
-    e, n, h = np.moveaxis(s.points_m, 2, 0)
+    moved = np.cross(turn_rad[:, None, :], sight.points_m) + shift_m[:, None, :]
+    e, n, h = np.moveaxis(sight.points_m, 2, 0)
     de, dn, dh = np.moveaxis(moved, 2, 0)
     level = np.hypot(e, n)
     distance = np.hypot(level, h)
-    s.hz_rad += (n * de - e * dn) / level**2
-    s.v_rad += ((e * de + n * dn) * h / level - dh * level) / distance**2
-    s.distance_m += (e * de + n * dn + h * dh) / distance
+    sight.hz_rad += (n * de - e * dn) / level**2
+    sight.v_rad += ((e * de + n * dn) * h / level - dh * level) / distance**2
+    sight.distance_m += (e * de + n * dn + h * dh) / distance
 
 
-class TrackerDrift(Effect):
+class StationDrift(Effect):
     """The station's frame moves: `drift_m` in one hour at its distance of 3 m, by rotation and by shift."""
 
     def setup(self) -> None:
@@ -53,21 +62,21 @@ class TrackerDrift(Effect):
         self.walk = RandomWalk(self.rng, 6)
         self.onset_s = float(self.rng.uniform(900.0, 3600.0))
 
-    def sight(self, m: Moments, s: Sight) -> None:
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Move the frame."""
-        t = self.elapsed_s(m)
+        t = self.elapsed_s(state)
         if self.variant == "random_walk":
             y = self.walk.at(t)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant == "with_air":
-            start = m.thermal.air_series_c(np.array([self.site.start_s]))
-            y = np.outer(3.0 * (m.thermal.air_series_c(m.t_s) - start), self.weights)
+            start = state.thermal.air_series_c(np.array([self.site.start_s]))
+            y = np.outer(3.0 * (state.thermal.air_series_c(state.t_s) - start), self.weights)
         elif self.variant == "knocked":
             y = np.outer((t >= self.onset_s).astype(float), self.weights)
         else:
             y = np.outer(t / HOUR_S, self.weights)
-        move_station(s, self.size / LEVER_M / np.sqrt(2.0) * y[:, :3], self.size / np.sqrt(2.0) * y[:, 3:])
+        move_station(sight, self.size / LEVER_M / np.sqrt(2.0) * y[:, :3], self.size / np.sqrt(2.0) * y[:, 3:])
 
 
 class Refraction(Effect):
@@ -76,21 +85,21 @@ class Refraction(Effect):
     Curvature = (dn/dT)(dT/dh); the angle at the station is half of it times the distance.
     """
 
-    def sight(self, m: Moments, s: Sight) -> None:
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Bend the line of sight."""
-        bend = 0.5 * LIGHT_PER_K * self.size * s.distance_m
-        height = s.points_m[..., 2]
+        bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
+        height = sight.points_m[..., 2]
         if self.variant == "stratified":  # the gradient grows towards the ceiling
-            s.v_rad += bend * (1.0 + 1.5 * height)
+            sight.v_rad += bend * (1.0 + 1.5 * height)
         elif self.variant == "warming":
-            s.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(m) / 2400.0))[:, None]
+            sight.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(state) / 2400.0))[:, None]
         elif self.variant == "sideways":  # warmer on one side of the room
-            s.hz_rad -= bend
+            sight.hz_rad -= bend
         elif self.variant == "plume":  # warm air rises in front of the right column
-            across = s.points_m[..., 0]
-            s.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)
+            across = sight.points_m[..., 0]
+            sight.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)
         else:
-            s.v_rad += bend * np.sin(s.v_rad)
+            sight.v_rad += bend * np.sin(sight.v_rad)
 
 
 class Reseat(Effect):
@@ -102,12 +111,12 @@ class Reseat(Effect):
         lengths = np.concatenate([[1.0], self.rng.uniform(0.3, 1.2, 63)])
         self.shifts = np.stack([lengths * np.cos(angles), lengths * np.sin(angles)], axis=1)
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
-        t = m.t_s - self.site.start_s - self.values["onset_s"]
+        t = state.t_s - self.site.start_s - self.values["onset_s"]
         after = t >= 0.0
         if self.variant == "each_exchange":  # taken off whenever the payload is exchanged
-            number = m.exchanges.astype(int) % 64
+            number = state.exchanges.astype(int) % 64
             y = np.where((number > 0)[:, None], self.shifts[number], 0.0)
         elif self.variant == "glue":
             y = np.outer(1.0 - np.exp(-np.maximum(t, 0.0) / 900.0), self.shifts[0])
@@ -120,23 +129,39 @@ class Reseat(Effect):
             y = np.where(after[:, None], self.shifts[0], 0.0)
         names = [smr.name for smr in self.site.machine.smrs]
         index = names.index(names_of(self.site.machine, "smr")[self.place])
-        d.smr_m[:, index, :2] += self.size * y
+        deviation.smr_m[:, index, :2] += self.size * y
 
 
 EFFECTS = (
     EffectSpec(
-        "tracker_drift", "catalogue", "rig", Parameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
-        ("linear", "random_walk", "warm_up", "with_air", "knocked"), "knocked",
-        "time, floor nests", TrackerDrift,
+        name="tracker_drift",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
+        variants=("linear", "random_walk", "warm_up", "with_air", "knocked"),
+        final="knocked",
+        reveals="time, floor nests",
+        make=StationDrift,
     ),
     EffectSpec(
-        "refraction", "catalogue", "rig", Parameter("gradient_k_per_m", 0.1, 3.0, 60.0, "of the air's temperature"),
-        ("uniform", "stratified", "warming", "sideways", "plume"), "plume",
-        "angles against height and distance, all SMRs and nests alike", Refraction,
+        name="refraction",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("gradient_k_per_m", 0.1, 3.0, 60.0, "of the air's temperature"),
+        variants=("uniform", "stratified", "warming", "sideways", "plume"),
+        final="plume",
+        reveals="angles against height and distance, all SMRs and nests alike",
+        make=Refraction,
     ),
     EffectSpec(
-        "smr_reseat", "catalogue", "smr", Parameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
-        ("step", "each_exchange", "glue", "loose", "put_back"), "put_back", "time, one SMR against the others", Reseat,
-        (Parameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
+        name="smr_reseat",
+        kind="catalogue",
+        place="smr",
+        size=EffectParameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
+        variants=("step", "each_exchange", "glue", "loose", "put_back"),
+        final="put_back",
+        reveals="time, one SMR against the others",
+        make=Reseat,
+        others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),
-)  # fmt: skip
+)

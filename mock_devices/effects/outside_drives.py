@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Leg, Moments, Remembering
-from mock_devices.effects.outside_shapes import FINAL, Outside, shaped
+from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
+from mock_devices.effects.outside_shapes import FINAL, OutsideEffect, apply_variant
 
 
-class LooseBolt(Remembering):
+class LooseBolt(StatefulEffect):
     """A carriage plate with a loose bolt has two places: it flips up high and down low on the column."""
 
-    def after(self, drive: int, before: float, leg: Leg) -> float:
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """Which place: changed by passing a quarter from either end."""
         return float(self._flipped(np.array([leg.to_m]), np.array([before]), drive)[0])
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Turn the carriage."""
-        y = self._flipped(m.q_m[:, self.place], self.before(m, self.place), self.place)
-        d.yaw_rad[:, self.place] += self.size * shaped(np.where(y == 0.0, -1.0, y), self.variant, m.payload_kg)
+        y = self._flipped(state.q_m[:, self.place], self.state_before(state, self.place), self.place)
+        deviation.yaw_rad[:, self.place] += self.size * apply_variant(
+            np.where(y == 0.0, -1.0, y), self.variant, state.payload_kg
+        )
         if self.variant == "saturating":
-            d.sideways_m[:, self.place] += 0.05 * self.size * y
+            deviation.sideways_m[:, self.place] += 0.05 * self.size * y
 
     def _flipped(self, q_m: Array, held: Array, drive: int) -> Array:
         middle, half = self.site.drive_range_m(drive)
@@ -28,50 +30,50 @@ class LooseBolt(Remembering):
         return np.where(x > limit, 1.0, np.where(x < -limit, -1.0, held))
 
 
-class AirBearingLift(Outside):
+class AirBearingLift(OutsideEffect):
     """The bearing's gap follows the compressor: pressure falls slowly and is pumped up again."""
 
-    def _unit(self, m: Moments) -> Array:
-        return np.asarray(1.0 - 2.0 * ((self.elapsed_s(m) / 640.0 + self.phase) % 1.0))
+    def _unit(self, state: MotionState) -> Array:
+        return np.asarray(1.0 - 2.0 * ((self.elapsed_s(state) / 640.0 + self.phase) % 1.0))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lift the slider off its guide."""
-        d.sideways_m[:, self.place] += self.signal(m)
+        deviation.sideways_m[:, self.place] += self.signal(state)
 
 
-class OilFilm(Outside):
+class OilFilm(OutsideEffect):
     """A plain guide floats up with speed and sinks slowly at rest."""
 
-    def _unit(self, m: Moments) -> Array:
-        speed = m.speed_m_per_s[:, self.place] / 0.5
-        return np.asarray(np.sqrt(np.maximum(speed, 0.0)) * np.exp(-m.since_s[:, self.place] / 12.0))
+    def _unit(self, state: MotionState) -> Array:
+        speed = state.speed_m_per_s[:, self.place] / 0.5
+        return np.asarray(np.sqrt(np.maximum(speed, 0.0)) * np.exp(-state.since_s[:, self.place] / 12.0))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lift the slider off its guide."""
-        d.sideways_m[:, self.place] += self.signal(m)
+        deviation.sideways_m[:, self.place] += self.signal(state)
 
 
-class MagnetDetent(Outside):
+class MagnetDetent(OutsideEffect):
     """Magnets pull a linear motor into detents, harder from one side than from the other."""
 
-    def _unit(self, m: Moments) -> Array:
-        q = m.q_m[:, self.place]
-        return np.asarray(np.sin(2.0 * np.pi * q / 0.048 + self.phase) * (1.0 + 0.8 * m.direction[:, self.place]))
+    def _unit(self, state: MotionState) -> Array:
+        q = state.q_m[:, self.place]
+        return np.asarray(np.sin(2.0 * np.pi * q / 0.048 + self.phase) * (1.0 + 0.8 * state.direction[:, self.place]))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
-        d.travel_m[:, self.place] += self.signal(m)
+        deviation.travel_m[:, self.place] += self.signal(state)
 
 
-class LubricationPulse(Remembering):
+class LubricationPulse(StatefulEffect):
     """Every few metres of way the lubricator gives a pulse, and the guide floats until it is used up."""
 
-    def after(self, drive: int, before: float, leg: Leg) -> float:
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """The way so far."""
         return before + abs(leg.to_m - leg.from_m)
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lift the slider off its guide."""
-        way = self.before(m, self.place) + np.abs(m.q_m[:, self.place] - m.from_m[:, self.place])
+        way = self.state_before(state, self.place) + np.abs(state.q_m[:, self.place] - state.from_m[:, self.place])
         y = np.exp(-(way % 7.0) / 1.5)
-        d.sideways_m[:, self.place] += self.size * shaped(y, self.variant, m.payload_kg)
+        deviation.sideways_m[:, self.place] += self.size * apply_variant(y, self.variant, state.payload_kg)

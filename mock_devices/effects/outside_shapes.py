@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Effect, Moments
+from mock_devices.effects.base import Array, Effect, MotionState
 
 FULL_PAYLOAD_KG = 400.0
 VARIANTS = ("plain", "saturating", "with_payload", "cubic")
 FINAL = "cubic"
 
 
-def shaped(y: Array, variant: str, payload_kg: Array) -> Array:
+def apply_variant(y: Array, variant: str, payload_kg: Array) -> Array:
     """A unit signal (n,) through one of VARIANTS."""
     if variant == "saturating":
         return np.asarray(np.tanh(2.0 * y) / math.tanh(2.0))
@@ -24,7 +24,7 @@ def shaped(y: Array, variant: str, payload_kg: Array) -> Array:
     return y
 
 
-class Outside(Effect):
+class OutsideEffect(Effect):
     """Draws what all of them may want."""
 
     def setup(self) -> None:
@@ -33,14 +33,14 @@ class Outside(Effect):
         self.moments_s = np.cumsum(self.rng.uniform(400.0, 1200.0, 40))
         self.levels = self.rng.uniform(-1.0, 1.0, 41)
 
-    def _unit(self, m: Moments) -> Array:
+    def _unit(self, state: MotionState) -> Array:
         """The signal of unit size (n,)."""
         raise NotImplementedError
 
-    def signal(self, m: Moments) -> Array:
+    def signal(self, state: MotionState) -> Array:
         """The signal through the variant's shape (n,), in the size's unit."""
-        return self.size * shaped(self._unit(m), self.variant, m.payload_kg)
+        return self.size * apply_variant(self._unit(state), self.variant, state.payload_kg)
 
-    def platform_x(self, m: Moments) -> Array:
+    def platform_x(self, state: MotionState) -> Array:
         """Where the platform is across the machine, roughly, from -1 to 1."""
-        return np.clip((m.q_m[:, 0] - m.q_m[:, 1]) / 0.9, -1.5, 1.5)
+        return np.clip((state.q_m[:, 0] - state.q_m[:, 1]) / 0.9, -1.5, 1.5)

@@ -7,31 +7,31 @@ import numpy as np
 from mock_devices.effects.base import (
     GRAVITY_M_PER_S2,
     Array,
-    Departure,
+    Deviation,
+    EffectParameter,
     EffectSpec,
     Leg,
-    Moments,
-    Parameter,
-    Remembering,
+    MotionState,
+    StatefulEffect,
 )
 
 FULL_PAYLOAD_KG = 400.0
 PRESLIDING_M = 2.0e-5
 
 
-class _Play(Remembering):
+class _Play(StatefulEffect):
     """Remembers where, inside its play, a drive's follower stands: an offset in [-half, half] of `half_m`."""
 
     half_m = PRESLIDING_M
 
-    def after(self, drive: int, before: float, leg: Leg) -> float:
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """The follower's offset after a leg: it stays where it is until the play is used up."""
         return min(max(before - (leg.to_m - leg.from_m), -self.half_m), self.half_m)
 
-    def side(self, m: Moments, drive: int) -> Array:
+    def side(self, state: MotionState, drive: int) -> Array:
         """Where the follower is in its play (n,): -1 after motion in +, +1 after motion in -."""
-        moved = m.q_m[:, drive] - m.from_m[:, drive]
-        return np.clip(self.before(m, drive) - moved, -self.half_m, self.half_m) / self.half_m
+        moved = state.q_m[:, drive] - state.from_m[:, drive]
+        return np.clip(self.state_before(state, drive) - moved, -self.half_m, self.half_m) / self.half_m
 
 
 class Backlash(_Play):
@@ -44,20 +44,20 @@ class Backlash(_Play):
             self.half_m += 8.0e-3
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Let the slider stay behind."""
         a = self.place
-        offset = 0.5 * self.size * self.side(m, a)
+        offset = 0.5 * self.size * self.side(state, a)
         if self.variant == "position_width":
             middle, half = self.site.drive_range_m(a)
-            offset = offset * (1.0 + 0.7 * np.sin(2.0 * np.pi * (m.q_m[:, a] - middle) / (1.5 * half) + self.phase))
+            offset = offset * (1.0 + 0.7 * np.sin(2.0 * np.pi * (state.q_m[:, a] - middle) / (1.5 * half) + self.phase))
         elif self.variant == "load_width":  # weight presses the nut to one flank
-            offset = offset * (1.0 - 0.6 * np.minimum(m.payload_kg / FULL_PAYLOAD_KG, 1.0))
+            offset = offset * (1.0 - 0.6 * np.minimum(state.payload_kg / FULL_PAYLOAD_KG, 1.0))
         elif self.variant == "closing":  # an oil film is squeezed out while the axis stands
-            offset = offset * (0.35 + 0.65 * np.exp(-m.since_s[:, a] / self.values["tau_s"]))
+            offset = offset * (0.35 + 0.65 * np.exp(-state.since_s[:, a] / self.values["tau_s"]))
         elif self.variant == "soft":
-            offset = offset * (1.0 - 0.5 * np.abs(self.side(m, a)) + 0.5 * self.side(m, a) ** 2)
-        d.travel_m[:, a] += offset
+            offset = offset * (1.0 - 0.5 * np.abs(self.side(state, a)) + 0.5 * self.side(state, a) ** 2)
+        deviation.travel_m[:, a] += offset
 
 
 class FrictionWindup(_Play):
@@ -67,38 +67,48 @@ class FrictionWindup(_Play):
         """Phase of friction along the screw."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Turn force into displacement; the torque shows the friction too."""
         a, values = self.place, self.values
-        friction = -values["friction_n"] * self.side(m, a)
+        friction = -values["friction_n"] * self.side(state, a)
         if self.variant == "stribeck":
-            friction = friction * (0.5 + np.exp(-m.speed_m_per_s[:, a] / 0.25))
+            friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
         elif self.variant == "relaxing":
-            friction = friction * (0.3 + 0.7 * np.exp(-m.since_s[:, a] / values["tau_s"]))
+            friction = friction * (0.3 + 0.7 * np.exp(-state.since_s[:, a] / values["tau_s"]))
         elif self.variant == "position_friction":
-            friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * m.q_m[:, a] / 0.31 + self.phase))
+            friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
         drives = len(self.site.machine.sliders)
-        weight = (self.site.machine.moving_mass_kg + m.payload_kg) * GRAVITY_M_PER_S2 / drives
+        weight = (self.site.machine.moving_mass_kg + state.payload_kg) * GRAVITY_M_PER_S2 / drives
         force = weight + friction
         softness = 1.0 / np.sqrt(1.0 + (force / 1500.0) ** 2) if self.variant == "hardening" else 1.0
-        d.travel_m[:, a] -= self.size * force * softness
+        deviation.travel_m[:, a] -= self.size * force * softness
         if self.size:
-            d.force_n[:, a] += friction
+            deviation.force_n[:, a] += friction
 
 
-_TAU = Parameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
+_TAU = EffectParameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
 
 EFFECTS = (
     EffectSpec(
-        "backlash", "catalogue", "drive", Parameter("width_m", 1e-6, 1e-5, 6e-4, "whole play of the drive"),
-        ("play", "position_width", "load_width", "closing", "soft"), "soft",
-        "both directions of approach; by variant drive coordinate, payload, dwell", Backlash, (_TAU,),
+        name="backlash",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("width_m", 1e-6, 1e-5, 6e-4, "whole play of the drive"),
+        variants=("play", "position_width", "load_width", "closing", "soft"),
+        final="soft",
+        reveals="both directions of approach; by variant drive coordinate, payload, dwell",
+        make=Backlash,
+        others=(_TAU,),
     ),
     EffectSpec(
-        "friction_windup", "catalogue", "drive",
-        Parameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        ("coulomb", "stribeck", "relaxing", "hardening", "position_friction"), "position_friction",
-        "torque: both directions and payloads; by variant speed, dwell", FrictionWindup,
-        (Parameter("friction_n", 50.0, 300.0, 900.0, "friction left in the screw"), _TAU),
+        name="friction_windup",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
+        variants=("coulomb", "stribeck", "relaxing", "hardening", "position_friction"),
+        final="position_friction",
+        reveals="torque: both directions and payloads; by variant speed, dwell",
+        make=FrictionWindup,
+        others=(EffectParameter("friction_n", 50.0, 300.0, 900.0, "friction left in the screw"), _TAU),
     ),
-)  # fmt: skip
+)

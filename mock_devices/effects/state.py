@@ -1,4 +1,4 @@
-"""What effects see and change: legs of the drives, moments, the machine's departure, the station's sight."""
+"""What effects see and change: legs of the drives, moments, the machine's deviation, the station's sight."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Temperatures(Protocol):
 
 
 @dataclass(frozen=True)
-class Moments:
+class MotionState:
     """When something is looked at, n times: everything (n,) or (n, drives); `leg` counts each drive's legs."""
 
     t_s: Array
@@ -69,7 +69,7 @@ class Moments:
 
 
 @dataclass
-class Departure:
+class Deviation:
     """What differs from the machine without effects, for n moments.
 
     travel, sideways: of a slider along its axis and across it (axis turned by +90 degrees); yaw about the middle of its
@@ -98,8 +98,8 @@ class Departure:
     laws: dict[int, list[Law]] = field(default_factory=dict)
 
     @classmethod
-    def none(cls, n: int, machine: MachineFile) -> Departure:
-        """No departure."""
+    def none(cls, n: int, machine: MachineFile) -> Deviation:
+        """No deviation."""
         d, s, m = len(machine.sliders), len(machine.struts), len(machine.smrs)
 
         def zero(*shape: int) -> Array:
@@ -109,13 +109,26 @@ class Departure:
             return np.zeros((n, *shape), dtype=np.complex128)
 
         return cls(
-            zero(d), zero(d), zero(d), zero(s), zero(s), none(s), none(s), zero(m, 3), none(), zero(), none(), zero(),
-            zero(d), zero(d, 3), zero(d, 3),
-        )  # fmt: skip
+            travel_m=zero(d),
+            sideways_m=zero(d),
+            yaw_rad=zero(d),
+            length_m=zero(s),
+            ln_stiffness=zero(s),
+            platform_joint_m=none(s),
+            base_joint_m=none(s),
+            smr_m=zero(m, 3),
+            frame_shift_m=none(),
+            frame_turn_rad=zero(),
+            payload_shift_m=none(),
+            moment_nm=zero(),
+            force_n=zero(d),
+            carriage_compliance=zero(d, 3),
+            carriage_hardening=zero(d, 3),
+        )
 
 
 @dataclass
-class Sight:
+class StationSight:
     """What the station sees of all SMRs, free of noise: (n, smrs); effects of the instrument change it in place.
 
     points_m: (n, smrs, 3) in the frame of the station.

@@ -12,12 +12,12 @@ import numpy as np
 from mock_devices.effects.base import (
     GRAVITY_M_PER_S2,
     Array,
-    Departure,
+    Deviation,
     Effect,
+    EffectParameter,
     EffectSpec,
     Law,
-    Moments,
-    Parameter,
+    MotionState,
     names_of,
 )
 
@@ -29,66 +29,66 @@ _ALONG, _ACROSS, _YAW = 0, 1, 2
 class ColumnCompliance(Effect):
     """The column or the carriage on it gives way to the struts' force."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
         a, c = self.place, self.size
         middle, half = self.site.drive_range_m(a)
-        height = 1.0 + 0.6 * (m.q_m[:, a] - middle) / half  # 1 in the middle of the travel
+        height = 1.0 + 0.6 * (state.q_m[:, a] - middle) / half  # 1 in the middle of the travel
         if self.variant == "cantilever":
-            d.carriage_compliance[:, a, _ACROSS] += c * height**3
+            deviation.carriage_compliance[:, a, _ACROSS] += c * height**3
         elif self.variant == "yaw":
-            d.carriage_compliance[:, a, _YAW] += c / LEVER_M**2
+            deviation.carriage_compliance[:, a, _YAW] += c / LEVER_M**2
         elif self.variant == "hardening":
-            d.carriage_compliance[:, a, _ACROSS] += c
+            deviation.carriage_compliance[:, a, _ACROSS] += c
             if c:
-                d.carriage_hardening[:, a, _ACROSS] += 1.0 / c / 1.5e-5**2
+                deviation.carriage_hardening[:, a, _ACROSS] += 1.0 / c / 1.5e-5**2
         elif self.variant == "screw_length":  # a screw that is held above: soft where the nut is low
-            d.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
+            deviation.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
         else:
-            d.carriage_compliance[:, a, _ACROSS] += c
+            deviation.carriage_compliance[:, a, _ACROSS] += c
 
 
 class LinkStiffness(Effect):
     """One strut is softer than the others, by exp(-size)."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the strut's stiffness or its law."""
         i, x = self.place, self.size
         if self.variant == "joint_angle":  # a joint that is stiff only in its middle position
             strut = self.site.machine.struts[i]
-            swing = (m.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]) / strut.length_m
-            d.ln_stiffness[:, i] -= x * (0.4 + 8.0 * swing**2)
+            swing = (state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]) / strut.length_m
+            deviation.ln_stiffness[:, i] -= x * (0.4 + 8.0 * swing**2)
         elif self.variant == "soft_in_compression":
-            d.laws.setdefault(i, []).append(_soft_in_compression(float(np.exp(-x))))
+            deviation.laws.setdefault(i, []).append(_soft_in_compression(float(np.exp(-x))))
         elif self.variant == "yielding":
-            d.laws.setdefault(i, []).append(_yielding(x / 1.0e-4))
+            deviation.laws.setdefault(i, []).append(_yielding(x / 1.0e-4))
         elif self.variant == "softens_with_load":
-            d.ln_stiffness[:, i] -= x * (0.3 + 0.7 * m.payload_kg / FULL_PAYLOAD_KG)
+            deviation.ln_stiffness[:, i] -= x * (0.3 + 0.7 * state.payload_kg / FULL_PAYLOAD_KG)
         else:
-            d.ln_stiffness[:, i] -= x
+            deviation.ln_stiffness[:, i] -= x
 
 
 class JointClearance(Effect):
     """The joints of a strut have play: `clearance_m` each way before any force arises."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Put a dead zone into the strut's law, or seat the pin."""
         i, c = self.place, self.size
         if self.variant == "gravity_seated":  # the pin lies on one side of its hole: a length that goes with the angle
             strut = self.site.machine.struts[i]
-            drop = m.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]
-            d.length_m[:, i] += c * np.sin(4.0 * drop / strut.length_m)
+            drop = state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]
+            deviation.length_m[:, i] += c * np.sin(4.0 * drop / strut.length_m)
             return
         if self.variant == "soft_contact":
             law = _dead_zone(c, 0.5 * c)
         elif self.variant == "one_sided":
             law = _one_sided(c, 0.1 * c)
         elif self.variant == "load_dependent":
-            law = _dead_zone(c * np.exp(-m.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
+            law = _dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
         else:
             law = _dead_zone(c, 0.1 * c)
         if c > 0.0:
-            d.laws.setdefault(i, []).append(law)
+            deviation.laws.setdefault(i, []).append(law)
 
 
 class SmrOffset(Effect):
@@ -98,15 +98,15 @@ class SmrOffset(Effect):
         """Which way: seeded."""
         self.turn = cmath.exp(1j * float(self.rng.uniform(0.0, 2.0 * np.pi)))
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector in its own frame."""
-        share: Array = np.ones(len(m))
+        share: Array = np.ones(len(state))
         if self.variant == "with_payload":
-            share = 0.5 + m.payload_kg / FULL_PAYLOAD_KG
+            share = 0.5 + state.payload_kg / FULL_PAYLOAD_KG
         elif self.variant == "with_temperature":
-            share = 1.0 + 0.2 * (m.parts_c["platform"] - self.site.machine.reference_temperature_c)
-        d.smr_m[:, self.smr_index(), 0] += self.size * self.turn.real * share
-        d.smr_m[:, self.smr_index(), 1] += self.size * self.turn.imag * share
+            share = 1.0 + 0.2 * (state.parts_c["platform"] - self.site.machine.reference_temperature_c)
+        deviation.smr_m[:, self.smr_index(), 0] += self.size * self.turn.real * share
+        deviation.smr_m[:, self.smr_index(), 1] += self.size * self.turn.imag * share
 
     def smr_index(self) -> int:
         """Index among all reflectors."""
@@ -117,32 +117,32 @@ class SmrOffset(Effect):
 class JointSpacing(Effect):
     """A joint sits further along its strut's parallelogram than the drawing says."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the joint on the platform, on the slider or on both, along the slider's axis."""
         i = self.place
         strut = self.site.machine.struts[i]
         shift = self.size * self.site.machine.sliders[strut.drive].axis
         if self.variant != "slider":
-            d.platform_joint_m[:, i] += shift
+            deviation.platform_joint_m[:, i] += shift
         if self.variant == "both":
-            d.base_joint_m[:, i] -= shift
+            deviation.base_joint_m[:, i] -= shift
         if self.variant == "slider":
-            d.base_joint_m[:, i] += shift
+            deviation.base_joint_m[:, i] += shift
 
 
 class LinkSelfWeight(Effect):
     """Half of a strut's weight hangs at its platform joint; its mass is not in the machine file."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Load the platform; a long strut also sags and becomes shorter between its joints."""
         i, mass = self.place, self.size
         strut = self.site.machine.struts[i]
         share = {"uneven": 0.65, "quarter": 0.25}.get(self.variant, 0.5)
-        force = np.full(len(m), share * mass * self.site.machine.gravity)
-        d.loads.append((np.full(len(m), strut.platform_joint), force))
+        force = np.full(len(state), share * mass * self.site.machine.gravity)
+        deviation.loads.append((np.full(len(state), strut.platform_joint), force))
         if self.variant == "sagging":
             sag_m = 5.0 * mass * GRAVITY_M_PER_S2 * strut.length_m**3 / (384.0 * 2.1e11 * 2.8e-7)
-            d.length_m[:, i] -= 8.0 / 3.0 * sag_m**2 / strut.length_m
+            deviation.length_m[:, i] -= 8.0 / 3.0 * sag_m**2 / strut.length_m
 
 
 def _dead_zone(c: Array | float, w: float) -> Law:
@@ -183,35 +183,69 @@ def _step(x: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))
 
 
-_PER_N = Parameter("compliance_m_per_n", 5e-10, 1e-8, 2e-6, "of the carriage, at mid travel, at 0.25 m lever if in yaw")
+_PER_N = EffectParameter(
+    "compliance_m_per_n", 5e-10, 1e-8, 2e-6, "of the carriage, at mid travel, at 0.25 m lever if in yaw"
+)
 
 EFFECTS = (
     EffectSpec(
-        "column_compliance", "catalogue", "drive", _PER_N,
-        ("lateral", "cantilever", "yaw", "hardening", "screw_length"), "screw_length",
-        "payload, SMRs on the sliders, height", ColumnCompliance,
+        name="column_compliance",
+        kind="catalogue",
+        place="drive",
+        size=_PER_N,
+        variants=("lateral", "cantilever", "yaw", "hardening", "screw_length"),
+        final="screw_length",
+        reveals="payload, SMRs on the sliders, height",
+        make=ColumnCompliance,
     ),
     EffectSpec(
-        "link_stiffness", "catalogue", "strut", Parameter("ln_ratio", 0.05, 0.7, 6.0, "logarithm of nominal over true"),
-        ("softer", "soft_in_compression", "yielding", "joint_angle", "softens_with_load"), "softens_with_load",
-        "payload", LinkStiffness,
+        name="link_stiffness",
+        kind="catalogue",
+        place="strut",
+        size=EffectParameter("ln_ratio", 0.05, 0.7, 6.0, "logarithm of nominal over true"),
+        variants=("softer", "soft_in_compression", "yielding", "joint_angle", "softens_with_load"),
+        final="softens_with_load",
+        reveals="payload",
+        make=LinkStiffness,
     ),
     EffectSpec(
-        "joint_clearance", "catalogue", "strut", Parameter("clearance_m", 1e-6, 1.5e-5, 4e-4, "play each way"),
-        ("dead_zone", "soft_contact", "one_sided", "load_dependent", "gravity_seated"), "gravity_seated",
-        "poses where the strut's force changes its sign, payload", JointClearance,
+        name="joint_clearance",
+        kind="catalogue",
+        place="strut",
+        size=EffectParameter("clearance_m", 1e-6, 1.5e-5, 4e-4, "play each way"),
+        variants=("dead_zone", "soft_contact", "one_sided", "load_dependent", "gravity_seated"),
+        final="gravity_seated",
+        reveals="poses where the strut's force changes its sign, payload",
+        make=JointClearance,
     ),
     EffectSpec(
-        "smr_offset", "geometry", "smr", Parameter("offset_m", 1e-6, 1e-4, 2e-3, "from its place"),
-        ("fixed", "with_payload", "with_temperature"), "with_temperature", "absorbed by mounting", SmrOffset,
+        name="smr_offset",
+        kind="geometry",
+        place="smr",
+        size=EffectParameter("offset_m", 1e-6, 1e-4, 2e-3, "from its place"),
+        variants=("fixed", "with_payload", "with_temperature"),
+        final="with_temperature",
+        reveals="absorbed by mounting",
+        make=SmrOffset,
     ),
     EffectSpec(
-        "joint_spacing", "geometry", "strut", Parameter("spacing_m", 1e-6, 5e-5, 1e-3, "beyond the drawing"),
-        ("platform", "slider", "both"), "both", "everything; absorbed by geometry", JointSpacing,
+        name="joint_spacing",
+        kind="geometry",
+        place="strut",
+        size=EffectParameter("spacing_m", 1e-6, 5e-5, 1e-3, "beyond the drawing"),
+        variants=("platform", "slider", "both"),
+        final="both",
+        reveals="everything; absorbed by geometry",
+        make=JointSpacing,
     ),
     EffectSpec(
-        "link_self_weight", "geometry", "strut", Parameter("mass_kg", 0.5, 12.0, 1200.0, "of the strut"),
-        ("half", "uneven", "quarter", "sagging"), "sagging", "constant load; absorbed by mass and geometry",
-        LinkSelfWeight,
+        name="link_self_weight",
+        kind="geometry",
+        place="strut",
+        size=EffectParameter("mass_kg", 0.5, 12.0, 1200.0, "of the strut"),
+        variants=("half", "uneven", "quarter", "sagging"),
+        final="sagging",
+        reveals="constant load; absorbed by mass and geometry",
+        make=LinkSelfWeight,
     ),
-)  # fmt: skip
+)

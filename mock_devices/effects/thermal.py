@@ -6,14 +6,24 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Departure, Effect, EffectSpec, Leg, Moments, Parameter, Place, Remembering
+from mock_devices.effects.base import (
+    Array,
+    Deviation,
+    Effect,
+    EffectParameter,
+    EffectSpec,
+    Leg,
+    MotionState,
+    Place,
+    StatefulEffect,
+)
 
 DUTY_M_PER_S = 0.01
 FOOT_M = -1.2
 _GRID_S = 30.0
 
-_RISE = Parameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
-_TAU = Parameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the part")
+_RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
+_TAU = EffectParameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the part")
 
 
 def warm_up(elapsed_s: Array, tau_s: float) -> Array:
@@ -21,18 +31,18 @@ def warm_up(elapsed_s: Array, tau_s: float) -> Array:
     return np.asarray(1.0 - np.exp(-elapsed_s / tau_s))
 
 
-def lag_behind(m: Moments, part: str, start_s: float, tau_s: float) -> Array:
+def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
     """A part of time constant tau minus its sensor (n,) in kelvin: first order, equal at the beginning."""
-    last_s = float(m.t_s.max())
+    last_s = float(state.t_s.max())
     grid = np.arange(start_s, max(last_s, start_s) + 2.0 * _GRID_S, _GRID_S)
-    sensed = m.thermal.part_series_c(part, grid)
+    sensed = state.thermal.part_series_c(part, grid)
     keep = math.exp(-_GRID_S / tau_s)
     follow = np.empty_like(sensed)
     value = sensed[0]
     for i, now in enumerate(sensed):
         value = now + (value - now) * keep if i else now
         follow[i] = value
-    return np.asarray(np.interp(m.t_s, grid, follow - sensed))
+    return np.asarray(np.interp(state.t_s, grid, follow - sensed))
 
 
 class _Warming(Effect):
@@ -40,10 +50,10 @@ class _Warming(Effect):
 
     sensor = "struts"
 
-    def rise_k(self, m: Moments) -> Array:
-        t, tau = self.elapsed_s(m), self.values["tau_s"]
+    def rise_k(self, state: MotionState) -> Array:
+        t, tau = self.elapsed_s(state), self.values["tau_s"]
         if self.variant == "lagging":
-            return self.size * lag_behind(m, self.sensor, self.site.start_s, tau)
+            return self.size * lag_behind(state, self.sensor, self.site.start_s, tau)
         if self.variant == "two_stages":
             return self.size * (0.6 * warm_up(t, tau) + 0.4 * warm_up(t, 5.0 * tau))
         if self.variant == "pulse":  # warmed once, cooling again: a door, a lamp
@@ -54,11 +64,11 @@ class _Warming(Effect):
 class LinkGrowth(_Warming):
     """A strut grows by alpha l dT."""
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lengthen the strut."""
         strut = self.site.machine.struts[self.place]
         alpha = self.site.machine.expansion["struts"].coefficient_per_k
-        d.length_m[:, self.place] += alpha * strut.length_m * self.rise_k(m)
+        deviation.length_m[:, self.place] += alpha * strut.length_m * self.rise_k(state)
 
 
 class ColumnGrowth(_Warming):
@@ -67,27 +77,27 @@ class ColumnGrowth(_Warming):
     sensor = "columns"
     width_m = 0.4
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with the column."""
         strut = next(s for s in self.site.machine.struts if s.drive == self.place)
-        height = m.q_m[:, self.place] + strut.base_joint.imag - FOOT_M
-        grown = self.site.machine.expansion["base"].coefficient_per_k * self.rise_k(m)
+        height = state.q_m[:, self.place] + strut.base_joint.imag - FOOT_M
+        grown = self.site.machine.expansion["base"].coefficient_per_k * self.rise_k(state)
         if self.variant == "bending":
-            d.sideways_m[:, self.place] += 0.5 * grown / self.width_m * height**2
-            d.yaw_rad[:, self.place] += grown / self.width_m * height
+            deviation.sideways_m[:, self.place] += 0.5 * grown / self.width_m * height**2
+            deviation.yaw_rad[:, self.place] += grown / self.width_m * height
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
-            d.travel_m[:, self.place] += 0.5 * grown * height**2
+            deviation.travel_m[:, self.place] += 0.5 * grown * height**2
         else:
-            d.travel_m[:, self.place] += grown * height
+            deviation.travel_m[:, self.place] += grown * height
 
 
-class ScrewGrowth(Remembering):
+class ScrewGrowth(StatefulEffect):
     """A screw that its own motion heats: every metre leaves heat, which decays with the time constant.
 
     `rise_k` is where its temperature ends at a mean speed of 0.01 m/s. What is remembered is its temperature.
     """
 
-    def after(self, drive: int, before: float, leg: Leg) -> float:
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """Heat of the leg, set free in its middle, decayed until its rest ends."""
         return self._temperature(before, leg.start_s, leg.end_s, abs(leg.to_m - leg.from_m), leg.until_s)
 
@@ -97,17 +107,17 @@ class ScrewGrowth(Remembering):
         middle_s = min(0.5 * (start_s + end_s), t_s)
         return before * math.exp(-(t_s - start_s) / tau) + heat * math.exp(-(t_s - middle_s) / tau)
 
-    def act(self, m: Moments, d: Departure) -> None:
+    def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with its screw."""
         a, tau = self.place, self.values["tau_s"]
-        way = np.abs(m.q_m[:, a] - m.from_m[:, a])
-        age = m.t_s - m.leg_start_s[:, a]
-        middle = np.maximum(m.t_s - 0.5 * (m.leg_start_s[:, a] + m.leg_end_s[:, a]), 0.0)
-        warm = self.before(m, a) * np.exp(-age / tau)
+        way = np.abs(state.q_m[:, a] - state.from_m[:, a])
+        age = state.t_s - state.leg_start_s[:, a]
+        middle = np.maximum(state.t_s - 0.5 * (state.leg_start_s[:, a] + state.leg_end_s[:, a]), 0.0)
+        warm = self.state_before(state, a) * np.exp(-age / tau)
         warm = warm + self.size * way / (DUTY_M_PER_S * tau) * np.exp(-middle / tau)
         alpha = self.site.machine.expansion["drives"].coefficient_per_k
         low, high = self.site.machine.sliders[a].travel_m
-        x = m.q_m[:, a] - low
+        x = state.q_m[:, a] - low
         length = high - low
         if self.variant == "pretensioned":  # stretching the screw at assembly takes up the first third
             warm, way_m = np.maximum(warm - 0.3 * self.size, 0.0), x
@@ -117,26 +127,48 @@ class ScrewGrowth(Remembering):
             way_m = 0.2 * (1.0 + np.tanh((x - 0.5 * length) / 0.2))
         else:
             way_m = x
-        d.travel_m[:, a] += alpha * warm * way_m
+        deviation.travel_m[:, a] += alpha * warm * way_m
 
 
 def _spec(
     name: str, place: Place, variants: tuple[str, ...], final: str, reveals: str, make: type[Effect]
 ) -> EffectSpec:
-    return EffectSpec(name, "catalogue", place, _RISE, variants, final, reveals, make, (_TAU,))
+    return EffectSpec(
+        name=name,
+        kind="catalogue",
+        place=place,
+        size=_RISE,
+        variants=variants,
+        final=final,
+        reveals=reveals,
+        make=make,
+        others=(_TAU,),
+    )
 
 
 EFFECTS = (
     _spec(
-        "link_thermal_growth", "strut", ("warm_up", "lagging", "two_stages", "pulse"), "pulse",
-        "time, a temperature swing", LinkGrowth,
+        "link_thermal_growth",
+        "strut",
+        ("warm_up", "lagging", "two_stages", "pulse"),
+        "pulse",
+        "time, a temperature swing",
+        LinkGrowth,
     ),
     _spec(
-        "column_thermal_growth", "drive", ("warm_up", "bending", "lagging", "stratified"), "stratified",
-        "time, a temperature swing, SMRs on the sliders", ColumnGrowth,
+        "column_thermal_growth",
+        "drive",
+        ("warm_up", "bending", "lagging", "stratified"),
+        "stratified",
+        "time, a temperature swing, SMRs on the sliders",
+        ColumnGrowth,
     ),
     _spec(
-        "screw_thermal_growth", "drive", ("free_end", "pretensioned", "both_ends", "nut_local"), "nut_local",
-        "time and the way moved, drive coordinate, SMRs on the sliders", ScrewGrowth,
+        "screw_thermal_growth",
+        "drive",
+        ("free_end", "pretensioned", "both_ends", "nut_local"),
+        "nut_local",
+        "time and the way moved, drive coordinate, SMRs on the sliders",
+        ScrewGrowth,
     ),
-)  # fmt: skip
+)

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Complex, Departure, Effect, EffectChoice, Moments, Sight, Site
+from mock_devices.effects.base import Array, Complex, Deviation, Effect, EffectChoice, MotionState, Site, StationSight
 from mock_devices.effects.catalogue import make
 from mock_devices.machine_file import MachineFile
-from mock_devices.plant.elastic_batch import Rest, Structure, solve, start
+from mock_devices.plant.elastic_batch import Equilibria, Structure, solve, start
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.plant.optics import TWO_PI, StationView
 from mock_devices.plant.thermal import SENSORS, Thermal
@@ -29,85 +29,85 @@ class AffectedMachine:
         self._first = next(i for i, strut in enumerate(self._struts) if strut.drive == 0)
         self._other = next(i for i, strut in enumerate(self._struts) if strut.drive != 0)
 
-    def departure(self, m: Moments) -> Departure:
+    def deviation(self, state: MotionState) -> Deviation:
         """What the effects change."""
-        departure = Departure.none(len(m), self.machine.file)
+        deviation = Deviation.none(len(state), self.machine.file)
         for effect in self.effects:
-            effect.act(m, departure)
-        return departure
+            effect.act(state, deviation)
+        return deviation
 
-    def early_s(self, m: Moments) -> Array:
+    def early_s(self, state: MotionState) -> Array:
         """By how much the machine has gone on when the station looks (n,)."""
-        return np.zeros(len(m)) + sum(effect.early_s(m) for effect in self.effects)
+        return np.zeros(len(state)) + sum(effect.early_s(state) for effect in self.effects)
 
-    def rest(self, m: Moments, d: Departure, payload: np.ndarray) -> tuple[Rest, Structure]:
+    def equilibria(self, state: MotionState, deviation: Deviation, payload: np.ndarray) -> tuple[Equilibria, Structure]:
         """Equilibria (n,) for payload numbers (n,)."""
-        file, grown = self.machine.file, self._growth(m)
+        file, grown = self.machine.file, self._growth(state)
         axis = np.array([slider.axis for slider in file.sliders])
-        travel = self._travel(m, d, grown)
-        base = np.empty((len(m), len(self._struts)), dtype=np.complex128)
+        travel = self._travel(state, deviation, grown)
+        base = np.empty((len(state), len(self._struts)), dtype=np.complex128)
         platform = np.empty_like(base)
-        centre = np.empty((len(m), len(axis)), dtype=np.complex128)
+        centre = np.empty((len(state), len(axis)), dtype=np.complex128)
         for a in range(len(axis)):
             mine = [i for i, strut in enumerate(self._struts) if strut.drive == a]
             middle = np.mean([self._struts[i].base_joint for i in mine]) * grown["base"]
             centre[:, a] = middle + travel[:, a]
-            turn = np.exp(1j * d.yaw_rad[:, a])
+            turn = np.exp(1j * deviation.yaw_rad[:, a])
             for i in mine:
-                arm = self._struts[i].base_joint * grown["base"] - middle + d.base_joint_m[:, i]
+                arm = self._struts[i].base_joint * grown["base"] - middle + deviation.base_joint_m[:, i]
                 base[:, i] = centre[:, a] + arm * turn
         for i, strut in enumerate(self._struts):
-            platform[:, i] = strut.platform_joint * grown["platform"] + d.platform_joint_m[:, i]
-        soft = bool(np.any(d.carriage_compliance))
+            platform[:, i] = strut.platform_joint * grown["platform"] + deviation.platform_joint_m[:, i]
+        soft = bool(np.any(deviation.carriage_compliance))
         structure = Structure(
-            platform,
-            base,
-            np.array([s.length_m for s in self._struts]) * grown["struts"][:, None] + d.length_m,
-            np.array([s.stiffness_n_per_m for s in self._struts]) * np.exp(d.ln_stiffness),
-            tuple(strut.drive for strut in self._struts),
-            axis,
-            centre,
-            [*self._weights(d, grown, payload), *d.loads],
-            d.moment_nm,
-            d.laws,
-            d.carriage_compliance if soft else None,
-            d.carriage_hardening if soft else None,
+            platform_joint=platform,
+            base_joint=base,
+            length_m=np.array([s.length_m for s in self._struts]) * grown["struts"][:, None] + deviation.length_m,
+            stiffness=np.array([s.stiffness_n_per_m for s in self._struts]) * np.exp(deviation.ln_stiffness),
+            drive=tuple(strut.drive for strut in self._struts),
+            axis=axis,
+            centre=centre,
+            loads=[*self._weights(deviation, grown, payload), *deviation.loads],
+            moment_nm=deviation.moment_nm,
+            laws=deviation.laws,
+            compliance=deviation.carriage_compliance if soft else None,
+            hardening=deviation.carriage_hardening if soft else None,
         )
         first = start(structure, file.sliders[0].branch, self._first, self._other)
         return solve(structure, first), structure
 
-    def places(self, m: Moments, payload: np.ndarray) -> Array:
+    def reflector_positions(self, state: MotionState, payload: np.ndarray) -> Array:
         """All reflectors in the frame of the floor (n, smrs, 3)."""
-        d = self.departure(m)
-        rest, structure = self.rest(m, d, payload)
-        grown = self._growth(m)
+        deviation = self.deviation(state)
+        equilibria, structure = self.equilibria(state, deviation, payload)
+        grown = self._growth(state)
         names = [slider.name for slider in self.machine.file.sliders]
-        turn, lean = np.exp(1j * rest.rz_rad), np.exp(1j * d.frame_turn_rad)
-        out = np.empty((len(m), len(self.machine.file.smrs), 3))
+        turn, lean = np.exp(1j * equilibria.rz_rad), np.exp(1j * deviation.frame_turn_rad)
+        out = np.empty((len(state), len(self.machine.file.smrs), 3))
         for i, smr in enumerate(self.machine.file.smrs):
             x, y, z = smr.position_m
-            extra = d.smr_m[:, i, 0] + 1j * d.smr_m[:, i, 1]
-            height = z + d.smr_m[:, i, 2]
+            extra = deviation.smr_m[:, i, 0] + 1j * deviation.smr_m[:, i, 1]
+            height = z + deviation.smr_m[:, i, 2]
             if smr.on == "floor":
                 spot = complex(x, y) + extra
             elif smr.on == "platform":
-                spot = rest.p + turn * (complex(x, y) * grown["platform"] + extra)
+                spot = equilibria.p + turn * (complex(x, y) * grown["platform"] + extra)
                 height = height + z * (grown["platform"] - 1.0)
             else:
                 a = names.index(smr.on)
-                spot = self._on_slider(complex(x, y), extra, a, d, rest, structure, grown)
+                spot = self._on_slider(complex(x, y), extra, a, deviation, equilibria, structure, grown)
                 height = height + z * (grown["base"] - 1.0)
             if smr.on != "floor":
-                spot = lean * spot + d.frame_shift_m
+                spot = lean * spot + deviation.frame_shift_m
             out[:, i, 0], out[:, i, 1], out[:, i, 2] = spot.real, spot.imag, height
         return out
 
-    def sight(self, m: Moments, payload: np.ndarray) -> Sight:
+    def sight(self, state: MotionState, payload: np.ndarray) -> StationSight:
         """What the station sees of all reflectors, free of noise (n, smrs)."""
-        places = self.places(m, payload)
-        seen = polar_series(self.view, places, m.t_s)
+        places = self.reflector_positions(state, payload)
+        seen = polar_series(self.view, places, state.t_s)
         for effect in self.effects:
-            effect.sight(m, seen)
+            effect.apply_to_sight(state, seen)
         seen.hz_rad %= TWO_PI
         return seen
 
@@ -116,36 +116,38 @@ class AffectedMachine:
         spot: complex,
         extra: Complex,
         a: int,
-        d: Departure,
-        rest: Rest,
+        deviation: Deviation,
+        equilibria: Equilibria,
         structure: Structure,
         grown: dict[str, Array],
     ) -> Complex:
         mine = [strut.base_joint for strut in self._struts if strut.drive == a]
         arm = (spot - np.mean(mine)) * grown["base"] + extra
-        u = rest.carriage[:, a]
+        u = equilibria.carriage[:, a]
         given = structure.axis[a] * (u[:, 0] + 1j * u[:, 1])
-        return np.asarray(structure.centre[:, a] + given + arm * np.exp(1j * (d.yaw_rad[:, a] + u[:, 2])))
+        return np.asarray(structure.centre[:, a] + given + arm * np.exp(1j * (deviation.yaw_rad[:, a] + u[:, 2])))
 
-    def _growth(self, m: Moments) -> dict[str, Array]:
+    def _growth(self, state: MotionState) -> dict[str, Array]:
         reference_c = self.machine.file.reference_temperature_c
         return {
-            part: 1.0 + e.coefficient_per_k * (m.parts_c[e.sensor] - reference_c)
+            part: 1.0 + e.coefficient_per_k * (state.parts_c[e.sensor] - reference_c)
             for part, e in self.machine.file.expansion.items()
         }
 
-    def _travel(self, m: Moments, d: Departure, grown: dict[str, Array]) -> Complex:
+    def _travel(self, state: MotionState, deviation: Deviation, grown: dict[str, Array]) -> Complex:
         axis = np.array([slider.axis for slider in self.machine.file.sliders])
-        way = np.array(self.machine.scales) * m.q_m * grown["drives"][:, None] + d.travel_m
-        return np.asarray(axis * (way + 1j * d.sideways_m))
+        way = np.array(self.machine.scales) * state.q_m * grown["drives"][:, None] + deviation.travel_m
+        return np.asarray(axis * (way + 1j * deviation.sideways_m))
 
-    def _weights(self, d: Departure, grown: dict[str, Array], payload: np.ndarray) -> list[tuple[Complex, Complex]]:
+    def _weights(
+        self, deviation: Deviation, grown: dict[str, Array], payload: np.ndarray
+    ) -> list[tuple[Complex, Complex]]:
         file = self.machine.file
         mass = np.array([load.mass_kg for load in self.machine.payloads])[payload]
         centre = np.array([load.centre for load in self.machine.payloads])[payload]
         return [
             (file.centre_of_mass * grown["platform"], np.full(len(mass), file.moving_mass_kg * file.gravity)),
-            (centre * grown["platform"] + d.payload_shift_m, mass * file.gravity),
+            (centre * grown["platform"] + deviation.payload_shift_m, mass * file.gravity),
         ]
 
 
@@ -153,11 +155,11 @@ def affected_machine(
     machine: TrueMachine, view: StationView, nominal: MachineFile, settings: MockSettings, *, start_s: float = 0.0
 ) -> AffectedMachine | None:
     """The machine with the effects and the nuisance of its settings; None without any."""
-    effects = effects_of(nominal, settings, start_s=start_s)
+    effects = make_effects(nominal, settings, start_s=start_s)
     return AffectedMachine(machine, view, effects) if effects else None
 
 
-def effects_of(nominal: MachineFile, settings: MockSettings, *, start_s: float = 0.0) -> list[Effect]:
+def make_effects(nominal: MachineFile, settings: MockSettings, *, start_s: float = 0.0) -> list[Effect]:
     """What the settings switch on; raises EffectError."""
     site = Site(nominal, settings.station_position_m, start_s)
     levels = {
@@ -171,7 +173,7 @@ def effects_of(nominal: MachineFile, settings: MockSettings, *, start_s: float =
     return [make(choice, site, settings.seed) for choice in (*ordinary, *chosen)]
 
 
-def moments(
+def motion_states(
     history: MotionHistory,
     t_s: Array,
     q_m: Array,
@@ -181,10 +183,10 @@ def moments(
     thermal: Thermal,
     *,
     drives_s: Array | None = None,
-) -> Moments:
-    """Moments (n,) at which the drives stand at `q_m` (n, d); `drives_s` if they are seen at other times."""
+) -> MotionState:
+    """MotionState (n,) at which the drives stand at `q_m` (n, d); `drives_s` if they are seen at other times."""
     legs = history.at(t_s if drives_s is None else drives_s)
-    return Moments(
+    return MotionState(
         t_s=t_s,
         q_m=q_m,
         leg=legs["leg"].astype(np.intp),
@@ -209,11 +211,11 @@ def heavy_tailed(normal: Array, degrees: float, rng: np.random.Generator) -> Arr
     return np.asarray(normal * np.sqrt((degrees - 2.0) / spread))
 
 
-def polar_series(view: StationView, places_m: Array, t_s: Array) -> Sight:
+def polar_series(view: StationView, places_m: Array, t_s: Array) -> StationSight:
     """Points of the machine frame (n, smrs, 3) as the drifting station sees them at times (n,)."""
     turn, shift = view.drift_series(t_s)
     points = places_m @ view.rotation.T + view.translation_m
     seen = points + np.cross(turn[:, None, :], points) + shift[:, None, :]
     distance = np.sqrt((seen**2).sum(axis=2))
     hz = np.arctan2(seen[..., 0], seen[..., 1]) % TWO_PI
-    return Sight(seen, hz, np.arccos(seen[..., 2] / distance), distance)
+    return StationSight(seen, hz, np.arccos(seen[..., 2] / distance), distance)

@@ -43,7 +43,7 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Rest:
+class Equilibria:
     """Where n moments come to rest: platform origin, rotation, carriage motion (n, d, 3), strut forces (n, s)."""
 
     p: Complex
@@ -70,7 +70,7 @@ def start(structure: Structure, branch: int, first: int, other: int) -> Complex:
     return np.where(below, candidate, a + along * direction - across)
 
 
-def solve(structure: Structure, p: Complex) -> Rest:
+def solve(structure: Structure, p: Complex) -> Equilibria:
     """The poses at rest near `p`; raises NoEquilibrium."""
     n, drives = len(p), len(structure.axis)
     soft = structure.compliance is not None
@@ -81,7 +81,7 @@ def solve(structure: Structure, p: Complex) -> Rest:
     damping, last = np.ones(n), np.full(n, np.inf)
     for _ in range(_MOST_STEPS):
         turn = np.exp(1j * rz)[:, None]
-        slopes, elongation = _slopes(structure, p, turn, u, size)
+        slopes, elongation = _elongation_derivatives(structure, p, turn, u, size)
         force, tangent = _forces(structure, elongation)
         gradient = np.einsum("nsk,ns->nk", slopes, force)
         hessian = np.matmul(np.swapaxes(slopes, 1, 2), slopes * tangent[:, :, None])
@@ -106,11 +106,13 @@ def solve(structure: Structure, p: Complex) -> Rest:
         if soft:
             u = u - step[:, 3:].reshape(n, drives, 3)
         if float(length.max(initial=0.0)) < _TOLERANCE:
-            return Rest(p, rz, u, force)
+            return Equilibria(p, rz, u, force)
     raise NoEquilibrium("no equilibrium of the structure with its effects")
 
 
-def _slopes(structure: Structure, p: Complex, turn: Complex, u: Array, size: int) -> tuple[Array, Array]:
+def _elongation_derivatives(
+    structure: Structure, p: Complex, turn: Complex, u: Array, size: int
+) -> tuple[Array, Array]:
     """Derivatives of the elongations (n, s, size) and the elongations (n, s)."""
     joint = turn * structure.platform_joint
     which = list(structure.drive)

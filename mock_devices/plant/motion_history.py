@@ -29,13 +29,13 @@ class MotionHistory:
             last.to_m, last.end_s = reached_m, start_s
         last.until_s = start_s
         for effect in self._effects:
-            effect.follow(drive, last)
+            effect.record_leg(drive, last)
         way = to_m - last.to_m
         direction = float(np.sign(way)) if way else last.direction
         legs.append(Leg(start_s, end_s, last.to_m, to_m, speed_m_per_s, direction))
 
     def at(self, t_s: Array) -> dict[str, Array]:
-        """The leg of each drive at times (n,), and its numbers: (n, d) each, by the names of `Moments`."""
+        """The leg of each drive at times (n,), and its numbers: (n, d) each, by the names of `MotionState`."""
         columns: dict[str, list[Array]] = {
             name: [] for name in ("leg", "from_m", "leg_start_s", "leg_end_s", "speed_m_per_s", "direction")
         }

@@ -51,8 +51,8 @@ class StationView:
         self.translation_m: Array = -self.rotation @ (np.array(settings.station_position_m) + offset)
         angles = (wobble.drift_of_level_rad, wobble.drift_of_level_rad, wobble.drift_about_vertical_rad)
         drift = generator(settings.seed, "station drift")
-        self._turns = [_Wander(drift, amplitude) for amplitude in angles]
-        self._shifts = [_Wander(drift, wobble.drift_m) for _ in range(3)]
+        self._turns = [_SlowDrift(drift, amplitude) for amplitude in angles]
+        self._shifts = [_SlowDrift(drift, wobble.drift_m) for _ in range(3)]
         constants = generator(settings.seed, "range")
         self.range_constant_m = float(wobble.range_constant_u_m * constants.standard_normal())
         self.range_scale = float(1.0 + wobble.range_scale_u * constants.standard_normal())
@@ -77,7 +77,7 @@ class StationView:
         return Polar(math.atan2(east, north) % TWO_PI, math.acos(up / distance), distance)
 
 
-class _Wander:
+class _SlowDrift:
     """A slow signal that starts at zero."""
 
     def __init__(self, rng: np.random.Generator, amplitude: float) -> None:

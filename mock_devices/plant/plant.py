@@ -13,9 +13,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mock_devices.clock import RigClock
-from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, Moments
+from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, MotionState
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, heavy_tailed, moments
+from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, heavy_tailed, motion_states
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.plant.optics import TWO_PI, Polar, StationView
 from mock_devices.plant.thermal import Thermal
@@ -64,7 +64,7 @@ class DriveMotion(Protocol):
 
 
 @runtime_checkable
-class Remembered(Protocol):
+class MotionSource(Protocol):
     """A drive that can tell of its motions; effects that remember need it."""
 
     def motions_after(self, t_s: float) -> list[Motion]:
@@ -170,7 +170,7 @@ class Plant:
             moments = self._moments(affected, t_s)
             payload = np.array([self._payload])
             seen = affected.sight(moments, payload)
-            self._force_n = [float(force) for force in affected.departure(moments).force_n[0]]
+            self._force_n = [float(force) for force in affected.deviation(moments).force_n[0]]
         return [
             Sighting(
                 i, smr.name, Polar(float(seen.hz_rad[0, i]), float(seen.v_rad[0, i]), float(seen.distance_m[0, i]))
@@ -178,19 +178,19 @@ class Plant:
             for i, smr in enumerate(self.nominal.smrs)
         ]
 
-    def _moments(self, affected: AffectedMachine, t_s: float) -> Moments:
+    def _moments(self, affected: AffectedMachine, t_s: float) -> MotionState:
         """The present as one moment; drives are seen later than the station by its latency."""
         now = self.moment(t_s)
         early_s = float(affected.early_s(now)[0])
         return now if early_s == 0.0 else self.moment(t_s, t_s + early_s)
 
-    def moment(self, t_s: float, drives_s: float | None = None) -> Moments:
+    def moment(self, t_s: float, drives_s: float | None = None) -> MotionState:
         """The machine at rig time `t_s` as one moment, its drives as they are at `drives_s` if they are seen later."""
         drives_s = t_s if drives_s is None else drives_s
-        history = self._followed(drives_s)
+        history = self._history_until(drives_s)
         positions = np.array([[drive.encoder_m(drives_s) for drive in self._drives]])
         before = np.array([[drive.encoder_m(drives_s - _DIFFERENCE_S) for drive in self._drives]])
-        return moments(
+        return motion_states(
             history,
             np.array([t_s]),
             positions,
@@ -205,13 +205,13 @@ class Plant:
         """What a drive has done until it was last looked at."""
         return [] if self._history is None else self._history.legs(drive)
 
-    def _followed(self, t_s: float) -> MotionHistory:
+    def _history_until(self, t_s: float) -> MotionHistory:
         """The drives' motions until `t_s`, told to the effects."""
         if self._history is None:
             effects = () if self._affected is None else self._affected.effects
             self._history = MotionHistory([drive.encoder_m(0.0) for drive in self._drives], effects)
         for index, drive in enumerate(self._drives):
-            if not isinstance(drive, Remembered):
+            if not isinstance(drive, MotionSource):
                 continue
             last_s = self._history.legs(index)[-1].start_s
             for motion in drive.motions_after(last_s):

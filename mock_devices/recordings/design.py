@@ -82,14 +82,14 @@ def draw_design(machine: MachineFile, rng: np.random.Generator, options: DesignO
         sides = rng.choice([-1, 1], len(machine.sliders)) if options.both_directions else np.ones(len(machine.sliders))
         visits.append(
             Visit(
-                poses[pose],
-                tuple(int(side) for side in sides),
-                options.payload_blocks[number * blocks // options.visits],
-                float(rng.choice(options.speeds_m_per_s)),
-                float(rng.choice(options.dwells_s)),
-                bool(rng.random() < options.fly_share),
-                pose,
-                passes[pose],
+                target_m=poses[pose],
+                direction=tuple(int(side) for side in sides),
+                payload=options.payload_blocks[number * blocks // options.visits],
+                speed_m_per_s=float(rng.choice(options.speeds_m_per_s)),
+                dwell_s=float(rng.choice(options.dwells_s)),
+                on_the_fly=bool(rng.random() < options.fly_share),
+                pose=pose,
+                pass_=passes[pose],
             )
         )
     on_platform = tuple(smr.name for smr in machine.smrs if smr.on == "platform")

@@ -10,7 +10,7 @@ import numpy as np
 from mock_devices.effects.base import Array, EffectChoice, Site
 from mock_devices.effects.catalogue import EffectError, make
 from mock_devices.plant.structure import NoEquilibrium
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 
 _MOST_STEPS = 12
 _CLOSE = 0.005
@@ -19,7 +19,7 @@ _CLOSE = 0.005
 class SizeScale:
     """Raw sizes on one bench: the noise-free readings without effects are computed once."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: SimulatedCampaign) -> None:
         self.bench = bench
         self._without = bench.points_m([])
         line = bench.timeline

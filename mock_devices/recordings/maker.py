@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Effect, Moments, Sight
+from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Effect, MotionState, StationSight
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.plant.affected_machine import AffectedMachine, effects_of, heavy_tailed
+from mock_devices.plant.affected_machine import AffectedMachine, heavy_tailed, make_effects
 from mock_devices.plant.atmosphere import ppm
 from mock_devices.plant.optics import TWO_PI, StationView
 from mock_devices.plant.thermal import SENSORS, Thermal
@@ -44,7 +44,7 @@ class MockRecording:
         return len(self.columns["t_rig_s"])
 
 
-class Bench:
+class SimulatedCampaign:
     """One true machine with its station and its temperatures, and a timeline to carry out on it."""
 
     def __init__(self, machine_path: str | Path, settings: MockSettings, design: Design | Timeline) -> None:
@@ -54,26 +54,26 @@ class Bench:
         self.thermal = Thermal(settings)
         self.view = StationView(settings)
         self.machine = draw_machine(self.nominal, settings)
-        self._plain: Moments | None = None
+        self._plain: MotionState | None = None
 
     @property
     def start_s(self) -> float:
         """When the campaign begins."""
         return self.timeline.design.start_s
 
-    def sight(self, effects: list[Effect] | None = None) -> tuple[Sight, Moments, Array]:
+    def sight(self, effects: list[Effect] | None = None) -> tuple[StationSight, MotionState, Array]:
         """What the station sees of all reflectors at every reading (r, smrs); moments; friction forces (r, d) in N.
 
         `effects` must be new ones; left out, those of the settings.
         """
         if effects is None:
-            effects = effects_of(self.nominal, self.settings, start_s=self.start_s)
+            effects = make_effects(self.nominal, self.settings, start_s=self.start_s)
         affected = AffectedMachine(self.machine, self.view, effects)
         if not effects:  # nobody to be told of motions: the moments stay the same
-            self._plain = self._plain or self.timeline.moments([], self.thermal, self.settings.payloads)
+            self._plain = self._plain or self.timeline.motion_states([], self.thermal, self.settings.payloads)
             return affected.sight(self._plain, self.timeline.payload), self._plain, np.zeros(self._plain.q_m.shape)
         seen, m = self.timeline.sight(affected, self.thermal, self.settings.payloads)
-        return seen, m, affected.departure(m).force_n
+        return seen, m, affected.deviation(m).force_n
 
     def points_m(self, effects: list[Effect] | None = None) -> Array:
         """The measured reflector of each reading, free of noise, in the station's frame (r, 3)."""
@@ -89,7 +89,7 @@ class Bench:
         names = column_names(self.nominal)
         return MockRecording(self._header(name), self.machine_text, {name: columns[name] for name in names})
 
-    def _readings(self, seen: Sight) -> dict[str, Column]:
+    def _readings(self, seen: StationSight) -> dict[str, Column]:
         line, sd, n = self.timeline, self.settings.instrument, len(self.timeline)
         rows, k = np.arange(n), line.smr
         rng = generator(self.settings.seed, "recording noise")
@@ -147,10 +147,10 @@ class Bench:
             "compensation": fixed(0.0), "flags": fixed(0.0),
         }  # fmt: skip
 
-    def _drives(self, m: Moments, force_n: Array) -> dict[str, Column]:
+    def _drives(self, state: MotionState, force_n: Array) -> dict[str, Column]:
         line, drives = self.timeline, len(self.nominal.sliders)
         out: dict[str, Column] = {}
-        load_kg = (self.nominal.moving_mass_kg + m.payload_kg) / drives
+        load_kg = (self.nominal.moving_mass_kg + state.payload_kg) / drives
         sides = np.array([visit.direction for visit in line.design.visits], dtype=np.float64)[np.maximum(line.visit, 0)]
         for a, slider in enumerate(self.nominal.sliders):
             v = line.velocity_m_per_s[:, a]
@@ -188,7 +188,7 @@ def make_recording(
     machine_path: str | Path, settings: MockSettings, design: Design | Timeline, name: str = "campaign"
 ) -> MockRecording:
     """Carry a campaign out on the plant of some settings."""
-    return Bench(machine_path, settings, design).record(name)
+    return SimulatedCampaign(machine_path, settings, design).record(name)
 
 
 @lru_cache(maxsize=8)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.effects.base import Array, Effect, Moments, Sight
+from mock_devices.effects.base import Array, Effect, MotionState, StationSight
 from mock_devices.machine_file import MachineFile
-from mock_devices.plant.affected_machine import AffectedMachine, moments
+from mock_devices.plant.affected_machine import AffectedMachine, motion_states
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.plant.plant import Motion
 from mock_devices.plant.thermal import Thermal
@@ -52,17 +52,19 @@ class Timeline:
     def __len__(self) -> int:
         return len(self.t_s)
 
-    def moments(self, effects: Sequence[Effect], thermal: Thermal, payloads: Sequence[Payload]) -> Moments:
+    def motion_states(self, effects: Sequence[Effect], thermal: Thermal, payloads: Sequence[Payload]) -> MotionState:
         """The moments of all readings, after `effects` were told of every motion. Effects must be new."""
         history = MotionHistory(self.start_m, effects, self.design.start_s)
         for drive, motion in self.motions:
             history.add(drive, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s)
         mass = np.array([payload.mass_kg for payload in payloads])[self.payload]
-        return moments(history, self.t_s, self.q_m, self.velocity_m_per_s, mass, self.exchanges, thermal)
+        return motion_states(history, self.t_s, self.q_m, self.velocity_m_per_s, mass, self.exchanges, thermal)
 
-    def sight(self, affected: AffectedMachine, thermal: Thermal, payloads: Sequence[Payload]) -> tuple[Sight, Moments]:
+    def sight(
+        self, affected: AffectedMachine, thermal: Thermal, payloads: Sequence[Payload]
+    ) -> tuple[StationSight, MotionState]:
         """What the station sees of all reflectors at every reading, free of noise; the effects must be new."""
-        m = self.moments(affected.effects, thermal, payloads)
+        m = self.motion_states(affected.effects, thermal, payloads)
         early_s = affected.early_s(m)
         seen = replace(m, q_m=m.q_m + m.velocity_m_per_s * early_s[:, None]) if np.any(early_s) else m
         return affected.sight(seen, self.payload), m
@@ -95,14 +97,26 @@ class _Planner:
                 self.nests()
             elif number % self.design.nest_every == 0:
                 self.nests()
-            self.carry_out(visit)
+            self.add_visit(visit)
         self.nests()
         t, smr, visits, checks, nest, samples, dwell, payload, exchanges = zip(*self.rows, strict=True)
         return Timeline(
-            self.design, self.machine, self.start_m, tuple(self.motions), np.array(t), np.array(smr), np.array(visits),
-            np.array(checks), np.array(nest), np.array(samples), np.array(dwell), np.array(payload),
-            np.array(exchanges, dtype=np.float64), np.array(self.q), np.array(self.v),
-        )  # fmt: skip
+            design=self.design,
+            machine=self.machine,
+            start_m=self.start_m,
+            motions=tuple(self.motions),
+            t_s=np.array(t),
+            smr=np.array(smr),
+            visit=np.array(visits),
+            check=np.array(checks),
+            is_nest=np.array(nest),
+            samples=np.array(samples),
+            dwell_s=np.array(dwell),
+            payload=np.array(payload),
+            exchanges=np.array(exchanges, dtype=np.float64),
+            q_m=np.array(self.q),
+            velocity_m_per_s=np.array(self.v),
+        )
 
     def nests(self) -> None:
         if not self.design.nests:
@@ -112,14 +126,14 @@ class _Planner:
             duration_s = self.design.nest_samples * self.design.measure_s
             self.read(nest, self.at_m, nest=True, samples=self.design.nest_samples, duration_s=duration_s)
 
-    def carry_out(self, visit: Visit) -> None:
+    def add_visit(self, visit: Visit) -> None:
         target = tuple(
             round(q / INCREMENT_M) * INCREMENT_M for q in nominal_drives(self.machine, visit.target_m)
         )  # drives stand on whole increments
         self.visit += 1
         if visit.on_the_fly:
             for name in self.design.smrs:
-                self.run_through(visit, target, name)
+                self.add_pass(visit, target, name)
             return
         self.move([q - s * self.design.approach_m for q, s in zip(target, visit.direction, strict=True)], visit)
         self.move(target, visit)
@@ -128,7 +142,7 @@ class _Planner:
         for name in self.design.smrs:
             self.read(name, target)
 
-    def run_through(self, visit: Visit, target: tuple[float, ...], name: str) -> None:
+    def add_pass(self, visit: Visit, target: tuple[float, ...], name: str) -> None:
         """One run through the target at constant speed, all drives at once: a reading in the middle of it."""
         speed = visit.speed_m_per_s
         run_m = RUN_UP_M + 0.5 * speed**2 / self.design.acceleration_m_per_s2
@@ -171,10 +185,17 @@ class _Planner:
         dwell_s = self.t_s - self.arrived_s
         self.rows.append(
             (
-                self.t_s - 0.5 * lasts_s, self.names.index(name), self.visit, self.check, nest, float(samples), dwell_s,
-                self.payload, self.exchanges,
+                self.t_s - 0.5 * lasts_s,
+                self.names.index(name),
+                self.visit,
+                self.check,
+                nest,
+                float(samples),
+                dwell_s,
+                self.payload,
+                self.exchanges,
             )
-        )  # fmt: skip
+        )
         self.q.append(at_m)
         self.v.append((0.0,) * len(at_m))
 

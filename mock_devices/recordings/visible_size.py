@@ -11,7 +11,7 @@ import numpy as np
 from mock_devices.effects.base import Array, EffectChoice
 from mock_devices.plant.true_machine import TrueMachine
 from mock_devices.recordings.effect_size import SizeScale
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 
 _FLOOR_M = 3.0e-3  # nests are where the set-up put them, roughly
 _STEP = 1.0e-3  # of a prior deviation: readings are linear far beyond
@@ -25,7 +25,7 @@ class VisibleScale:
     reflectors; nests and the station's frame freely. The fit uses all readings of the campaign, whitened.
     """
 
-    def __init__(self, bench: Bench, sizes: SizeScale | None = None) -> None:
+    def __init__(self, bench: SimulatedCampaign, sizes: SizeScale | None = None) -> None:
         self.sizes = sizes or SizeScale(bench)
         self._bench = bench
         line, accuracy = bench.timeline, bench.settings.instrument
@@ -43,9 +43,9 @@ class VisibleScale:
 
     def visible_size(self, choice: EffectChoice) -> float:
         """RMS over the platform reflectors' coordinates in the plane, in units of sigma, after the refit."""
-        return self.visible_of(self.sizes.change_m(choice))
+        return self.visible_size_of_change(self.sizes.change_m(choice))
 
-    def visible_of(self, change_m: Array) -> float:
+    def visible_size_of_change(self, change_m: Array) -> float:
         """The same of a change (r, 3) in the machine's axes, also of another machine on the same timeline."""
         change = (change_m * self._weight).ravel()
         rows = np.concatenate([change, np.zeros(self._q.shape[1])])

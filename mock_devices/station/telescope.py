@@ -46,7 +46,7 @@ class AimError(Exception):
 
 
 @dataclass(frozen=True)
-class Measured:
+class TelescopeReading:
     """One measurement in the readings of the present face."""
 
     hz_rad: float
@@ -78,7 +78,7 @@ class Telescope:
         self.edm_mode = STANDARD_MODE
         self.air = Air()
         self.locked: int | None = None
-        self.last: Measured | None = None
+        self.last: TelescopeReading | None = None
         self._busy_until_s: float | None = None
         self._knocked_rad = 0.0
 
@@ -150,7 +150,7 @@ class Telescope:
         self.last = None
         self._busy_until_s = None
 
-    def finish(self, wait_s: float) -> Measured | None:
+    def finish(self, wait_s: float) -> TelescopeReading | None:
         """The measurement that was begun, waiting for it no longer than `wait_s`; None if there is none.
 
         Raises AimError if no reflector was in the line of sight.
@@ -165,7 +165,7 @@ class Telescope:
             self.last = self._measure(middle_s)
         return self.last
 
-    def measure(self) -> Measured | None:
+    def measure(self) -> TelescopeReading | None:
         """Begin a measurement and wait for its end. Raises AimError."""
         self.start_measurement()
         return self.finish(self.duration_s())
@@ -178,7 +178,7 @@ class Telescope:
         """The correction that the station applies."""
         return ppm(self.air.dry_c, self.air.pressure_hpa, wet_c=self.air.wet_c)
 
-    def _measure(self, t_s: float) -> Measured:
+    def _measure(self, t_s: float) -> TelescopeReading:
         if self._faults.strikes("tracker-drift"):
             self._knocked_rad = _KNOCK_RAD
         seen = self._sightings_at(t_s)
@@ -190,7 +190,7 @@ class Telescope:
             raise AimError(ANGLE_OK)
         noise = self._plant.reading_noise(target.smr, t_s)
         hz, v = self._readings(target.polar)
-        return Measured(
+        return TelescopeReading(
             (hz + noise.hz_rad / math.sin(target.polar.v_rad)) % TWO_PI,
             v + noise.v_rad,
             self._distance(target.polar.distance_m, noise.distance_m, t_s),

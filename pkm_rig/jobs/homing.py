@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calibration.base.errors import InputError
-from drivers.drives.homing import Homing
+from drivers.drives.homing import HomingParameters
 from pkm_rig.rig.rig import Rig
 
 
@@ -16,7 +16,7 @@ def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
     anything moves, where the rig file does not say how; raises what a motion raises.
     """
     homings = [
-        _homing(rig, number) if again or not drive.reference.holds else None
+        _homing(rig, number) if again or not drive.reference.is_valid else None
         for number, drive in enumerate(rig.drives.drives)
     ]
     if any(homings):
@@ -33,11 +33,11 @@ def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
     }
 
 
-def _homing(rig: Rig, number: int) -> Homing:
+def _homing(rig: Rig, number: int) -> HomingParameters:
     entry = rig.file.drives[number]
     if entry.homing is None:
         raise InputError(
             f"rig file: drives: {entry.name} is to be homed and has no [drives.homing]; "
             "add it (docs/reference/drive-objects.md) or home the drive by its own means"
         )
-    return Homing(**entry.homing.model_dump())
+    return HomingParameters(**entry.homing.model_dump())

@@ -119,7 +119,7 @@ def _leave_safe(rig: Rig) -> None:
         rig.drives.disable()
     for drive in rig.drives.drives:
         with contextlib.suppress(DeviceError):
-            drive.unwatch_master()
+            drive.stop_master_watchdog()
 
 
 def _drive(

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from calibration.base.toml_file import Section
 from calibration.recording.header import StationEntry
-from drivers.drives.homing import Homing
+from drivers.drives.homing import HomingParameters
 
 
 class StationConnection(StationEntry):
@@ -57,13 +57,18 @@ class HomingEntry(Section):
         description="Method of CiA 402: 33 to the next index below, 34 to the next index above, 35 or 37 on the spot."
     )
     position_m: float = Field(description="Position of the drive at that mark, within the machine's travel.")
-    speed_m_per_s: float = Field(gt=0.0, le=0.05, default=Homing.speed_m_per_s, description="Speed of the search.")
-    acceleration_m_per_s2: float = Field(
-        gt=0.0, le=5.0, default=Homing.acceleration_m_per_s2, description="Acceleration of the search."
+    speed_m_per_s: float = Field(
+        gt=0.0, le=0.05, default=HomingParameters.speed_m_per_s, description="Speed of the search."
     )
-    limit_s: float = Field(gt=0.0, default=Homing.limit_s, description="Time after which homing has failed.")
+    acceleration_m_per_s2: float = Field(
+        gt=0.0, le=5.0, default=HomingParameters.acceleration_m_per_s2, description="Acceleration of the search."
+    )
+    limit_s: float = Field(gt=0.0, default=HomingParameters.limit_s, description="Time after which homing has failed.")
     tolerance_m: float = Field(
-        gt=0.0, le=0.01, default=Homing.tolerance_m, description="Largest overrun past the mark while braking."
+        gt=0.0,
+        le=0.01,
+        default=HomingParameters.tolerance_m,
+        description="Largest overrun past the mark while braking.",
     )
 
 

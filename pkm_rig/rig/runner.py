@@ -72,7 +72,7 @@ class Runner:
         context.visit_number = int(recording["visit"].max())
         last = int(recording["nest_check"].max())
         said = [event.data.get(SETTINGS, {}) for event in self.store.events(self.campaign, "failed")]
-        held = self.rig.station.found_as_given or {"check": last, "held": True} in said
+        held = self.rig.station.settings_unchanged_on_connect or {"check": last, "held": True} in said
         context.nest_check = last if held and {"check": last, "held": False} not in said else last + 1
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):

@@ -25,7 +25,7 @@ from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.plant import Plant, Sighting
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.rig import MockRig
-from mock_devices.settings import InstrumentProfile, MockSettings, Nuisance, Payload
+from mock_devices.settings import DisturbanceLevels, InstrumentProfile, MockSettings, Payload
 from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.rig.config import MockSection, RigFile, embedded_rig_path, machine_path
@@ -83,7 +83,7 @@ def _settings(
 ) -> MockSettings:
     return MockSettings(
         effects=effects,
-        nuisance=Nuisance(**mock.nuisance.model_dump()),
+        nuisance=DisturbanceLevels(**mock.nuisance.model_dump()),
         noise_tails=mock.noise_tails,
         temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
         temperature_programme=mock.temperature_programme,

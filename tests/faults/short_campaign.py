@@ -93,7 +93,7 @@ def heal(bench: Bench) -> None:
     """Everything works again; the mock rig stands as it was left."""
     bench.plan.clear()
     with suppress(AttributeError):
-        bench.mock.mock.tracker.plug_in()  # type: ignore[attr-defined]
+        bench.mock.mock.station_server.plug_in()  # type: ignore[attr-defined]
 
 
 def flat_table() -> CompensationTable:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from mock_devices.effects import EffectChoice
-from mock_devices.effects.base import Departure, Site
+from mock_devices.effects.base import Deviation, Site
 from mock_devices.effects.catalogue import make
 from mock_devices.machine_file import read_machine_file
-from mock_devices.plant.affected_machine import moments
+from mock_devices.plant.affected_machine import motion_states
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.recordings.design import DesignOptions, draw_design
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import MockSettings
 
 MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
@@ -52,21 +52,21 @@ class Alone:
         self.q[drive] = to_m
         self.t_s = end_s + rest_s
 
-    def moments(self, t_s=None, *, q=None, payload_kg=0.0, velocity=(0.0, 0.0), exchanges=0.0):
+    def motion_states(self, t_s=None, *, q=None, payload_kg=0.0, velocity=(0.0, 0.0), exchanges=0.0):
         t = np.atleast_1d(self.t_s if t_s is None else t_s).astype(float)
         n = len(t)
         at = np.tile(self.q, (n, 1)) if q is None else np.asarray(q, dtype=float)
         fixed = [np.full(n, value) for value in (payload_kg, exchanges)]
-        return moments(self.history, t, at, np.tile(velocity, (n, 1)), *fixed, self.temperatures)
+        return motion_states(self.history, t, at, np.tile(velocity, (n, 1)), *fixed, self.temperatures)
 
-    def departure(self, *args, **kinds) -> Departure:
-        m = self.moments(*args, **kinds)
-        d = Departure.none(len(m), FILE)
+    def deviation(self, *args, **kinds) -> Deviation:
+        m = self.motion_states(*args, **kinds)
+        d = Deviation.none(len(m), FILE)
         self.effect.act(m, d)
         return d
 
     def travel_m(self, drive=0, **kinds):
-        return float(self.departure(**kinds).travel_m[0, drive])
+        return float(self.deviation(**kinds).travel_m[0, drive])
 
 
 def along(positions_m, drive=0):
@@ -79,4 +79,4 @@ def along(positions_m, drive=0):
 def bench(*, seed=4, visits=40, fly_share=0.0, platform_only=False, **settings):
     options = DesignOptions(visits=visits, poses=30, fly_share=fly_share, platform_only=platform_only)
     design = draw_design(FILE, np.random.default_rng(seed), options)
-    return Bench(MACHINE, MockSettings(seed=seed, **settings), design)
+    return SimulatedCampaign(MACHINE, MockSettings(seed=seed, **settings), design)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.faults import FAULTS, Fault, FaultPlan, parse_fault
-from mock_devices.station.tracker_server import LineGone, TrackerServer
+from mock_devices.station.station_server import LineGone, StationServer
 from mock_devices.stepped_clock import SteppedClock
 
 
@@ -43,7 +43,7 @@ def test_a_fault_strikes_at_its_operation_once_or_from_then_on(name):
         FaultPlan([Fault(name, 1), Fault(name, 2)])
 
 
-class Line(TrackerServer):
+class Line(StationServer):
     """The common part, without a line of its own."""
 
     def __init__(self, plan):

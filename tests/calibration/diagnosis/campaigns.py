@@ -21,7 +21,7 @@ from calibration.recording.recording import Recording, make_recording
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import InstrumentProfile, MockSettings
 
 PLANAR = shipped_machine("planar4")
@@ -38,25 +38,27 @@ def example() -> str:
     return block
 
 
-def plant(visits: int, *effects: EffectChoice, seed: int = 1, design: DesignOptions | None = None, **settings) -> Bench:
+def plant(
+    visits: int, *effects: EffectChoice, seed: int = 1, design: DesignOptions | None = None, **settings
+) -> SimulatedCampaign:
     """The mock plant with a drawn campaign; its station does not drift."""
     design = replace(design or DesignOptions(), visits=visits, poses=2 * visits // 3)
     drawn = draw_design(read_machine_file(PLANAR), np.random.default_rng(seed), design)
     settings = {"instrument": STILL, "seed": seed, "effects": effects} | settings
-    return Bench(PLANAR, MockSettings(**settings), drawn)
+    return SimulatedCampaign(PLANAR, MockSettings(**settings), drawn)
 
 
-def recorded(bench: Bench) -> Recording:
+def recorded(bench: SimulatedCampaign) -> Recording:
     """What the rig would have written."""
     made = bench.record()
     columns = {n: c.astype(str) if c.dtype.kind in "US" else c.astype(np.float64) for n, c in made.columns.items()}
     return Recording(RecordingFile(**made.header), load_machine(PLANAR), columns)
 
 
-def noise_free_m(bench: Bench) -> np.ndarray:
+def noise_free_m(bench: SimulatedCampaign) -> np.ndarray:
     """The same readings (n, 3) without noise: what is wrong with the station's ranges is in them."""
     quiet = replace(bench.settings.instrument, angle_sd_rad=1e-15, range_sd_m=1e-12)
-    return recorded(Bench(PLANAR, replace(bench.settings, instrument=quiet), bench.timeline)).positions_m
+    return recorded(SimulatedCampaign(PLANAR, replace(bench.settings, instrument=quiet), bench.timeline)).positions_m
 
 
 @dataclass(frozen=True)

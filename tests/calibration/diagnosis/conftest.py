@@ -6,15 +6,15 @@ from calibration.diagnosis.evidence import Readout
 from calibration.diagnosis.linear_model import Baseline, baseline_of
 from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
-from mock_devices.recordings.maker import Bench
-from mock_devices.settings import Nuisance
+from mock_devices.recordings.maker import SimulatedCampaign
+from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import plant, recorded
 
 BACKLASH_M = 6.0e-5
 
 
 @pytest.fixture(scope="session")
-def reversing() -> Bench:
+def reversing() -> SimulatedCampaign:
     """A plant whose right drive has backlash."""
     return plant(100, EffectChoice("backlash", BACKLASH_M, "right"))
 
@@ -27,7 +27,7 @@ def strong(reversing) -> Recording:
 @pytest.fixture(scope="session")
 def wandering() -> Recording:
     """Forty visits of a rig with some of every declared nuisance, and a little backlash."""
-    levels = Nuisance(drift_m=5e-6, reseat_m=2e-6, reversal_m=1e-6, temperature_k=0.02)
+    levels = DisturbanceLevels(drift_m=5e-6, reseat_m=2e-6, reversal_m=1e-6, temperature_k=0.02)
     return recorded(plant(40, EffectChoice("backlash", 2.0e-5), nuisance=levels))
 
 

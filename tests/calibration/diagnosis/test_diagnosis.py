@@ -16,7 +16,7 @@ from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import moments_of
 from mock_devices.effects import EffectChoice
-from mock_devices.settings import Nuisance
+from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, example, noise_free_m, plant, recorded, simulated
 from tests.calibration.diagnosis.conftest import BACKLASH_M
 
@@ -68,7 +68,7 @@ def check_consistent(diagnosis, catalogue) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("levels", [Nuisance(), Nuisance(5e-6, 2e-6, 1e-6, 0.02)])
+@pytest.mark.parametrize("levels", [DisturbanceLevels(), DisturbanceLevels(5e-6, 2e-6, 1e-6, 0.02)])
 def test_a_sound_machine_has_no_effect(seed, levels):
     diagnosis = diagnose(recorded(plant(80, seed=seed, nuisance=levels)))
     check_consistent(diagnosis, load_catalogue())

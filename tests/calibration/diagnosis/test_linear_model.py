@@ -12,7 +12,7 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import Readout
 from calibration.diagnosis.linear_model import Baseline, baseline_of, usable_rows
 from calibration.recording.recording import make_recording
-from mock_devices.settings import Nuisance
+from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
 
 
@@ -35,7 +35,7 @@ def test_machines_within_their_tolerances_are_explained_down_to_noise(name):
 
 
 def test_declared_nuisance_is_explained_and_undeclared_is_not():
-    levels = Nuisance(drift_m=1e-5, reseat_m=8e-6, reversal_m=5e-6, temperature_k=0.05)
+    levels = DisturbanceLevels(drift_m=1e-5, reseat_m=8e-6, reversal_m=5e-6, temperature_k=0.05)
     recording = recorded(plant(60, nuisance=levels, seed=2))
     silent = replace(recording, file=replace_nuisance(recording.file))
     declared, undeclared = (chi2_ratio(baseline_of(r)) for r in (recording, silent))
@@ -50,7 +50,7 @@ def replace_nuisance(file):
 @pytest.mark.parametrize("hours", [0.3, 1.0, 2.0])
 def test_drift_has_the_declared_variance(hours):
     """A random walk: the declared level after one hour over two axes, and the station's own."""
-    levels = Nuisance(drift_m=2e-5)
+    levels = DisturbanceLevels(drift_m=2e-5)
     baseline = baseline_of(recorded(plant(80, nuisance=levels)))
     columns = [k for k, name in enumerate(baseline.names) if name.startswith("drift.station.x")]
     metres = np.linalg.solve(baseline.whiten, baseline.columns[:, :, columns])

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.can.sdo_block import Aborted, BlockTransfer, Broken, Silent
+from drivers.can.sdo_block import BlockTransfer, NoResponse, ProtocolBroken, TransferAborted
 from tests.mock_devices.can.test_sdo_server import Memory, hexed
 
 
@@ -61,13 +61,13 @@ def test_golden_frames() -> None:
 def test_lost_frames_never_store_or_give_anything_wrong(lost: frozenset[int], length: int) -> None:
     memory = Memory(b"before")
     transfer = BlockTransfer(Wire(memory, lost))
-    with contextlib.suppress(Silent, Broken, Aborted):
+    with contextlib.suppress(NoResponse, ProtocolBroken, TransferAborted):
         transfer.download(0x2000, 1, CONTENT[:length])
         assert memory.content == CONTENT[:length]
     assert memory.content in (b"before", CONTENT[:length])
     assert memory.writes <= 1
     stored = memory.content
-    with contextlib.suppress(Silent, Broken, Aborted):
+    with contextlib.suppress(NoResponse, ProtocolBroken, TransferAborted):
         assert BlockTransfer(Wire(memory, lost)).upload(0x2000, 1, 4096) == stored
 
 
@@ -97,7 +97,7 @@ _FRAMES = st.lists(
 @given(_FRAMES, st.booleans())
 def test_any_server_ends_in_a_declared_error_or_a_result(frames: list[bytes], download: bool) -> None:
     transfer = BlockTransfer(Babbler(frames))
-    with contextlib.suppress(Silent, Broken, Aborted):
+    with contextlib.suppress(NoResponse, ProtocolBroken, TransferAborted):
         if download:
             transfer.download(0x2000, 1, b"ABCDEFGHI")
         else:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from drivers.can.bus import DaemonBus, open_bus
+from drivers.can.bus import SocketcandBus, open_bus
 from drivers.can.can_line import CanLine
 from drivers.errors import ConnectionFailed
 
@@ -68,7 +68,7 @@ def daemon() -> Iterator[Daemon]:
 
 def test_frames_pass(daemon: Daemon) -> None:
     bus = open_bus("socketcand", "can0", "127.0.0.1", daemon.port)
-    assert isinstance(bus, DaemonBus)
+    assert isinstance(bus, SocketcandBus)
     assert daemon.ready.wait(5.0)
     assert daemon.wire is not None
     daemon.wire.sendall(b"< frame 181 1.0 0102 >< frame 182 1.0 03 >")

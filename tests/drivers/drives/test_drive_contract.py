@@ -17,7 +17,7 @@ from drivers.can.can_line import CanLine
 from drivers.can.drive_object import DriveObject
 from drivers.drives.cia402 import PROFILE_POSITION, State
 from drivers.drives.drive_group import DriveGroup
-from drivers.drives.homing import Homing
+from drivers.drives.homing import HomingParameters
 from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
 from mock_devices.can.slcan_adapter import SlcanAdapter
@@ -145,7 +145,7 @@ def test_a_drive_without_reference_is_homed_first(bench: Bench) -> None:
     with pytest.raises(NotReferenced):
         drive.connect()
     drive.connect(unreferenced=True)
-    bench.group.home([Homing(34, 0.010, speed_m_per_s=0.01, limit_s=30.0 * SLOW), None])
+    bench.group.home([HomingParameters(34, 0.010, speed_m_per_s=0.01, limit_s=30.0 * SLOW), None])
     assert server.encoder_m(bench.clock.now_s()) == pytest.approx(0.010, abs=1e-8)
     drive.connect()
     bench.group.enable()

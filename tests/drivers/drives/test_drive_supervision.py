@@ -53,7 +53,7 @@ def test_a_beating_master_is_never_missed_and_leaving_is_no_alarm(opened: Open) 
     bench = opened()
     bench.clock.sleep_s(600.0)
     for drive in bench.drives:
-        drive.unwatch_master()
+        drive.stop_master_watchdog()
     bench.beating = False
     bench.clock.sleep_s(60.0)
     assert all(not drive.emergencies for drive in bench.drives)

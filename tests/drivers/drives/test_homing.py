@@ -11,15 +11,15 @@ import pytest
 
 from drivers.drives.cia402 import State
 from drivers.drives.drive_profile import load_profile
-from drivers.drives.homing import Homing
+from drivers.drives.homing import HomingParameters
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from drivers.errors import DeviceError, DriveFault, MotionTimeout, NotReferenced, SdoRefused, Stopped
 from mock_devices.faults import Fault, FaultPlan
 from tests.drivers.drive_bench import Bench, Open
 
-UP = Homing(34, 0.25, speed_m_per_s=0.004)
+UP = HomingParameters(34, 0.25, speed_m_per_s=0.004)
 QUICKLY = replace(UP, speed_m_per_s=0.02)
-HERE = Homing(37, 0.125)
+HERE = HomingParameters(37, 0.125)
 
 
 def positions_m(bench: Bench) -> list[float]:
@@ -167,7 +167,7 @@ def test_a_fault_of_any_drive_at_any_time_stops_all_for_good(opened: Open, guilt
         with contextlib.suppress(DriveFault):
             bench.group.home([QUICKLY, None])
         if not struck:
-            assert bench.drives[0].reference.holds
+            assert bench.drives[0].reference.is_valid
             assert number > 4
             return
         reason = str(bench.group.stop_reason)
@@ -175,7 +175,7 @@ def test_a_fault_of_any_drive_at_any_time_stops_all_for_good(opened: Open, guilt
         assert "0x2310" in reason
         bench.clock.sleep_s(0.2)
         assert bench.drives[0].state() is not State.OPERATION_ENABLED
-        assert bench.servers[0].axis.homing.referenced or not bench.drives[0].reference.holds
+        assert bench.servers[0].axis.homing.referenced or not bench.drives[0].reference.is_valid
         stands_m = places_m(bench)
         bench.clock.sleep_s(5.0)
         assert places_m(bench) == pytest.approx(stands_m, abs=1e-7)
@@ -187,7 +187,7 @@ def test_the_guilty_drive_is_named_and_homing_may_be_repeated(opened: Open) -> N
         bench.clock.call_at(bench.clock.now_s() + 0.5, bench.servers[guilty].inject_fault)
         with pytest.raises(DriveFault, match=rf"^q{guilty + 1} .*0x2310"):
             bench.group.home([UP, None])
-        assert not bench.drives[0].reference.holds
+        assert not bench.drives[0].reference.is_valid
         with pytest.raises(Stopped, match=rf"q{guilty + 1} .*0x2310"):
             bench.group.enable()
         bench.group.clear_stop()
@@ -234,11 +234,11 @@ def test_a_fault_at_any_frame_ends_right_or_leaves_no_reference(opened: Open, na
         bench.clock.sleep_s(1.0)
         server, drive = bench.servers[0], bench.drives[0]
         assert not server.is_moving(bench.clock.now_s())
-        if drive.reference.holds:
+        if drive.reference.is_valid:
             assert places_m(bench)[0] == pytest.approx(0.010, abs=1e-8)
             assert server.axis.actual_inc() == pytest.approx(25_000_000, abs=1.0)
         if not struck:
-            assert drive.reference.holds
+            assert drive.reference.is_valid
             return
         bench.group.clear_stop()
         drive.connect(unreferenced=True)
@@ -258,9 +258,9 @@ def test_a_stop_by_somebody_else_ends_it(opened: Open) -> None:
 def test_a_home_that_is_not_found_in_time(opened: Open) -> None:
     bench = opened(absolute=False)
     with pytest.raises(MotionTimeout, match=r"not homed in 0.5 s"):
-        bench.group.home([Homing(34, 0.25, speed_m_per_s=0.001, limit_s=0.5), None])
+        bench.group.home([HomingParameters(34, 0.25, speed_m_per_s=0.001, limit_s=0.5), None])
     assert bench.group.stop_reason is not None
-    assert not bench.drives[0].reference.holds
+    assert not bench.drives[0].reference.is_valid
 
 
 def test_however_fast_rig_time_runs_the_drive_gets_its_chance_to_answer(opened: Open) -> None:
@@ -268,7 +268,7 @@ def test_however_fast_rig_time_runs_the_drive_gets_its_chance_to_answer(opened: 
     count = itertools.count()
     bench.bus.loses = lambda frame: frame.arbitration_id == 0x201 and frame.data[0] == 0x1F and next(count) < 2
     bench.group.home([replace(HERE, limit_s=1e-6), None])
-    assert bench.drives[0].reference.holds
+    assert bench.drives[0].reference.is_valid
 
 
 def another_connects(bench: Bench, **expected: tuple[float, float]) -> None:
@@ -285,7 +285,7 @@ def test_a_home_offset_of_the_other_sign_leaves_no_reference(opened: Open) -> No
     bench.drives[0].profile = replace(bench.drives[0].profile, home_offset_sign=-1)
     with pytest.raises(DriveFault, match=r"stands at -0.250000 m, not at 0.250000 m; check home offset and its sign"):
         bench.group.home([UP, None])
-    assert not bench.drives[0].reference.holds
+    assert not bench.drives[0].reference.is_valid
     with pytest.raises(NotReferenced):
         another_connects(bench)
 
@@ -324,7 +324,7 @@ def test_what_one_drive_cannot_take_is_refused_before_anything_is_written(opened
     bench = opened(absolute=False)
     bench.bus.sent.clear()
     with pytest.raises(ValueError, match=r"q2: no such position"):
-        bench.group.home([UP, Homing(34, 1120.0)])
+        bench.group.home([UP, HomingParameters(34, 1120.0)])
     with pytest.raises(ValueError, match=r"q2: 0x609A:00 homing acceleration"):
         bench.group.home([UP, replace(UP, acceleration_m_per_s2=1e3)])
     bench.drives[1].profile = load_profile("plain-402")
@@ -336,11 +336,11 @@ def test_what_one_drive_cannot_take_is_refused_before_anything_is_written(opened
 def test_a_method_that_the_drive_does_not_know(opened: Open) -> None:
     bench = opened(absolute=False)
     with pytest.raises(SdoRefused, match="homing method"):
-        bench.group.home([Homing(17, 0.0), None])
+        bench.group.home([HomingParameters(17, 0.0), None])
     assert places_m(bench) == pytest.approx([0.003, 0.003])
 
 
 def test_what_cannot_be_is_refused_at_once() -> None:
     for wrong in ({"method": 300}, {"speed_m_per_s": 0.0}, {"limit_s": float("nan")}, {"tolerance_m": -1.0}):
         with pytest.raises(ValueError, match="homing"):
-            Homing(**{"method": 37, "position_m": 0.0, **wrong})  # type: ignore[arg-type]
+            HomingParameters(**{"method": 37, "position_m": 0.0, **wrong})  # type: ignore[arg-type]

@@ -16,7 +16,8 @@ from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine
 from drivers.plc.plc import Plc
 from tests.drivers.scripted import CountingClock
 
-VALUES = struct.pack(">7f", 20.5, 21.0, 22.0, 19.0, 20.0, 1002.5, 45.0)
+TEMPERATURES_C = (20.5, 21.0, 22.0, 19.0, 20.0)
+VALUES = struct.pack(">7f", *TEMPERATURES_C, 1002.5, 45.0)
 
 
 def block(heartbeat: int, payload: int = 0, taken: int = 0, result: int = 0) -> bytes:

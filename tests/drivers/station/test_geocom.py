@@ -24,7 +24,7 @@ from drivers.errors import (
     StationError,
     TargetNotFound,
 )
-from drivers.station.geocom import GeoComSession, QuietGeoCom
+from drivers.station.geocom import GeoComCalls, GeoComSession
 from drivers.station.return_codes import station_error
 from drivers.station.serial_line import SerialLine
 from tests.drivers.scripted import CountingClock, ScriptedPort
@@ -206,7 +206,7 @@ class _Stub(Connection):
 
 def test_the_quiet_session_has_the_librarys_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("geocompy.geo.sleep", lambda _seconds: None)
-    theirs, ours = GeoCom(_Stub()), QuietGeoCom(_Stub())
+    theirs, ours = GeoCom(_Stub()), GeoComCalls(_Stub())
     unused = {"bmm", "cam", "ctl", "dna", "ftr", "img", "kdm", "sup", "wir"}
     assert set(vars(theirs)) - set(vars(ours)) == unused
 
@@ -261,8 +261,8 @@ def test_any_bytes_give_values_or_a_declared_error(lines: list[bytes], checked: 
     session._lock, session._busy_limit_s = threading.RLock(), 0.0
     session._reply_timeout_s = session._motion_timeout_s = 5.0
     session._line = SerialLine(_Wire(b"".join(lines) + b"\n"), clock, 5.0)  # type: ignore[arg-type]
-    session.geocom = QuietGeoCom(session._line)
-    session.geocom.checked = checked
+    session.geocom = GeoComCalls(session._line)
+    session.geocom.uses_checksums = checked
     with contextlib.suppress(DeviceError):
         values, _ = session.ask_flagged(session.geocom.tmc.get_complete_measurement)
         assert len(values) == 8

@@ -15,8 +15,8 @@ from drivers.station.laser_tracker import LaserTracker
 from drivers.station.polar import MeanReading, PolarReading, cartesian_to_polar, polar_to_cartesian
 from mock_devices.plant.plant import Plant
 from mock_devices.settings import InstrumentProfile, MockSettings
-from mock_devices.station.station import Station
-from mock_devices.station.tracker_server import PtyTrackerServer
+from mock_devices.station.mock_station import MockStation
+from mock_devices.station.station_server import PtyStationServer
 from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
@@ -24,7 +24,17 @@ MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml
 
 
 def _reading(hz: float, v: float, d: float, face: int = 1) -> PolarReading:
-    return PolarReading(hz, v, d, face, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return PolarReading(
+        hz_rad=hz,
+        v_rad=v,
+        slope_distance_m=d,
+        face=face,
+        prism_constant_m=0.0,
+        ppm=0.0,
+        t_rig_s=0.0,
+        t_host_s=0.0,
+        u_t_s=0.0,
+    )
 
 
 def test_covariance_is_what_many_readings_scatter_by() -> None:
@@ -39,7 +49,16 @@ def test_covariance_is_what_many_readings_scatter_by() -> None:
     )  # fmt: skip
     found = coordinates(_reading(hz, v, d), stated)
     np.testing.assert_allclose(found.covariance_m2, np.cov(points.T), atol=3e-8)
-    mean = MeanReading(hz, v, d, 0.0, 0.0, 0.0, 4, 0.0)
+    mean = MeanReading(
+        hz_rad=hz,
+        v_rad=v,
+        slope_distance_m=d,
+        s_hz_rad=0.0,
+        s_v_rad=0.0,
+        s_distance_m=0.0,
+        n=4,
+        t_rig_s=0.0,
+    )
     np.testing.assert_allclose(coordinates(mean, stated).covariance_m2 * 4.0, found.covariance_m2)
 
 
@@ -58,7 +77,7 @@ def test_the_mock_station_passes_unless_its_index_is_off(index_rad: float, passe
     clock = VirtualClock()
     profile = InstrumentProfile(vertical_index_rad=index_rad)
     plant = StandingPlant(Plant(MACHINE, MockSettings(seed=3, instrument=profile), clock)).plant
-    server = PtyTrackerServer(Station(plant))
+    server = PtyStationServer(MockStation(plant))
     tracker = LaserTracker(server.url, clock)
     places_m = {}
     for sighting in plant.sightings(0.0):

@@ -101,7 +101,7 @@ def test_connect_reads_back_what_it_sets(make: Make) -> None:
 def test_settings_that_a_station_had_before_are_told(make: Make, prism: int, constant: str, same: bool) -> None:
     tracker, port = make([*CONNECT[:7], *_settings(7, prism=prism, constant=constant), *CONNECT[10:]])
     tracker.connect()
-    assert tracker.found_as_given is same
+    assert tracker.settings_unchanged_on_connect is same
     port.finished()
 
 
@@ -263,7 +263,7 @@ def test_a_station_without_checksums_has_each_value_fetched_twice(make: Make) ->
     spoilt = (b"%R1Q,2167,27:5000,1", b"%R1P,0,27:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
     tracker, port = make([*bare, *rest, start[0], fetch, again, start[1], spoilt, other])
     tracker.connect()
-    assert not tracker.checked
+    assert not tracker.uses_checksums
     assert tracker.measure()[0].slope_distance_m == 3.0
     with pytest.raises(ProtocolError, match="twice"):
         tracker.measure()
@@ -404,7 +404,7 @@ def test_a_late_answer_of_the_session_before_is_dropped(make: Make) -> None:
     tracker.connect()
     session = tracker._open()
     with pytest.raises(NoAnswer):
-        session._settled(session.geocom.tmc.get_face, True, 0.3)
+        session._call_when_idle(session.geocom.tmc.get_face, True, 0.3)
     tracker.connect()
     port.finished()
 

@@ -50,7 +50,7 @@ def test_a_prism_type_that_is_chosen_at_the_station_brings_its_constant_and_is_n
     tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)
     before = tracker.measure_averaged(4)
     tracker.require_settings()
-    bench.mock.tracker._station.respond(b"%R1Q,17008,0:2")
+    bench.mock.station_server._station.respond(b"%R1Q,17008,0:2")
     assert tracker.measure_averaged(4).slope_distance_m - before.slope_distance_m == pytest.approx(0.0344, abs=5e-4)
     with pytest.raises(ProtocolError, match="prism_type was set to mini and is now tape"):
         tracker.require_settings()
@@ -80,10 +80,10 @@ def test_a_bad_line_to_the_station(bench: Bench) -> None:
     tracker = LaserTracker(bench.mock.station_url, bench.clock, reply_timeout_s=0.2, motion_timeout_s=1.0)
     tracker.connect()
     spoil = itertools.cycle([None, b"R1P,0,", b"?"])
-    bench.mock.tracker.tamper = lambda _answer: next(spoil)
+    bench.mock.station_server.tamper = lambda _answer: next(spoil)
     with pytest.raises((NoAnswer, ProtocolError)):
         tracker.read_face()
-    bench.mock.tracker.tamper = None
+    bench.mock.station_server.tamper = None
     assert tracker.read_face() == 1
     tracker.close()
 

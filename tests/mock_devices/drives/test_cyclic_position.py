@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mock_devices.can.sdo_abort import Refused
+from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.drives.cyclic_position import CyclicPosition
 from mock_devices.drives.mock_drive import DriveServer
 from tests.mock_devices.images import MACHINE_ID
@@ -165,7 +165,7 @@ def test_a_period_is_taken_whole_or_refused(units, exponent):
     try:
         cyclic.set_units(units)
         cyclic.set_exponent(exponent)
-    except Refused:
+    except RefusedWrite:
         assert not (1 <= units <= 255 and -6 <= exponent <= 0)
         assert cyclic.units in (before[0], units)
         assert cyclic.exponent == before[1]

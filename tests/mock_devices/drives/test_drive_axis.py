@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, Refused
+from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives import cia402
 from mock_devices.drives.cia402 import State
 from mock_devices.drives.compensation import Compensation
@@ -168,7 +168,7 @@ def test_a_fault_brakes_first_and_is_reset_by_an_edge(axis):
 
 def test_targets_outside_the_travel_are_refused(axis):
     for target in (31_999_999, 170_000_001):
-        with pytest.raises(Refused) as refusal:
+        with pytest.raises(RefusedWrite) as refusal:
             axis.axis.set_target(target)
         assert refusal.value.abort_code == VALUE_RANGE
 
@@ -183,7 +183,7 @@ def test_compensation_adds_the_table_to_the_command_all_the_way(axis):
     axis.go(130_000_000)
     for t_s in np.linspace(0.0, axis.axis.motion.end_s + 0.5, 50):
         command, _, _ = axis.axis.motion.command(t_s)
-        expected = command + table.correction_inc(command, 60_000_000) - axis.axis.motion.lag(t_s)
+        expected = command + table.correction_inc(command, 60_000_000) - axis.axis.motion.following_error(t_s)
         assert axis.axis.encoder_inc(t_s) == pytest.approx(expected)
     axis.t_s = axis.axis.motion.end_s + 1.0
     assert axis.axis.actual_inc() == pytest.approx(130_000_000)
@@ -199,14 +199,14 @@ def test_a_table_for_another_payload_refuses_targets_and_set_points(axis):
     axis.axis.watch_motion()
     assert axis.axis.state is State.QUICK_STOP_ACTIVE
     assert axis.emergencies == [0xFF10]
-    with pytest.raises(Refused) as refusal:
+    with pytest.raises(RefusedWrite) as refusal:
         axis.axis.set_target(110_000_000)
     assert refusal.value.abort_code == STATE_FORBIDS
 
 
 def test_targets_outside_the_grid_are_refused_while_mode_is_on(axis):
     axis.load(np.zeros((5, 17)))
-    with pytest.raises(Refused) as refusal:
+    with pytest.raises(RefusedWrite) as refusal:
         axis.axis.set_target(32_000_000 + 4 * 8_625_000 + 1)
     assert refusal.value.abort_code == VALUE_RANGE
 
@@ -243,26 +243,26 @@ def test_a_partner_that_falls_silent_in_motion_brings_a_quick_stop_at_the_third_
 
 def test_what_the_bank_refuses_and_when(axis):
     comp = axis.compensation
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedWrite):
         comp.activate(1, powered=False)  # empty
     comp.banks[1].write(image(np.zeros((3, 3))))
     for call in (lambda: comp.activate(1, True), lambda: comp.set_mode(1, True)):
-        with pytest.raises(Refused):
+        with pytest.raises(RefusedWrite):
             call()
     comp.activate(1, powered=False)
     comp.set_mode(1, powered=False)
     assert not comp.valid  # payload unknown
     comp.payload_g = 0
     assert comp.valid
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedWrite):
         comp.write_bank(1, b"")
     comp.write_bank(2, b"")
     comp.boot()
     assert (comp.mode, comp.payload_g, comp.active_bank) == (0, 0xFFFFFFFF, 1)
     for value in (3, 255):
-        with pytest.raises(Refused):
+        with pytest.raises(RefusedWrite):
             comp.activate(value, powered=False)
-        with pytest.raises(Refused):
+        with pytest.raises(RefusedWrite):
             comp.set_mode(value, powered=False)
 
 

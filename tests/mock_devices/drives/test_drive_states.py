@@ -6,7 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from mock_devices.can.sdo_abort import Refused
+from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.drives import cia402
 from mock_devices.drives.cia402 import State
 from mock_devices.drives.compensation import Compensation
@@ -63,7 +63,7 @@ class DriveEvents(RuleBasedStateMachine):
         before = self.axis.target_inc
         try:
             self.axis.set_target(position)
-        except Refused:
+        except RefusedWrite:
             assert self.axis.target_inc == before
         else:
             assert LOW <= position <= HIGH
@@ -74,7 +74,7 @@ class DriveEvents(RuleBasedStateMachine):
         data = image([[5000] * 5] * 5, payload_g=payload_g, own=GRID, partner=GRID)
         try:
             self.compensation.write_bank(bank, data if whole else data[:-1])
-        except Refused:
+        except RefusedWrite:
             assert self.compensation.banks[bank].image == before
             assert bank == self.compensation.active_bank
         else:
@@ -95,7 +95,7 @@ class DriveEvents(RuleBasedStateMachine):
         before = self.compensation.active_bank
         try:
             self.compensation.activate(bank, self.axis.powered)
-        except Refused:
+        except RefusedWrite:
             assert self.compensation.active_bank == before
         else:
             assert not self.axis.powered
@@ -105,7 +105,7 @@ class DriveEvents(RuleBasedStateMachine):
         before = self.compensation.mode
         try:
             self.compensation.set_mode(mode, self.axis.powered)
-        except Refused:
+        except RefusedWrite:
             assert self.compensation.mode == before
         else:
             assert not self.axis.powered
@@ -126,7 +126,7 @@ class DriveEvents(RuleBasedStateMachine):
         before = self.axis.mode
         try:
             self.axis.set_mode(mode)
-        except Refused:
+        except RefusedWrite:
             assert self.axis.mode == before
         self.cyclic = self.cyclic or self.axis.mode == 8
 
@@ -134,11 +134,11 @@ class DriveEvents(RuleBasedStateMachine):
     def home(self, method, offset):
         self.axis.homing.set_method(method)
         self.axis.homing.offset_inc = offset
-        before = self.axis.place_inc(self.t_s)
+        before = self.axis.true_position_inc(self.t_s)
         self.axis.set_mode(6)
         for word in (0x1F, 0x0F, 0x1F):
             self.axis.control(word)
-        assert abs(self.axis.place_inc(self.t_s) - before) <= 1.0
+        assert abs(self.axis.true_position_inc(self.t_s) - before) <= 1.0
 
     @rule()
     def fault(self):
@@ -158,10 +158,10 @@ class DriveEvents(RuleBasedStateMachine):
 
     @rule()
     def restart(self):
-        before = self.axis.place_inc(self.t_s)
+        before = self.axis.true_position_inc(self.t_s)
         self.axis.boot()
         assert self.compensation.mode == 0
-        assert abs(self.axis.place_inc(self.t_s) - before) <= 1.0
+        assert abs(self.axis.true_position_inc(self.t_s) - before) <= 1.0
         assert self.axis.absolute or not self.axis.homing.referenced
 
     @rule(duration_s=st.floats(0.0, 20.0))
@@ -176,7 +176,7 @@ class DriveEvents(RuleBasedStateMachine):
 
     @invariant()
     def the_applied_table_never_changes_under_power(self):
-        powered, applied = self.axis.powered, self.compensation.applied
+        powered, applied = self.axis.powered, self.compensation.table_in_use
         if powered and self.was_powered:
             assert applied is self.applied
         self.was_powered, self.applied = powered, applied

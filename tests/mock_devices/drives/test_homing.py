@@ -44,7 +44,7 @@ class Axis:
 
     @property
     def place(self):
-        return self.drive.place_inc(self.t_s)
+        return self.drive.true_position_inc(self.t_s)
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_homing_that_is_broken_off_stops_and_leaves_no_reference(axis, word):
     axis.drive.control(GO)
     axis.t_s = 1.0
     axis.drive.control(word)
-    stands = axis.drive.place_inc(1.1)
+    stands = axis.drive.true_position_inc(1.1)
     axis.t_s = 20.0
     assert axis.place == pytest.approx(stands, abs=1.0)
     assert not axis.drive.homing.referenced

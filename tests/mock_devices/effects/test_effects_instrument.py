@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mock_devices.effects import EffectChoice
-from mock_devices.effects.base import Sight, Site
+from mock_devices.effects.base import Site, StationSight
 from mock_devices.effects.catalogue import make
 from mock_devices.effects.instrument import RandomWalk, move_station
 from mock_devices.recordings.maker import points
@@ -17,7 +17,7 @@ TARGETS = np.array([[0.3, 3.1, 0.2], [-0.8, 3.0, -1.2], [0.0, 2.9, 0.6]])
 
 def sight_of(points_m):
     distance = np.linalg.norm(points_m, axis=-1)
-    return Sight(
+    return StationSight(
         points_m.copy(),
         np.arctan2(points_m[..., 0], points_m[..., 1]),
         np.arccos(points_m[..., 2] / distance),
@@ -30,7 +30,7 @@ def test_bent_light_arrives_under_the_angle_that_ray_tracing_gives():
     one = Alone("refraction", gradient)
     s = sight_of(TARGETS[None])
     before = s.v_rad.copy()
-    one.effect.sight(one.moments(), s)
+    one.effect.apply_to_sight(one.motion_states(), s)
     for k, target in enumerate(TARGETS):
         level, height = np.hypot(target[0], target[1]), target[2]
         low, high = np.arctan2(height, level) - 1e-3, np.arctan2(height, level) + 1e-3
@@ -91,19 +91,19 @@ def test_drift_has_its_size_after_one_hour():
         effect = make(choice, Site(FILE, STATION_M), 1)
         one = Alone("tracker_drift", 4e-5)
         s = sight_of(np.array([[[0.0, 3.2, 0.0]]]))
-        effect.sight(one.moments(t_s=3600.0), s)
+        effect.apply_to_sight(one.motion_states(t_s=3600.0), s)
         sizes += [s.hz_rad[0, 0] * 3.2, (0.5 * np.pi - s.v_rad[0, 0]) * 3.2]
     assert np.sqrt(np.mean(np.square(sizes))) == pytest.approx(4e-5 / np.sqrt(2.0), rel=0.25)
 
 
 def test_only_the_reseated_reflector_moves_and_only_after_its_time():
     one = Alone("smr_reseat", 2e-5, place="P2", onset_s=1000.0)
-    d = one.departure(t_s=[10.0, 999.0, 1001.0, 9000.0])
+    d = one.deviation(t_s=[10.0, 999.0, 1001.0, 9000.0])
     moved = np.linalg.norm(d.smr_m, axis=2)
     assert moved[:, 1] == pytest.approx([0.0, 0.0, 2e-5, 2e-5])
     assert not np.any(np.delete(moved, 1, axis=1))
     exchanged = Alone("smr_reseat", 2e-5, variant="each_exchange")
-    places = [tuple(exchanged.departure(t_s=1.0, exchanges=float(k)).smr_m[0, 0]) for k in range(4)]
+    places = [tuple(exchanged.deviation(t_s=1.0, exchanges=float(k)).smr_m[0, 0]) for k in range(4)]
     assert places[0] == (0.0, 0.0, 0.0)
     assert len(set(places)) == 4
 
@@ -140,6 +140,6 @@ def test_air_that_warms_moves_a_station_that_follows_it():
     for t in (1800.0, 3600.0):
         s = sight_of(TARGETS[None])
         before = points(s.hz_rad[0], s.v_rad[0], s.distance_m[0])
-        one.effect.sight(one.moments(t_s=t), s)
+        one.effect.apply_to_sight(one.motion_states(t_s=t), s)
         changes.append(np.linalg.norm(points(s.hz_rad[0], s.v_rad[0], s.distance_m[0]) - before))
     assert changes[1] == pytest.approx(2.0 * changes[0], rel=1e-3)

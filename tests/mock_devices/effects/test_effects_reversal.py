@@ -18,7 +18,7 @@ def test_a_reversal_shows_the_whole_play():
     up = one.travel_m()
     one.move(0, HOME_M + 0.05)
     assert up - one.travel_m() == pytest.approx(-WIDTH_M, abs=1e-15)
-    assert one.departure().travel_m[0, 1] == 0.0
+    assert one.deviation().travel_m[0, 1] == 0.0
 
 
 def test_within_the_play_the_slider_stands_still():
@@ -56,13 +56,13 @@ def test_windup_goes_with_the_torque():
     size, friction_n = 2.0e-8, 300.0
     one = Alone("friction_windup", size, friction_n=friction_n)
     one.move(0, HOME_M + 0.1)
-    up, force = one.travel_m(), one.departure().force_n[0, 0]
+    up, force = one.travel_m(), one.deviation().force_n[0, 0]
     assert force == pytest.approx(friction_n)
     loaded = one.travel_m(payload_kg=400.0)
     assert up - loaded == pytest.approx(size * 200.0 * 9.80665)  # each of the two drives carries half
     one.move(0, HOME_M)
     assert one.travel_m() - up == pytest.approx(2.0 * size * friction_n)
-    assert one.departure().force_n[0, 0] == pytest.approx(-friction_n)
+    assert one.deviation().force_n[0, 0] == pytest.approx(-friction_n)
 
 
 def test_windup_saturates_when_it_hardens():
@@ -79,7 +79,7 @@ def test_friction_after_a_fast_approach_is_smaller_in_the_stribeck_variant():
     for speed in (0.05, 0.5):
         one = Alone("friction_windup", 1e-8, variant="stribeck")
         one.move(0, HOME_M + 0.1, speed=speed)
-        forces.append(one.departure().force_n[0, 0])
+        forces.append(one.deviation().force_n[0, 0])
     assert forces[1] < 0.6 * forces[0]
 
 

@@ -15,8 +15,8 @@ from mock_devices.effects import EffectChoice
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.recordings.design import DesignOptions, draw_design, nominal_drives
 from mock_devices.recordings.files import to_toml, write_recording
-from mock_devices.recordings.maker import Bench, column_names, points
-from mock_devices.settings import MockSettings, Nuisance
+from mock_devices.recordings.maker import SimulatedCampaign, column_names, points
+from mock_devices.settings import DisturbanceLevels, MockSettings
 from tests.mock_devices.effects_bench import FILE, MACHINE, bench
 
 EFFECTS = (EffectChoice("backlash", 4e-5), EffectChoice("friction_windup", 2e-8, "right"))
@@ -27,7 +27,7 @@ def test_columns_are_those_of_the_format():
 
 
 def test_the_reader_takes_what_is_written_digit_for_digit(tmp_path):
-    made = bench(effects=EFFECTS, nuisance=Nuisance(1e-5, 2e-6, 1e-6, 0.02), fly_share=0.2).record("some-name")
+    made = bench(effects=EFFECTS, nuisance=DisturbanceLevels(1e-5, 2e-6, 1e-6, 0.02), fly_share=0.2).record("some-name")
     write_recording(made, tmp_path / "folder")
     read = read_folder(tmp_path / "folder")
     assert read.file.campaign == "some-name"
@@ -107,7 +107,7 @@ def test_torque_shows_friction_by_the_side():
 def test_nuisance_has_its_declared_level():
     reversal = []
     for seed in range(40):
-        with_it = bench(visits=12, seed=seed, nuisance=Nuisance(reversal_m=5e-6))
+        with_it = bench(visits=12, seed=seed, nuisance=DisturbanceLevels(reversal_m=5e-6))
         on_slider = np.array([smr.on == "left" for smr in FILE.smrs])[with_it.timeline.smr]
         change = (with_it.points_m() - with_it.points_m([])) @ with_it.view.rotation
         reversal.append(np.std(change[on_slider, 1]) if np.ptp(change[on_slider, 1]) else 0.0)
@@ -125,7 +125,7 @@ def test_designs_vary_what_they_are_told_to():
     bare = draw_design(FILE, rng, DesignOptions(platform_only=True))
     assert bare.smrs == ("P1", "P2", "P3")
     assert bare.nests == ()
-    assert len(Bench(MACHINE, MockSettings(), bare).timeline) == 240 * 3
+    assert len(SimulatedCampaign(MACHINE, MockSettings(), bare).timeline) == 240 * 3
 
 
 def test_drives_of_the_golden_pose():
@@ -145,7 +145,7 @@ def test_directions_are_those_of_the_last_motion():
 def test_a_recording_takes_no_time_to_speak_of():
     b = bench(visits=240, effects=EFFECTS)
     started = time.process_time()
-    Bench(MACHINE, replace(b.settings, seed=9), b.timeline).record()
+    SimulatedCampaign(MACHINE, replace(b.settings, seed=9), b.timeline).record()
     assert time.process_time() - started < 1.0
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mock_devices.station.geocom_line import LineError, Request, crc16, format_answer, parse_request
-from mock_devices.station.tracker_server import LineBuffer
+from mock_devices.station.station_server import LineBuffer
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mock_devices.plant.atmosphere import ppm
 from mock_devices.plant.optics import hz_difference
 from mock_devices.settings import InstrumentProfile
-from mock_devices.station.station import Station
+from mock_devices.station.mock_station import MockStation
 from mock_devices.station.telescope import Telescope
 
 WARMING_RAD = 1e-8  # what parts that warm up move a reflector in some seconds
@@ -29,7 +29,7 @@ QUIET = InstrumentProfile(
 
 @pytest.fixture
 def station(plant):
-    return Station(plant)
+    return MockStation(plant)
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_a_session_byte_for_byte(station):
 
 
 def test_a_measurement_is_where_the_reflector_is(quiet):
-    station, plant = Station(quiet.plant), quiet.plant
+    station, plant = MockStation(quiet.plant), quiet.plant
     ask(station, 107, 15)
     assert aim_at(station, plant, "P2") == (0, [])
     ask(station, 2028, 0.658e-6, plant.thermal.pressure_hpa(0.0), plant.thermal.air_c(0.0), 15.0)
@@ -119,7 +119,7 @@ def test_a_measurement_is_where_the_reflector_is(quiet):
 
 
 def test_coordinates_are_east_north_height(quiet):
-    station, plant = Station(quiet.plant), quiet.plant
+    station, plant = MockStation(quiet.plant), quiet.plant
     ask(station, 107, 15)
     aim_at(station, plant, "SR")
     code, (hz, v, d) = ask(station, 2117)
@@ -132,7 +132,7 @@ def test_coordinates_are_east_north_height(quiet):
 
 
 def test_the_two_faces_differ_by_twice_the_errors_and_their_mean_is_free_of_them(quiet):
-    station, plant = Station(quiet.plant), quiet.plant
+    station, plant = MockStation(quiet.plant), quiet.plant
     ask(station, 107, 15)
     aim_at(station, plant, "P1")
     _, (hz1, v1, d1) = ask(station, 2117)
@@ -148,7 +148,7 @@ def test_the_two_faces_differ_by_twice_the_errors_and_their_mean_is_free_of_them
 
 
 def test_noise_of_repeated_measurements_has_the_profile_s_size(standing):
-    station, plant = Station(standing.plant), standing.plant
+    station, plant = MockStation(standing.plant), standing.plant
     ask(station, 107, 15)
     aim_at(station, plant, "P3")
     readings = np.array([ask(station, 2117)[1] for _ in range(400)])
@@ -158,7 +158,7 @@ def test_noise_of_repeated_measurements_has_the_profile_s_size(standing):
 
 
 def test_prism_constant_and_ppm_are_honoured(quiet):
-    station, plant = Station(quiet.plant), quiet.plant
+    station, plant = MockStation(quiet.plant), quiet.plant
     ask(station, 107, 15)
     aim_at(station, plant, "P3")
     before = ask(station, 2117)[1][2]

@@ -21,8 +21,8 @@ from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
 from mock_devices.recordings.files import write_recording
-from mock_devices.recordings.maker import Bench
-from mock_devices.settings import MockSettings, Nuisance
+from mock_devices.recordings.maker import SimulatedCampaign
+from mock_devices.settings import DisturbanceLevels, MockSettings
 from pkm_rig.cli import main
 from pkm_rig.jobs import diagnose
 from pkm_rig.report import diagnosis_text
@@ -71,9 +71,9 @@ def run(monkeypatch, capsys):
 def record(folder, *effects, visits=100, platform_only=False):
     nominal = read_machine_file(MACHINE)
     options = DesignOptions(visits=visits, poses=60, platform_only=platform_only)
-    settings = MockSettings(seed=4, effects=effects, nuisance=Nuisance(1e-5, 0.0, 0.0, 0.02))
+    settings = MockSettings(seed=4, effects=effects, nuisance=DisturbanceLevels(1e-5, 0.0, 0.0, 0.02))
     design = draw_design(nominal, np.random.default_rng(4), options)
-    write_recording(Bench(MACHINE, settings, design).record(folder.name), folder)
+    write_recording(SimulatedCampaign(MACHINE, settings, design).record(folder.name), folder)
     return folder
 
 

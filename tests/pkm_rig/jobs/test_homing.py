@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from drivers.drives.homing import Homing
+from drivers.drives.homing import HomingParameters
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
 from pkm_rig.jobs import homing
 from pkm_rig.jobs.further_visits import same_rig
@@ -87,7 +87,7 @@ def test_a_rig_file_whose_homing_cannot_be_is_refused(tmp_path):
 
 def test_the_defaults_are_those_of_the_driver():
     entry = HomingEntry(method=34, position_m=INDEX_M)
-    assert Homing(**entry.model_dump()) == Homing(34, INDEX_M)
+    assert HomingParameters(**entry.model_dump()) == HomingParameters(34, INDEX_M)
 
 
 def test_a_drive_that_stands_where_the_machine_cannot_is_refused_and_homed_on_request():

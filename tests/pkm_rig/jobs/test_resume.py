@@ -29,7 +29,7 @@ def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, wh
     file, machine = short_rig_file(seed=4)
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
-        station, seen = mock.tracker._station, []
+        station, seen = mock.station_server._station, []
 
         def meddle(_advance, _total, what):
             seen.append(what)

@@ -24,13 +24,13 @@ def rig_file(programme=(), **limits):
 
 def held(mock):
     """Pressure and dry temperature that the station corrects for."""
-    air = mock.tracker._station.telescope.air
+    air = mock.station_server._station.telescope.air
     return air.pressure_hpa, air.dry_c
 
 
 def counted(mock):
     """A list that grows with each time that the station is given its air."""
-    station, given = mock.tracker._station, []
+    station, given = mock.station_server._station, []
     kinds, set_air = station._calls[2028]
     station._calls[2028] = (kinds, lambda *air: (given.append(air), set_air(*air))[1])
     return given
@@ -85,7 +85,7 @@ def test_a_stale_plc_gives_no_air():
 def test_after_a_failure_the_next_point_sets_it_again():
     with mock_and_rig(*rig_file()) as (mock, rig):
         rig.keep_atmosphere()
-        station = mock.tracker._station
+        station = mock.station_server._station
         station.respond(b"%R1Q,17008,0:2")
         with pytest.raises(SettingsChanged, match="prism_type"):
             rig.refresh_atmosphere()
@@ -99,7 +99,7 @@ def test_after_a_failure_the_next_point_sets_it_again():
 def test_air_that_somebody_sets_at_the_station_is_noticed():
     with mock_and_rig(*rig_file()) as (mock, rig):
         rig.keep_atmosphere()
-        mock.tracker._station.telescope.air.dry_c = -30.0
+        mock.station_server._station.telescope.air.dry_c = -30.0
         with pytest.raises(SettingsChanged, match="air"):
             rig.refresh_atmosphere()
 

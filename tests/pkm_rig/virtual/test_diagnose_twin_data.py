@@ -18,7 +18,7 @@ from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import MockSettings
 
 MACHINE = shipped_machine("planar4")
@@ -31,7 +31,7 @@ def made():
     """A twin with an effect that has forces, periods and a past, and its data as a file has them."""
     design = draw_design(read_machine_file(MACHINE), np.random.default_rng(2), DesignOptions(visits=40, poses=30))
     settings = MockSettings(seed=2, effects=(EffectChoice("screw_periodic_error", 8e-5, "left"),))
-    made = Bench(MACHINE, settings, design).record()
+    made = SimulatedCampaign(MACHINE, settings, design).record()
     columns = {n: c.astype(str if c.dtype.kind in "US" else np.float64) for n, c in made.columns.items()}
     recording = Recording(RecordingFile(**made.header), load_machine(MACHINE), columns)
     _, twin = diagnose_and_add(recording)

@@ -27,7 +27,7 @@ from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
-from mock_devices.recordings.maker import Bench
+from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import InstrumentProfile, MockSettings
 
 MACHINE = shipped_machine("planar4")
@@ -66,7 +66,7 @@ class Case:
 def case(*effects: EffectChoice) -> Case:
     nominal = read_machine_file(MACHINE)
     design = draw_design(nominal, np.random.default_rng(3), DesignOptions(visits=120, poses=80))
-    bench = Bench(MACHINE, MockSettings(seed=1, instrument=STILL, effects=effects), design)
+    bench = SimulatedCampaign(MACHINE, MockSettings(seed=1, instrument=STILL, effects=effects), design)
     made = bench.record()
     columns = {n: c.astype(str if c.dtype.kind in "US" else np.float64) for n, c in made.columns.items()}
     recording = Recording(RecordingFile(**made.header), load_machine(MACHINE), columns)

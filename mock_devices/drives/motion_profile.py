@@ -1,4 +1,4 @@
-"""Trapezoidal motion profiles and the servo's lag behind them, in closed form.
+"""Trapezoidal motion profiles and the following error of the servo, in closed form.
 
 Any consistent unit of length; the drives use increments. Not modelled: jerk limits, ripple, overshoot.
 """
@@ -8,30 +8,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-LAG_TIME_S = 0.010
-LAG_SHARE = 0.05  # what velocity feed-forward leaves of the lag
+FOLLOWING_ERROR_TIME_S = 0.010
+FOLLOWING_ERROR_SHARE = 0.05  # following error that remains with velocity feed-forward
 
 
 @dataclass(frozen=True)
 class Phase:
-    """Constant acceleration from `start_s` after the profile's begin; `lag` is the loop's lag there."""
+    """Constant acceleration from `start_s` after the start of the profile; `following_error` is that at `start_s`."""
 
     start_s: float
     duration_s: float
     x: float
     v: float
     a: float
-    lag: float
+    following_error: float
 
 
 @dataclass(frozen=True)
 class Profile:
-    """A motion that begins at time 0 and rests at `target` from `duration_s` on."""
+    """A motion that starts at time 0 and is at rest at `target` from `duration_s` on."""
 
     phases: tuple[Phase, ...]
     target: float
     duration_s: float
-    final_lag: float
+    final_following_error: float
 
     def at(self, t_s: float) -> tuple[float, float, float]:
         """Commanded position, velocity and acceleration."""
@@ -41,12 +41,12 @@ class Profile:
         dt = max(t_s, 0.0) - phase.start_s
         return phase.x + dt * (phase.v + 0.5 * phase.a * dt), phase.v + phase.a * dt, phase.a
 
-    def lag(self, t_s: float) -> float:
-        """Command minus where the servo is; gone some 0.1 s after the end."""
+    def following_error(self, t_s: float) -> float:
+        """Commanded minus actual position; it has decayed some 0.1 s after the end."""
         if t_s >= self.duration_s:
-            return self.final_lag * _decay(t_s - self.duration_s)
+            return self.final_following_error * _decay(t_s - self.duration_s)
         phase = self._phase(t_s)
-        return _lag_after(phase.v, phase.a, phase.lag, max(t_s, 0.0) - phase.start_s)
+        return _following_error_after(phase.v, phase.a, phase.following_error, max(t_s, 0.0) - phase.start_s)
 
     def _phase(self, t_s: float) -> Phase:
         for phase in self.phases:
@@ -55,19 +55,26 @@ class Profile:
         return self.phases[-1]
 
 
-def rest(x: float, lag: float = 0.0) -> Profile:
-    """Standing still, with what is left of the lag of the motion before."""
-    return Profile((), x, 0.0, lag)
+def standstill(x: float, following_error: float = 0.0) -> Profile:
+    """Standstill, with the remaining following error of the previous motion."""
+    return Profile((), x, 0.0, following_error)
 
 
 def move(
-    x: float, v: float, target: float, *, speed: float, acceleration: float, deceleration: float, lag: float = 0.0
+    x: float,
+    v: float,
+    target: float,
+    *,
+    speed: float,
+    acceleration: float,
+    deceleration: float,
+    following_error: float = 0.0,
 ) -> Profile:
     """The quickest trapezoid from position x and velocity v to rest at `target`.
 
-    Where the target cannot be reached without turning, it brakes first and turns.
+    If the target cannot be reached without reversing, it decelerates to rest first.
     """
-    builder = _Builder(x, v, lag)
+    builder = _Builder(x, v, following_error)
     stop = x + v * abs(v) / (2.0 * deceleration)
     if v != 0.0 and (target - stop) * v < 0.0:
         builder.add(abs(v) / deceleration, -math.copysign(deceleration, v))
@@ -85,44 +92,47 @@ def move(
     if peak > 0.0:
         builder.add(max(0.0, distance - covered) / peak, 0.0)
     builder.add(peak / deceleration, -sign * deceleration)
-    return builder.done(target)
+    return builder.build(target)
 
 
-def brake(x: float, v: float, *, deceleration: float, lag: float = 0.0) -> Profile:
-    """Come to rest as quickly as `deceleration` allows."""
-    builder = _Builder(x, v, lag)
+def decelerate_to_rest(x: float, v: float, *, deceleration: float, following_error: float = 0.0) -> Profile:
+    """Come to rest with the given deceleration."""
+    builder = _Builder(x, v, following_error)
     builder.add(abs(v) / deceleration, -math.copysign(deceleration, v))
-    return builder.done(x + v * abs(v) / (2.0 * deceleration))
+    return builder.build(x + v * abs(v) / (2.0 * deceleration))
 
 
 class _Builder:
-    """Strings phases together."""
+    """Appends phases one to another."""
 
-    def __init__(self, x: float, v: float, lag: float) -> None:
-        self.x, self.v, self.lag, self.t_s = x, v, lag, 0.0
+    def __init__(self, x: float, v: float, following_error: float) -> None:
+        self.x, self.v, self.following_error, self.t_s = x, v, following_error, 0.0
         self.phases: list[Phase] = []
 
     def add(self, duration_s: float, a: float) -> None:
         if duration_s <= 0.0:
             return
-        self.phases.append(Phase(self.t_s, duration_s, self.x, self.v, a, self.lag))
-        self.lag = _lag_after(self.v, a, self.lag, duration_s)
+        self.phases.append(Phase(self.t_s, duration_s, self.x, self.v, a, self.following_error))
+        self.following_error = _following_error_after(self.v, a, self.following_error, duration_s)
         self.x += duration_s * (self.v + 0.5 * a * duration_s)
         self.v += a * duration_s
         self.t_s += duration_s
 
-    def done(self, target: float) -> Profile:
-        return Profile(tuple(self.phases), target, self.t_s, self.lag)
+    def build(self, target: float) -> Profile:
+        return Profile(tuple(self.phases), target, self.t_s, self.following_error)
 
 
-def _lag_after(v: float, a: float, lag: float, dt_s: float) -> float:
-    """Lag of a first-order loop, e' = LAG_SHARE v - e / LAG_TIME_S, after dt_s of constant acceleration."""
+def _following_error_after(v: float, a: float, following_error: float, dt_s: float) -> float:
+    """Following error of a first-order loop after dt_s of constant acceleration.
+
+    e' = FOLLOWING_ERROR_SHARE v - e / FOLLOWING_ERROR_TIME_S.
+    """
 
     def forced(t_s: float) -> float:
-        return LAG_SHARE * LAG_TIME_S * (v + a * t_s - a * LAG_TIME_S)
+        return FOLLOWING_ERROR_SHARE * FOLLOWING_ERROR_TIME_S * (v + a * t_s - a * FOLLOWING_ERROR_TIME_S)
 
-    return forced(dt_s) + (lag - forced(0.0)) * _decay(dt_s)
+    return forced(dt_s) + (following_error - forced(0.0)) * _decay(dt_s)
 
 
 def _decay(dt_s: float) -> float:
-    return math.exp(-dt_s / LAG_TIME_S)
+    return math.exp(-dt_s / FOLLOWING_ERROR_TIME_S)

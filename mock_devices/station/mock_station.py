@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Plant
 from mock_devices.station.geocom_line import LineError, Request, Value, format_answer, parse_request
-from mock_devices.station.telescope import ANGLE_OK, OK, AimError, Measured, Telescope
+from mock_devices.station.telescope import ANGLE_OK, OK, AimError, Telescope, TelescopeReading
 
 NAME, SERIAL, FIRMWARE, GEOCOM = "MOCK TDRA", 990001, (8, 10, 0), (1, 50, 0)
 
@@ -41,7 +41,7 @@ class _Failure(Exception):
         self.code = code
 
 
-class Station:
+class MockStation:
     """The responder. Not safe for threads: one line serves one client at a time."""
 
     def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS) -> None:
@@ -232,13 +232,13 @@ class Station:
             self.telescope.start_measurement()
         return ()
 
-    def _result(self, wait_ms: int) -> Measured:
+    def _result(self, wait_ms: int) -> TelescopeReading:
         measured = self.telescope.finish(max(wait_ms, 0) * 1.0e-3)
         if measured is None:
             raise _Failure(ANGLE_OK)
         return measured
 
-    def _measure(self) -> Measured:
+    def _measure(self) -> TelescopeReading:
         self.telescope.start_measurement()
         return self._result(round(1000.0 * self.telescope.duration_s()) + 1)
 
@@ -265,7 +265,7 @@ class Station:
         return (hz, v, accuracy, t_ms, 0.0, 0.0, accuracy, t_ms, self.telescope.face)
 
 
-def _polar(measured: Measured) -> tuple[float, float, float]:
+def _polar(measured: TelescopeReading) -> tuple[float, float, float]:
     return measured.hz_rad, measured.v_rad, measured.distance_m
 
 

@@ -13,15 +13,15 @@ from geocompy.geo.gcdata import EDMModeV2, Face, Inclination, Measurement, Prism
 
 from mock_devices.plant.plant import Plant
 from mock_devices.settings import MockSettings
-from mock_devices.station.station import Station
-from mock_devices.station.tracker_server import PtyTrackerServer, TcpTrackerServer
+from mock_devices.station.mock_station import MockStation
+from mock_devices.station.station_server import PtyStationServer, TcpStationServer
 from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
 
-@pytest.fixture(params=[PtyTrackerServer, TcpTrackerServer])
+@pytest.fixture(params=[PtyStationServer, TcpStationServer])
 def server(plant, request):
-    server = request.param(Station(plant))
+    server = request.param(MockStation(plant))
     yield server
     server.close()
 
@@ -60,7 +60,7 @@ def test_a_bad_line_can_be_played(server):
 
 
 def test_closing_twice_is_once_and_frees_the_pty(plant):
-    server = PtyTrackerServer(Station(plant))
+    server = PtyStationServer(MockStation(plant))
     path = server.url
     server.close()
     server.close()
@@ -72,7 +72,7 @@ def geocom(machine_path):
     """geocompy's own client, checksums on. Its constructor takes a second of host time: one for all."""
     clock = VirtualClock()
     plant = StandingPlant(Plant(machine_path, MockSettings(seed=3), clock)).plant
-    server = PtyTrackerServer(Station(plant))
+    server = PtyStationServer(MockStation(plant))
     port = serial.serial_for_url(server.url, timeout=10)
     with clock.activity():
         yield GeoCom(SerialConnection(port), checksum=True), plant

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mock_devices.drives.profile import brake, move, rest
+from mock_devices.drives.motion_profile import decelerate_to_rest, move, standstill
 
 POSITION = st.floats(-2e8, 2e8)
 SPEED = st.floats(1e5, 1e8)
@@ -44,7 +44,7 @@ def test_a_short_move_is_a_triangle():
 
 @given(POSITION, st.floats(-5e7, 5e7), ACCELERATION)
 def test_a_stop_takes_the_shortest_way(x, v, deceleration):
-    profile = brake(x, v, deceleration=deceleration)
+    profile = decelerate_to_rest(x, v, deceleration=deceleration)
     assert profile.duration_s == pytest.approx(abs(v) / deceleration)
     assert abs(profile.target - x) == pytest.approx(v * v / (2 * deceleration), rel=1e-6, abs=1e-6)
 
@@ -53,14 +53,14 @@ def test_the_lag_follows_its_differential_equation_and_is_gone_after_a_tenth_of_
     profile = move(0.0, 0.0, 3e7, speed=5e7, acceleration=2e8, deceleration=1e8)
     times = np.linspace(0.0, profile.duration_s + 0.2, 200_001)
     velocity = np.array([profile.at(t)[1] for t in times])
-    lag = np.array([profile.lag(t) for t in times])
+    following_error = np.array([profile.following_error(t) for t in times])
     step, integrated = times[1] - times[0], [0.0]
     for v in 0.5 * (velocity[:-1] + velocity[1:]):
         integrated.append(integrated[-1] + step * (0.05 * v - integrated[-1] / 0.010))
-    assert np.abs(lag - integrated).max() < 2e-3 * np.abs(lag).max()
-    assert abs(profile.lag(profile.duration_s + 0.12)) < 0.05  # increments
+    assert np.abs(following_error - integrated).max() < 2e-3 * np.abs(following_error).max()
+    assert abs(profile.following_error(profile.duration_s + 0.12)) < 0.05  # increments
 
 
 def test_resting_is_a_profile_of_no_duration():
-    assert rest(5.0).at(0.0) == (5.0, 0.0, 0.0)
-    assert rest(5.0).lag(10.0) == 0.0
+    assert standstill(5.0).at(0.0) == (5.0, 0.0, 0.0)
+    assert standstill(5.0).following_error(10.0) == 0.0

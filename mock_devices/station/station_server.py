@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.seeds import generator
-from mock_devices.station.station import Station
+from mock_devices.station.mock_station import MockStation
 
 _LONGEST_LINE = 4096
 
@@ -43,13 +43,13 @@ class LineBuffer:
         return [line[:-1] for line in ended if line.endswith(b"\r") and len(line) > 1]
 
 
-class TrackerServer:
+class StationServer:
     """Common part of both lines. `tamper` may change or swallow (None) each answer, to play a bad line.
 
     So do the faults named serial-...; where a byte is hit is drawn from `seed` and the number of the answer.
     """
 
-    def __init__(self, station: Station, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
+    def __init__(self, station: MockStation, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
         self._station = station
         self.tamper: Tamper | None = None
         self._faults = faults
@@ -93,10 +93,10 @@ class TrackerServer:
             if answer is not None and self.tamper is not None:
                 answer = self.tamper(answer)
             if answer:
-                pieces += self._spoilt(answer)
+                pieces += self._corrupt_answer(answer)
         return pieces
 
-    def _spoilt(self, answer: bytes) -> list[bytes]:
+    def _corrupt_answer(self, answer: bytes) -> list[bytes]:
         strikes, self._count = self._faults.strikes, self._count + 1
         held, self._held = self._held, b""
         former, self._former = self._former, answer
@@ -121,10 +121,10 @@ class TrackerServer:
         return [held, answer]
 
 
-class PtyTrackerServer(TrackerServer):
+class PtyStationServer(StationServer):
     """The station on a pseudo terminal. A line that went away comes back, under another name, with `plug_in`."""
 
-    def __init__(self, station: Station, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
+    def __init__(self, station: MockStation, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
         super().__init__(station, faults, seed)
         self._old_slaves: list[int] = []
         self._open()
@@ -183,12 +183,12 @@ class PtyTrackerServer(TrackerServer):
             os.close(slave)
 
 
-class TcpTrackerServer(TrackerServer):
+class TcpStationServer(StationServer):
     """The station behind a serial device server, without RFC 2217."""
 
     def __init__(
         self,
-        station: Station,
+        station: MockStation,
         host: str = "127.0.0.1",
         port: int = 0,
         *,

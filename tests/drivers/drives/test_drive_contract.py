@@ -187,7 +187,7 @@ def test_one_fault_stops_both(bench: Bench) -> None:
 def test_a_line_that_is_gone_is_a_typed_error_and_no_spinning_core(bench: Bench) -> None:
     """The last test: the line does not come back."""
     if bench.line.name == "virtual":
-        bench.line.lose(RuntimeError("the bus is off"))
+        bench.line.mark_lost(RuntimeError("the bus is off"))
     bench.pull_plug()
     with bench.line.received:
         bench.line.received.wait_for(lambda: bench.line.failed, 5.0)

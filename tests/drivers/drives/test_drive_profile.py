@@ -18,7 +18,7 @@ def test_shipped_profiles_can_be_read(name: str) -> None:
     profile = load_profile(name)
     assert (profile.compensation is None) == (name == "plain-402")
     if profile.compensation is not None:
-        assert not profile.compensation.activate.holds
+        assert not profile.compensation.activate.reads_back
         assert profile.compensation.banks[0].image.format == ""
         assert profile.compensation.banks[0].image != profile.compensation.banks[1].image
 

@@ -17,7 +17,7 @@ from mock_devices.faults import Fault, FaultPlan
 from tests.drivers.drive_bench import Open
 
 HISTORY = DriveObject(0x1003, 1, "<I", "latest error")
-ACTIVATE = DriveObject(0x2100, 2, "<B", "activate", holds=False)
+ACTIVATE = DriveObject(0x2100, 2, "<B", "activate", reads_back=False)
 
 
 def test_drives_stop_by_themselves_when_the_master_is_gone(opened: Open) -> None:

@@ -15,20 +15,22 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 
 class _Platform(Section):
-    tool_point_m: Vector
-    moving_mass_kg: float = Field(ge=0.0)
-    centre_of_mass_m: Vector
+    """The platform."""
+
+    tool_point_m: Vector = Field(description="Tool point, in the platform frame.")
+    moving_mass_kg: float = Field(ge=0.0, description="Mass of the platform and what always moves with it.")
+    centre_of_mass_m: Vector = Field(description="Its centre of mass, in the platform frame.")
 
 
 class WorkspaceSection(Section):
     """Box of the tool point; a coordinate that is left out stays at zero."""
 
-    x_m: Range | None = None
-    y_m: Range | None = None
-    z_m: Range | None = None
-    rx_rad: Range | None = None
-    ry_rad: Range | None = None
-    rz_rad: Range | None = None
+    x_m: Range | None = Field(default=None, description="Lowest and highest x of the tool point.")
+    y_m: Range | None = Field(default=None, description="Lowest and highest y of the tool point.")
+    z_m: Range | None = Field(default=None, description="Lowest and highest z of the tool point.")
+    rx_rad: Range | None = Field(default=None, description="Lowest and highest rotation about x.")
+    ry_rad: Range | None = Field(default=None, description="Lowest and highest rotation about y.")
+    rz_rad: Range | None = Field(default=None, description="Lowest and highest rotation about z.")
 
     def limits(self, coordinate: Coordinate) -> Range:
         """Lower and upper limit of a coordinate, zero if it is not listed."""
@@ -40,11 +42,11 @@ class WorkspaceSection(Section):
 class SliderEntry(Section):
     """A prismatic drive that carries joints along an axis."""
 
-    name: str
-    kind: Literal["slider"]
-    axis: Vector
-    branch: Literal[-1, 1]
-    travel_m: Range
+    name: str = Field(description="Name; each once.")
+    kind: Literal["slider"] = Field(description="Kind of drive.")
+    axis: Vector = Field(description="Unit vector along which the slider moves.")
+    branch: Literal[-1, 1] = Field(description="Assembly branch of its first strut.")
+    travel_m: Range = Field(description="Lowest and highest drive coordinate.")
 
     @property
     def travel(self) -> Range:
@@ -55,9 +57,9 @@ class SliderEntry(Section):
 class LegEntry(Section):
     """A telescopic leg: its drive lengthens one strut."""
 
-    name: str
-    kind: Literal["leg"]
-    travel_m: Range
+    name: str = Field(description="Name; each once.")
+    kind: Literal["leg"] = Field(description="Kind of drive.")
+    travel_m: Range = Field(description="Lowest and highest drive coordinate.")
 
     @property
     def travel(self) -> Range:
@@ -68,12 +70,12 @@ class LegEntry(Section):
 class CrankEntry(Section):
     """A rotary drive that carries joints about an axis through its pivot."""
 
-    name: str
-    kind: Literal["crank"]
-    pivot_m: Vector
-    axis: Vector
-    branch: Literal[-1, 1]
-    travel_rad: Range
+    name: str = Field(description="Name; each once.")
+    kind: Literal["crank"] = Field(description="Kind of drive.")
+    pivot_m: Vector = Field(description="A point of the axis that the crank turns about.")
+    axis: Vector = Field(description="Unit vector along the axis.")
+    branch: Literal[-1, 1] = Field(description="Assembly branch of its first strut.")
+    travel_rad: Range = Field(description="Lowest and highest drive coordinate.")
 
     @property
     def travel(self) -> Range:
@@ -87,81 +89,93 @@ DriveSection = Annotated[SliderEntry | LegEntry | CrankEntry, Field(discriminato
 class StrutEntry(Section):
     """A two-force member; without a drive its base joint is fixed to the base."""
 
-    name: str
-    drive: str | None = None
-    platform_joint_m: Vector
-    base_joint_m: Vector
-    length_m: Positive
-    stiffness_n_per_m: Positive
+    name: str = Field(description="Name; each once.")
+    drive: str | None = Field(default=None, description="Drive that carries the base joint or lengthens the strut.")
+    platform_joint_m: Vector = Field(description="Joint on the platform, in the platform frame.")
+    base_joint_m: Vector = Field(
+        description="Joint on the base or drive, in the machine frame at drive position 0; of a crank from its pivot."
+    )
+    length_m: Positive = Field(description="Length without force, at the reference temperature.")
+    stiffness_n_per_m: Positive = Field(description="Axial stiffness, joints included.")
 
 
 class GuideEntry(Section):
     """Holds the platform joint of a strut in a plane (direction: its normal) or on a line (its direction)."""
 
-    name: str
-    kind: Literal["plane", "line"]
-    joint: str
-    point_m: Vector
-    direction: Vector
-    stiffness_n_per_m: Positive
+    name: str = Field(description="Name; each once.")
+    kind: Literal["plane", "line"] = Field(description="What the joint is held on.")
+    joint: str = Field(description="Strut whose platform joint is held.")
+    point_m: Vector = Field(description="A point of the plane or line.")
+    direction: Vector = Field(description="Unit vector: normal of a plane, direction of a line.")
+    stiffness_n_per_m: Positive = Field(description="Stiffness across the plane or line.")
 
 
 class ToleranceSection(Section):
-    """Half-widths; a kind of parameter that no part of the machine has may be left out."""
+    """Half-widths of uniform distributions; a kind that no part of the machine has may be left out."""
 
-    strut_length_m: Positive
-    platform_joint_m: Positive
-    base_joint_m: Positive
-    axis_tilt_rad: Positive | None = None
-    drive_scale: Positive
-    pivot_m: Positive | None = None
-    guide_position_m: Positive | None = None
-    guide_tilt_rad: Positive | None = None
-    ln_stiffness: Positive
-    smr_position_m: Positive
+    strut_length_m: Positive = Field(description="Length of a strut.")
+    platform_joint_m: Positive = Field(description="Each coordinate of a joint on the platform.")
+    base_joint_m: Positive = Field(description="Each coordinate of a joint on the base or a drive.")
+    axis_tilt_rad: Positive | None = Field(default=None, description="Tilt of an axis about each direction across it.")
+    drive_scale: Positive = Field(description="Scale of a drive, relative.")
+    pivot_m: Positive | None = Field(default=None, description="Each coordinate of a pivot.")
+    guide_position_m: Positive | None = Field(default=None, description="Place of a guide plane along its normal.")
+    guide_tilt_rad: Positive | None = Field(default=None, description="Tilt of a guide plane about its point.")
+    ln_stiffness: Positive = Field(description="Natural logarithm of a stiffness.")
+    smr_position_m: Positive = Field(description="Each coordinate of a reflector.")
 
 
 class _Expansion(Section):
-    coefficient_per_k: float
-    u_per_k: float = Field(ge=0.0)
-    sensor: str
+    """Thermal expansion of one group of parts."""
+
+    coefficient_per_k: float = Field(description="Coefficient of thermal expansion.")
+    u_per_k: float = Field(ge=0.0, description="Its standard uncertainty.")
+    sensor: str = Field(description="Temperature sensor of these parts.")
 
 
 class _Smr(Section):
-    name: str
-    on: str
-    position_m: Vector
+    """A reflector on the machine, or a nest on the floor."""
+
+    name: str = Field(description="Name; each once.")
+    on: str = Field(description="`platform`, `floor`, or the slider or crank that it rides on.")
+    position_m: Vector = Field(description="Position on what carries it; of a floor nest in the machine frame.")
 
 
 class LoadCase(Section):
     """A load on the platform: a mass and a force, each at a point of the platform frame."""
 
-    name: str
-    mass_kg: float = Field(ge=0.0, default=0.0)
-    u_mass_kg: float = Field(ge=0.0, default=0.0)
-    centre_of_mass_m: Vector = (0.0, 0.0, 0.0)
-    force_n: Vector = (0.0, 0.0, 0.0)
-    force_point_m: Vector = (0.0, 0.0, 0.0)
+    name: str = Field(description="Name; each once.")
+    mass_kg: float = Field(ge=0.0, default=0.0, description="Mass.")
+    u_mass_kg: float = Field(ge=0.0, default=0.0, description="Its standard uncertainty.")
+    centre_of_mass_m: Vector = Field(default=(0.0, 0.0, 0.0), description="Its centre, in the platform frame.")
+    force_n: Vector = Field(default=(0.0, 0.0, 0.0), description="Force, in the machine frame.")
+    force_point_m: Vector = Field(default=(0.0, 0.0, 0.0), description="Its point, in the platform frame.")
 
 
 class MachineFile(Section):
-    """The machine file as it stands on disk."""
+    """A machine: nominal geometry, stiffness, tolerances and reflectors, as its file states them."""
 
-    format: Literal[1]
-    name: str
-    degrees_of_freedom: tuple[Coordinate, ...] = Field(min_length=1)
-    commanded: tuple[Coordinate, ...] = ()
-    gravity_m_per_s2: Vector
-    reference_temperature_c: float
-    platform: _Platform
-    workspace: WorkspaceSection
-    drives: tuple[DriveSection, ...] = Field(min_length=1)
-    struts: tuple[StrutEntry, ...] = Field(min_length=1)
-    guides: tuple[GuideEntry, ...] = ()
-    tolerances: ToleranceSection
-    expansion: dict[str, _Expansion]
-    smrs: tuple[_Smr, ...] = ()
-    load_cases: tuple[LoadCase, ...] = ()
+    format: Literal[1] = Field(description="Version of the format.")
+    name: str = Field(description="Name of the machine.")
+    degrees_of_freedom: tuple[Coordinate, ...] = Field(
+        min_length=1, description="Free coordinates; of the rotations none, one or all three."
+    )
+    commanded: tuple[Coordinate, ...] = Field(
+        default=(), description="Coordinates that the drives command; left out, the first free ones, one a drive."
+    )
+    gravity_m_per_s2: Vector = Field(description="Gravity, in the machine frame.")
+    reference_temperature_c: float = Field(description="Temperature at which lengths are stated.")
+    platform: _Platform = Field(description="The platform.")
+    workspace: WorkspaceSection = Field(description="The workspace.")
+    drives: tuple[DriveSection, ...] = Field(min_length=1, description="The drives.")
+    struts: tuple[StrutEntry, ...] = Field(min_length=1, description="The struts.")
+    guides: tuple[GuideEntry, ...] = Field(default=(), description="Planes and lines that hold joints.")
+    tolerances: ToleranceSection = Field(description="Tolerances.")
+    expansion: dict[str, _Expansion] = Field(
+        description="Thermal expansion of `struts`, `drives` (their scales), `base` and `platform`."
+    )
+    smrs: tuple[_Smr, ...] = Field(default=(), description="Reflectors and floor nests.")
+    load_cases: tuple[LoadCase, ...] = Field(default=(), description="Loads for planning and simulation.")
 
     @field_validator("drives", "struts", "guides", "smrs", "load_cases")
     @classmethod

@@ -8,10 +8,12 @@ from calibration.base.toml_file import Section
 
 
 class PayloadEntry(Section):
-    """A payload of the rig: mass and centre of mass in the platform frame with standard uncertainties."""
+    """A payload of the rig; its number is its place in the list, 0 is no payload."""
 
-    name: str
-    mass_kg: float = Field(ge=0.0, le=1.0e6)
-    u_mass_kg: float = Field(ge=0.0, default=0.0)
-    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    u_com_m: float = Field(ge=0.0, default=0.0)
+    name: str = Field(description="Name.")
+    mass_kg: float = Field(ge=0.0, le=1.0e6, description="Mass.")
+    u_mass_kg: float = Field(ge=0.0, default=0.0, description="Standard uncertainty of the mass.")
+    com_m: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="Centre of mass in the platform frame."
+    )
+    u_com_m: float = Field(ge=0.0, default=0.0, description="Standard uncertainty of each of its coordinates.")

@@ -19,13 +19,19 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 class AccuracyEntry(Section):
     """What is stated of the station: standard deviations of a reading, standard uncertainty of its ranges."""
 
-    angle_sd_rad: float = Field(gt=0.0)
-    range_sd_m: float = Field(gt=0.0)
-    range_constant_u_m: float = Field(gt=0.0)
-    range_scale_u: float = Field(ge=0.0)
-    drift_rad_per_sqrt_h: float = Field(gt=0.0, default=3.0e-6)
-    drift_of_level_rad_per_sqrt_h: float = Field(gt=0.0, default=1.0e-6)
-    drift_m_per_sqrt_h: float = Field(gt=0.0, default=1.0e-5)
+    angle_sd_rad: float = Field(gt=0.0, description="Standard deviation of an angle.")
+    range_sd_m: float = Field(gt=0.0, description="Standard deviation of a distance.")
+    range_constant_u_m: float = Field(gt=0.0, description="Standard uncertainty of the constant of all distances.")
+    range_scale_u: float = Field(ge=0.0, description="Standard uncertainty of the scale of all distances.")
+    drift_rad_per_sqrt_h: float = Field(
+        gt=0.0, default=3.0e-6, description="Drift of the frame's direction, as a random walk."
+    )
+    drift_of_level_rad_per_sqrt_h: float = Field(
+        gt=0.0, default=1.0e-6, description="Drift of the frame's level, as a random walk."
+    )
+    drift_m_per_sqrt_h: float = Field(
+        gt=0.0, default=1.0e-5, description="Drift of the frame's origin, as a random walk."
+    )
 
     def stated(self) -> StationAccuracy:
         """For computation."""
@@ -35,18 +41,20 @@ class AccuracyEntry(Section):
 class StationEntry(Section):
     """The station: its rough place in the machine frame, its heading and its accuracy."""
 
-    name: str = "station"
-    position_m: tuple[float, float, float]
-    heading_rad: float = 0.0
-    accuracy: AccuracyEntry
+    name: str = Field(default="station", description="Name, for reports.")
+    position_m: tuple[float, float, float] = Field(description="Rough position in the machine frame.")
+    heading_rad: float = Field(
+        default=0.0, description="Rough heading: 0 looks along -z of the machine, positive clockwise from above."
+    )
+    accuracy: AccuracyEntry = Field(description="Stated accuracy.")
 
 
 class LengthEntry(Section):
-    """A certified distance between two nests."""
+    """A certified distance between two floor nests."""
 
-    nests: tuple[str, str]
-    value_m: float = Field(gt=0.0)
-    u_m: float = Field(gt=0.0)
+    nests: tuple[str, str] = Field(description="The two nests.")
+    value_m: float = Field(gt=0.0, description="Certified distance.")
+    u_m: float = Field(gt=0.0, description="Its standard uncertainty.")
 
     def certified(self) -> CertifiedLength:
         """For computation."""
@@ -54,30 +62,32 @@ class LengthEntry(Section):
 
 
 class NuisanceEntry(Section):
-    """Declared levels of nuisance effects on this rig, one standard deviation each; zero if not declared."""
+    """Declared levels of ordinary disturbances, one standard deviation each; zero if not declared."""
 
-    drift_m: float = Field(ge=0.0, default=0.0)
-    reseat_m: float = Field(ge=0.0, default=0.0)
-    reversal_m: float = Field(ge=0.0, default=0.0)
-    temperature_k: float = Field(ge=0.0, default=0.0)
+    drift_m: float = Field(ge=0.0, default=0.0, description="Drift of the station's frame in an hour, 3 m away.")
+    reseat_m: float = Field(ge=0.0, default=0.0, description="Shift of a reflector when it is put back into its nest.")
+    reversal_m: float = Field(ge=0.0, default=0.0, description="Half the reversal error of a drive.")
+    temperature_k: float = Field(ge=0.0, default=0.0, description="Slow variation of a part about its sensor.")
 
 
 class RecordingFile(Section):
-    """recording.toml."""
+    """The header of a recording: with what it was measured, and what is stated of the instruments."""
 
-    format: Literal[1]
-    campaign: Name
-    rig: Name
-    created: str
-    software: str
-    drives: tuple[Name, ...]
-    sensors: tuple[Name, ...]
-    station: StationEntry
-    nest_length: LengthEntry | None = None
-    nest_limit_m: float = Field(gt=0.0)
-    payloads: tuple[PayloadEntry, ...] = Field(min_length=1)
-    nuisance: NuisanceEntry = NuisanceEntry()
-    columns: dict[str, str] = Field(default_factory=dict)
+    format: Literal[1] = Field(description="Version of the format.")
+    campaign: Name = Field(description="Id of the campaign.")
+    rig: Name = Field(description="Name of the rig.")
+    created: str = Field(description="UTC, ISO 8601.")
+    software: str = Field(description="Program that wrote the recording, with its version.")
+    drives: tuple[Name, ...] = Field(description="Drives, in the order of the machine file.")
+    sensors: tuple[Name, ...] = Field(description="Temperature sensors of parts that are recorded.")
+    station: StationEntry = Field(description="The station.")
+    nest_length: LengthEntry | None = Field(default=None, description="A certified distance.")
+    nest_limit_m: float = Field(
+        gt=0.0, description="Shift of a nest across the line of sight at which a nest check has failed."
+    )
+    payloads: tuple[PayloadEntry, ...] = Field(min_length=1, description="What was mounted, by number from 0 (none).")
+    nuisance: NuisanceEntry = Field(default=NuisanceEntry(), description="Declared levels of disturbances.")
+    columns: dict[str, str] = Field(default_factory=dict, description="Meaning of further columns, by their names.")
 
 
 HOUR_S = 3600.0

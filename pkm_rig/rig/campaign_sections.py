@@ -45,8 +45,8 @@ class CampaignSettings(Section):
     targets: tuple[tuple[float, ...], ...] = Field(
         default=(),
         max_length=1000,
-        description="Calibration poses in place of drawn ones (commanded coordinates), in drawn order, from both "
-        "sides, with and without payload.",
+        description="Calibration poses in commanded coordinates, in place of drawn ones; their order is drawn; they "
+        "are visited from both sides, with and without payload.",
     )
     visits: tuple[VisitEntry, ...] = Field(
         default=(), max_length=MOST_VISITS, description="Visits one by one, in this order, in place of poses."
@@ -113,7 +113,7 @@ class Limits(Section):
         gt=0.0, default=15e-6, description="Predicted uncertainty of a tool position above which `check` complains."
     )
     heartbeat_s: float = Field(
-        gt=0.0, default=2.0, description="Age of a drive's heartbeat that stops all drives; twice as old it is lost."
+        gt=0.0, default=2.0, description="Age of a drive's heartbeat that is late; at twice that age all stop."
     )
     drive_watchdog_s: float = Field(
         ge=1.0, le=60.0, default=1.5, description="Time without our heartbeat after which a drive stops by itself."

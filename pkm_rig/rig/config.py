@@ -45,7 +45,7 @@ class MockSection(Section):
 
 
 class RigFile(Section):
-    """The whole rig file."""
+    """A rig: its machine, its devices, what is mounted and what a campaign does."""
 
     rig: Name = Field(description="Name of the rig.")
     machine: str = Field(description="Name of a shipped machine, or a machine file beside the rig file.")

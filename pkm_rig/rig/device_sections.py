@@ -29,7 +29,7 @@ class StationConnection(StationEntry):
         default="mini", description="Type of the reflectors."
     )
     prism_constant_m: float = Field(
-        gt=-0.2, lt=0.2, default=0.0, description="Constant added to every distance; 0 for a bare SMR."
+        gt=-0.2, lt=0.2, default=0.0, description="Prism constant of the reflectors; 0 for a bare SMR."
     )
 
 

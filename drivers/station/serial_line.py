@@ -41,6 +41,7 @@ class SerialLine(Connection):
         self._clock = clock
         self.reply_timeout_s = reply_timeout_s
         self.last_time = ExchangeTime(0.0, 0.0, 0.0)
+        self._received = bytearray()
 
     def is_open(self) -> bool:
         """Whether the port is open."""
@@ -83,6 +84,7 @@ class SerialLine(Connection):
 
     def reset(self) -> None:
         """Throw away what waits in the port: nobody asked for it any more."""
+        self._received.clear()
         try:
             self._port.reset_input_buffer()
         except (OSError, ValueError) as error:
@@ -103,16 +105,22 @@ class SerialLine(Connection):
         return answer
 
     def _read_line(self, deadline_s: float) -> bytes:
-        line = bytearray()
-        while not line.endswith(b"\n"):
+        """The next line without its end; what came behind it waits for the next call."""
+        while b"\n" not in self._received:
             left_s = deadline_s - time.monotonic()
-            if left_s <= 0.0 or len(line) > _LONGEST_LINE:
+            if left_s <= 0.0 or len(self._received) > _LONGEST_LINE:
+                line = self._take(len(self._received))
                 if line:  # half a line must not pass for an answer: its last number may be cut
-                    return b"(cut off) " + bytes(line)
+                    return b"(cut off) " + line
                 raise TimeoutError("no answer")
             try:
                 self._port.timeout = left_s
-                line += self._port.read_until(b"\n", _LONGEST_LINE)
+                # All that has come at once: one byte a read costs a system call or two for each.
+                self._received += self._port.read(min(max(1, self._port.in_waiting), _LONGEST_LINE))
             except (OSError, ValueError) as error:
                 raise ConnectionError(str(error)) from error
-        return bytes(line).rstrip(b"\r\n")
+        return self._take(self._received.index(b"\n") + 1).rstrip(b"\r\n")
+
+    def _take(self, count: int) -> bytes:
+        first, self._received = self._received[:count], self._received[count:]
+        return bytes(first)

@@ -25,20 +25,22 @@ class SlowSignal:
         self, rng: np.random.Generator, amplitude: float, shortest_s: float, longest_s: float, *, count: int = 3
     ) -> None:
         weights = rng.uniform(0.5, 1.0, count)
-        self._amplitudes = [float(amplitude * w / weights.sum()) for w in weights]
+        amplitudes = [float(amplitude * w / weights.sum()) for w in weights]
         periods = np.exp(rng.uniform(math.log(shortest_s), math.log(longest_s), count))
-        self._rates = [float(2.0 * math.pi / period) for period in periods]
-        self._phases = [float(phase) for phase in rng.uniform(0.0, 2.0 * math.pi, count)]
+        rates = [float(2.0 * math.pi / period) for period in periods]
+        phases = [float(phase) for phase in rng.uniform(0.0, 2.0 * math.pi, count)]
+        self._terms = tuple(zip(amplitudes, rates, phases, strict=True))
 
     def at(self, t_s: float) -> float:
         """Value at rig time `t_s`."""
-        terms = zip(self._amplitudes, self._rates, self._phases, strict=True)
-        return sum(a * math.sin(w * t_s + phase) for a, w, phase in terms)
+        value = 0.0
+        for amplitude, rate, phase in self._terms:
+            value += amplitude * math.sin(rate * t_s + phase)
+        return value
 
     def series(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values at several times (n,)."""
-        terms = zip(self._amplitudes, self._rates, self._phases, strict=True)
-        return np.asarray(sum(a * np.sin(w * t_s + phase) for a, w, phase in terms))
+        return np.asarray(sum(a * np.sin(w * t_s + phase) for a, w, phase in self._terms))
 
 
 class Thermal:

@@ -19,6 +19,7 @@ from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block, PlannedVisit
 
 Plan = Generator[Msg, Any, Any]
+_AIMED, _MEASURED = "aimed", "measured"  # groups of messages that are waited for
 
 
 class CampaignRefused(Exception):
@@ -113,14 +114,20 @@ def _visit(stage: Stage, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -
 
 
 def _read(stage: Stage, phase: str, smr: str) -> Plan:
+    """One reading, kept before anything else happens.
+
+    In bluesky's messages, not its plan stubs: each call of a stub records a stack, some 10,000 times a campaign.
+    """
     stage.context.phase = phase
-    yield from bps.checkpoint()
-    yield from bps.abs_set(stage.station, smr, wait=True)
-    yield from bps.trigger(stage.station, wait=True)
-    yield from bps.create("primary")
-    yield from bps.read(stage.station)
-    yield from bps.save()
-    yield from bps.checkpoint()
+    yield Msg("checkpoint")
+    yield Msg("set", stage.station, smr, group=_AIMED)
+    yield Msg("wait", None, group=_AIMED)
+    yield Msg("trigger", stage.station, group=_MEASURED)
+    yield Msg("wait", None, group=_MEASURED)
+    yield Msg("create", None, name="primary")
+    yield Msg("read", stage.station)
+    yield Msg("save")
+    yield Msg("checkpoint")
     stage.progress(1, phase)
     return stage.station.last_position_m
 

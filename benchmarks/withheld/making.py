@@ -93,7 +93,7 @@ def _effects(
                 change = scale.change_m(choice)
             except (EffectError, NoEquilibrium):
                 continue
-            visible = drawn.visible.visible_size(change)
+            visible = drawn.visible.visible_size_of_change(change)
             plausible = SPECS[name].size.low <= choice.size <= SPECS[name].size.high
             rank = visible if plausible else -1.0 / (1.0 + visible)
             if best is None or rank > best[0]:
@@ -160,7 +160,7 @@ def _carried_out(
         "wanted_raw": list(slot.raw),
         "effects": facts,
         "raw": raw_of(bench, change, turned=True),
-        "visible": drawn.visible.visible_size(change),
+        "visible": drawn.visible.visible_size_of_change(change),
         "eligible": bool(facts) and all(
             f["raw"] >= ELIGIBLE_RAW and f["visible"] >= ELIGIBLE_VISIBLE and f["plausible"] for f in facts
         ),

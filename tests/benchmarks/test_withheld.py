@@ -220,7 +220,7 @@ def test_mimics_are_found_and_others_are_not(name, variant, other):
     found = small_library().distances(fact, change)
     assert name not in found
     assert set(found) == set(CATALOGUE) - {name}
-    visible = small_design().visible.visible_of(change)
+    visible = small_design().visible.visible_size_of_change(change)
     if other:
         assert found[other] < 0.5
     else:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from calibration.identification.prediction import predict_poses
-from calibration.instruments.smr_positions import Observations
+from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
@@ -102,7 +102,7 @@ def score(outcome: Outcome, mock: MockRig) -> dict[int, dict[str, Any]]:
     return out
 
 
-def _noise_free(reduction: Reduction, rows: np.ndarray, mock: MockRig, *, corrected: bool) -> Observations:
+def _noise_free(reduction: Reduction, rows: np.ndarray, mock: MockRig, *, corrected: bool) -> ReflectorObservations:
     """Positions of the platform's reflectors at some visits as the plant knows them, drift-free station frame."""
     visits = reduction.observations.visits.take(rows)
     smrs = reduction.report.smrs
@@ -117,7 +117,7 @@ def _noise_free(reduction: Reduction, rows: np.ndarray, mock: MockRig, *, correc
         places = mock.plant.truth.smr_positions(drives, payload, t_s, in_station_frame=True)
         points += [places[name] for name in names]
     count = len(visits)
-    return Observations(
+    return ReflectorObservations(
         visits,
         np.repeat(np.arange(count), len(smrs)),
         np.tile(np.array(smrs), count),

@@ -37,7 +37,7 @@ from benchmarks.timing import (
 )
 from calibration.base.arrays import Array
 from calibration.identification.estimators import Fit, identify
-from calibration.identification.problem import Problem
+from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.model.model import Model
@@ -71,10 +71,10 @@ class Task:
         model = Model(ParameterSet.of(machine))
         truth = rng.uniform(-1.0, 1.0, len(model)) * np.array([p.tolerance for p in model.parameters.parameters])
         wanted, drives = targets(machine, n, seed=8)
-        visits = Visits.at(machine, drives, wanted, np.where(np.arange(n) % 2, PAYLOAD_KG, 0.0))
+        visits = Visits.at_reference_temperature(machine, drives, wanted, np.where(np.arange(n) % 2, PAYLOAD_KG, 0.0))
         poses = model.predict(truth, visits)
         sigma = np.where(machine.dof < 3, NOISE_M, NOISE_RAD)
-        value = np.concatenate([poses.tool_m(), poses.rest.coordinates()[:, 3:]], axis=1)
+        value = np.concatenate([poses.tool_m(), poses.equilibrium.coordinates()[:, 3:]], axis=1)
         value[:, machine.dof] += rng.normal(size=(n, len(sigma))) * sigma
         coordinates = tuple(int(c) for c in machine.dof)
         return cls(model, visits, ToolCoordinates.of(visits, coordinates, value, sigma))
@@ -85,7 +85,7 @@ class Task:
 
     def residual(self) -> Callable[[Array], Array]:
         """Whitened residuals (m,) of scaled unknowns, without the priors: ours, vectorised, warm starts included."""
-        problem = Problem(self.model, self.visits, (self.readings,))
+        problem = LeastSquaresProblem(self.model, self.visits, (self.readings,))
         return lambda z: np.concatenate([part.ravel() for part in problem.residuals(z)])
 
     def cost(self, z: Array) -> float:
@@ -215,14 +215,14 @@ def alone(name: str, n: int) -> None:
     """One fit in this process: its seconds, passes over all readings and peak memory as JSON."""
     task = Task.of(name, n)
     passes, rows = 0.0, len(task.readings) * task.readings.width
-    linearise = Problem.linearise
+    linearise = LeastSquaresProblem.linearise
 
-    def counted(self: Problem, z: Array) -> object:
+    def counted(self: LeastSquaresProblem, z: Array) -> object:
         nonlocal passes
-        passes += self.rows / rows
+        passes += self.n_numbers / rows
         return linearise(self, z)
 
-    Problem.linearise = counted  # type: ignore[method-assign,assignment]
+    LeastSquaresProblem.linearise = counted  # type: ignore[method-assign,assignment]
     began = time.process_time()
     task.fit()
     seconds = time.process_time() - began

@@ -133,7 +133,7 @@ def images(table: CompensationTable, machine_name: str) -> Iterator[bytes]:
             TableImage(
                 node_id=own + 1,
                 generation=1,
-                payload_kg=table.load.payload_kg,
+                payload_kg=table.conditions.payload_kg,
                 temperature_c=table.temperature_c,
                 machine_id=machine_id_of(machine_name),
                 own_start_m=float(table.start_m[own]),

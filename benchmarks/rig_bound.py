@@ -35,7 +35,7 @@ class Bound:
     def of(cls, model: Model, values: Array, visits: Visits, readings: ToolCoordinates) -> Bound:
         """Inverse of the information of readings plus priors at the true values."""
         sigma = Layout.of(model, [readings]).sigma
-        found = readings.compare(model.predict(values, visits), readings.visits_of(), np.zeros(0))
+        found = readings.compare(model.predict(values, visits), readings.visit_indices(), np.zeros(0))
         jacobian = (found.by_model * sigma).reshape(-1, sigma.size)
         scaled = np.linalg.inv(jacobian.T @ jacobian + np.eye(sigma.size))
         drawn = scaled @ (-jacobian.T @ found.residual.ravel() - values / sigma)
@@ -52,7 +52,7 @@ class Bound:
 
     def _jacobian(self, visits: Visits) -> Array:
         poses = self.model.predict(self.values, visits)
-        _, by_point = poses.point(self.model.machine.tool_point_m)
+        _, by_point = poses.platform_point(self.model.machine.tool_point_m)
         return np.concatenate([by_point, poses.jacobian[:, 3:]], axis=1)
 
 

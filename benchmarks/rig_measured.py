@@ -73,7 +73,7 @@ class Rig:
     def visits(self, target_m: Array, kg: float) -> Visits:
         """Visits of targets with a stated payload."""
         drives = nominal_drives(self.machine, target_m)
-        return Visits.at(self.machine, drives, target_m, kg, self.study.payload_com_m)
+        return Visits.at_reference_temperature(self.machine, drives, target_m, kg, self.study.payload_com_m)
 
     def truth(self, visits: Visits, off: Mapping[str, float]) -> Array:
         """True tool point and rotation vector (v, 6) of visits whose payload is off by named errors."""
@@ -103,7 +103,7 @@ class Rig:
         """Visits of all targets with one stated payload after the other."""
         visits = self.visits(target, loads[0])
         for kg in loads[1:]:
-            visits = visits.joined(self.visits(target, kg))
+            visits = visits.concatenate(self.visits(target, kg))
         return visits
 
     def held_out(self) -> Array:

@@ -19,9 +19,9 @@ from benchmarks.rig_settings import CASES, ESTIMATORS, WITHIN_95, CalibrationCas
 from benchmarks.rig_truth import Array, deviations, generator
 from calibration.base.errors import InputError
 from calibration.identification.estimators import Fit, identify
-from calibration.identification.rigid.models import RIGID_KINDS, fit_baselines
+from calibration.identification.rigid.models import RIGID_KINDS, fit_rigid_identifications
 from calibration.instruments.tool_coordinates import ToolCoordinates
-from calibration.model.model import Model, Systematic
+from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 
@@ -42,7 +42,11 @@ def run_rig(study: Study, seed: int) -> dict[str, Any]:
 def score(rig: Rig, case: CalibrationCase) -> dict[str, Any]:
     """Measure, identify and score one case."""
     study, machine = rig.study, rig.machine
-    systematic = Systematic(study.u_payload_mass, study.u_payload_com_m) if case.uncertain else Systematic()
+    systematic = (
+        SystematicUncertainties(study.u_payload_mass, study.u_payload_com_m)
+        if case.uncertain
+        else SystematicUncertainties()
+    )
     model = Model(ParameterSet.of(machine), systematic)
     draws = generator(f"payload {machine.name}", rig.seed)
     off = {u.name: float(draws.standard_normal()) * u.sigma for u in systematic.unknowns(machine.planar)}
@@ -73,7 +77,7 @@ def score(rig: Rig, case: CalibrationCase) -> dict[str, Any]:
         white = rig.tool_error(predictors["map"](held), true)[:, machine.dof] / np.sqrt(
             np.diagonal(spread, axis1=1, axis2=2)
         )
-        apart = rig.tool_error(model.predict(true_values, held).rest.coordinates(), true)
+        apart = rig.tool_error(model.predict(true_values, held).equilibrium.coordinates(), true)
         used[f"{kg:g}"] = {
             "error": error,
             "bound": rms_of_spread(bound.spread(held)),
@@ -112,7 +116,7 @@ def _predictors(
         return found_before[key]
 
     def stated(found: Fit | None, at: Visits) -> Array:
-        return np.full((len(at), 6), np.nan) if found is None else found.predict(at).rest.coordinates()
+        return np.full((len(at), 6), np.nan) if found is None else found.predict(at).equilibrium.coordinates()
 
     everything = np.ones(len(visits), dtype=bool)
     best = fit(model, everything)
@@ -132,5 +136,5 @@ def _predictors(
     out = {name: lambda at, found=found: stated(found, at) for name, found in fits.items()}
     if case.compared:
         measured = rig.platform_measured(visits, value)
-        out |= {b.name: b.predict for b in fit_baselines(rig.machine, visits, fit_if_any, stated, measured)}
+        out |= {b.name: b.predict for b in fit_rigid_identifications(rig.machine, visits, fit_if_any, stated, measured)}
     return out, best

@@ -73,7 +73,7 @@ class Rig:
     @property
     def conditions(self) -> Conditions:
         """No payload, reference temperature."""
-        return equilibrium.conditions(self.machine, len(self.drives))
+        return equilibrium.make_conditions(self.machine, len(self.drives))
 
     def solve(self) -> Equilibrium:
         """What is measured of this package."""

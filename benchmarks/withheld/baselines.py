@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.base.frame import station_frame
 from calibration.identification.estimators import identify
-from calibration.instruments.smr_positions import Observations, SmrPositions, Station
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
@@ -82,7 +82,7 @@ def greedy_bic(residual: Array, signs: dict[str, list[Array]]) -> str:
     return found
 
 
-def signatures(recording: Recording, seen: Observations) -> dict[str, list[Array]]:
+def signatures(recording: Recording, seen: ReflectorObservations) -> dict[str, list[Array]]:
     """Columns (v,) over the visits by effect."""
     _, head = np.unique(seen.visit, return_index=True)
     rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")[head]
@@ -123,7 +123,7 @@ def signatures(recording: Recording, seen: Observations) -> dict[str, list[Array
     }
 
 
-def _seen(recording: Recording) -> tuple[Observations, Station]:
+def _seen(recording: Recording) -> tuple[ReflectorObservations, StationModel]:
     machine = recording.machine
     rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")
     names = [s.name for s in machine.smrs]
@@ -137,15 +137,17 @@ def _seen(recording: Recording) -> tuple[Observations, Station]:
         payload_com_m=recording.payload_com_m()[first],
         temperatures_c={name: values[first] for name, values in recording.temperatures_c().items()},
     )
-    seen = Observations(visits, visit.astype(np.intp), smr, recording.positions_m[rows], recording.covariances_m2[rows])
+    seen = ReflectorObservations(
+        visits, visit.astype(np.intp), smr, recording.positions_m[rows], recording.covariances_m2[rows]
+    )
     entry = recording.file.station
     frame = fit_report_frame(machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
     accuracy = entry.accuracy
     smrs = tuple(sorted(set(smr.tolist())))
-    return seen, Station(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u)
+    return seen, StationModel(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u)
 
 
-def _after_identification(recording: Recording, seen: Observations, station: Station) -> Array:
+def _after_identification(recording: Recording, seen: ReflectorObservations, station: StationModel) -> Array:
     """Whitened residuals (r, 3) of the ordinary identification."""
     model = Model(ParameterSet.of(recording.machine))
     readings = SmrPositions(seen, station)
@@ -154,7 +156,7 @@ def _after_identification(recording: Recording, seen: Observations, station: Sta
     return readings.compare(fit.predict(seen.visits), seen.visit[:, None], own, derivatives=False).residual
 
 
-def _after_frame(recording: Recording, seen: Observations, station: Station) -> Array:
+def _after_frame(recording: Recording, seen: ReflectorObservations, station: StationModel) -> Array:
     """Whitened residuals (r, 3) of the nominal machine, frame and reflectors fitted, geometry not."""
     model = Model(ParameterSet.of(recording.machine))
     readings = SmrPositions(seen, station)
@@ -170,7 +172,7 @@ def _after_frame(recording: Recording, seen: Observations, station: Station) -> 
     return readings.compare(poses, seen.visit[:, None], own, derivatives=False).residual
 
 
-def _per_reflector(seen: Observations, residual: Array) -> Array:
+def _per_reflector(seen: ReflectorObservations, residual: Array) -> Array:
     """One row a visit: residuals (v, k) of every reflector's coordinates; a reading that is missing is zero."""
     smrs = sorted(set(seen.smr.tolist()))
     out = np.zeros((len(seen.visits), 3 * len(smrs)))

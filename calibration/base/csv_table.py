@@ -53,7 +53,7 @@ def write_table(columns: Mapping[str, Array]) -> str:
     return text.getvalue()
 
 
-def counts(path: Path, name: str, column: Array) -> Array:
+def require_counts(path: Path, name: str, column: Array) -> Array:
     """The same column if it holds counts (0, 1, 2 ... 1e9) only."""
     wrong = np.flatnonzero((column != np.floor(column)) | (column < 0) | (column > 1e9))
     if wrong.size:

@@ -17,7 +17,7 @@ class Frame:
     rotation: Array
     translation_m: Array
 
-    def moved(self, increment: Array) -> Frame:
+    def with_increment(self, increment: Array) -> Frame:
         """The frame after an increment (6,): rotation vector, applied on the left, and translation."""
         turn = rotation_matrix(increment[:3])
         return Frame(turn @ self.rotation, self.translation_m + increment[3:])

@@ -45,7 +45,7 @@ def rotation_vector(matrix: Array) -> Array:
     return vector
 
 
-def turns(vector: Array) -> Array:
+def rotations_poses_last(vector: Array) -> Array:
     """Rotation matrices (3, 3, n) of rotation vectors (3, n): as `rotation_matrix`, poses last."""
     square = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
     angle = np.sqrt(square)
@@ -62,7 +62,7 @@ def turns(vector: Array) -> Array:
     return out
 
 
-def short_turns(vector: Array) -> Array:
+def cayley_rotations(vector: Array) -> Array:
     """Rotations (3, 3, n) that agree with those of short vectors (3, n) to the second order, without sines: Cayley's.
 
     Rotations by 2 atan(|v| / 2) about v. For the steps of an iteration, whose last one vanishes.
@@ -81,13 +81,13 @@ def short_turns(vector: Array) -> Array:
     return out
 
 
-def turns_about_z(angle: Array) -> Array:
+def rotations_about_z(angle: Array) -> Array:
     """Rotations of the plane (2, 2, n) by angles (n,)."""
     return _in_plane(np.cos(angle), np.sin(angle))
 
 
-def short_turns_about_z(angle: Array) -> Array:
-    """Rotations of the plane (2, 2, n) by short angles (n,), as `short_turns` makes them."""
+def cayley_rotations_about_z(angle: Array) -> Array:
+    """Rotations of the plane (2, 2, n) by short angles (n,), as `cayley_rotations` makes them."""
     square = 0.25 * angle * angle
     scale = 1.0 / (1.0 + square)
     return _in_plane((1.0 - square) * scale, angle * scale)

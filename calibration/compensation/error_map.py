@@ -34,11 +34,13 @@ def error_map(calibration: Calibration, table: CompensationTable, per_axis: int 
     report = calibration.report
 
     def error(at: Array) -> Array:
-        pose = predict_poses(calibration.fit, report, table.load.visits(at, target))
+        pose = predict_poses(calibration.fit, report, table.conditions.at_poses(at, target))
         return report.tool_error(pose, target)[0][:, :2]
 
     after = error(drives + correction_at(table, drives))
-    return ErrorMap(target[:, :2], error(drives), after, pose_u(calibration, table.load.visits(drives, target))[0])
+    return ErrorMap(
+        target[:, :2], error(drives), after, pose_u(calibration, table.conditions.at_poses(drives, target))[0]
+    )
 
 
 def correction_at(table: CompensationTable, drives_m: Array) -> Array:

@@ -20,7 +20,7 @@ from calibration.identification.prediction import predict_poses
 from calibration.machine import equilibrium
 from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives
-from calibration.model.load import Load
+from calibration.model.operating_conditions import OperatingConditions
 from calibration.reduction.report_frame import ReportFrame
 
 POINTS_PER_AXIS = 17
@@ -39,15 +39,15 @@ class CompensationTable:
     start_m: Array
     step_m: Array
     correction_m: Array
-    load: Load
+    conditions: OperatingConditions
 
     @property
     def temperature_c(self) -> float:
         """Mean of the temperatures for which the table was computed."""
-        return float(np.mean(list(self.load.temperatures_c.values())))
+        return float(np.mean(list(self.conditions.temperatures_c.values())))
 
 
-def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load) -> Array:
+def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: OperatingConditions) -> Array:
     """Drive coordinates (n, d) that put the tool point on the targets (n, 6); NaN where none is found.
 
     Newton's method with differences of the prediction, on the coordinates that the drives command.
@@ -71,12 +71,12 @@ def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: Load)
     return drives
 
 
-def _commanded_error(fit: Fit, report: ReportFrame, drives: Array, target: Array, load: Load) -> Array:
-    position, rotation = report.tool_error(predict_poses(fit, report, load.visits(drives, target)), target)
+def _commanded_error(fit: Fit, report: ReportFrame, drives: Array, target: Array, load: OperatingConditions) -> Array:
+    position, rotation = report.tool_error(predict_poses(fit, report, load.at_poses(drives, target)), target)
     return np.concatenate([position, rotation], axis=1)
 
 
-def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
+def build_table(fit: Fit, report: ReportFrame, load: OperatingConditions) -> CompensationTable:
     """Table for one load over the box of the workspace.
 
     Nodes whose pose lies beyond the workspace take the correction of the nearest pose of a slightly larger
@@ -104,19 +104,19 @@ def build_table(fit: Fit, report: ReportFrame, load: Load) -> CompensationTable:
         start_m=box[:, 0],
         step_m=(box[:, 1] - box[:, 0]) / (POINTS_PER_AXIS - 1),
         correction_m=np.moveaxis(correction.reshape(*shape, -1), -1, 0),
-        load=load,
+        conditions=load,
     )
 
 
 def table_for_payload(identified: Calibration, payload: int, temperatures_c: dict[str, float]) -> CompensationTable:
     """Table for a payload of the rig's list at some temperatures."""
-    return build_table(identified.fit, identified.report, identified.load(payload, temperatures_c))
+    return build_table(identified.fit, identified.report, identified.operating_conditions(payload, temperatures_c))
 
 
 def _clamped_poses(machine: Machine, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Nominal pose of each node (n, 6), pulled into the enlarged workspace, and whether one was found."""
     rigid = replace(machine, moving_mass_kg=0.0)
-    at = equilibrium.conditions(rigid, len(nodes))
+    at = equilibrium.make_conditions(rigid, len(nodes))
     rest = equilibrium.solve(rigid, machine.nominal, nodes, at)
     pose = np.zeros((len(nodes), 6))
     lo, hi = machine.workspace[:2, 0] - BEYOND_WORKSPACE_M, machine.workspace[:2, 1] + BEYOND_WORKSPACE_M

@@ -105,7 +105,7 @@ class Channels:
         if kind == "smr":
             smr = [s.name for s in machine.smrs].index(place)
             rows = np.flatnonzero(known.smr == smr)
-            rotation = known.poses.rest.rotation[known.visit[rows]]
+            rotation = known.poses.equilibrium.rotation[known.visit[rows]]
             out[rows] = rotation[:, :, AXES.index(direction)]
             return out
         if kind == "floor":
@@ -163,7 +163,7 @@ class Channels:
         """Change of the pose (v, 6) from a column dG (f, v)."""
         at = self.seen.poses.sensitivity
         out = np.zeros((column.shape[1], 6))
-        out[:, self.machine.dof] = at.respond([column])[:, :, 0]
+        out[:, self.machine.dof] = at.pose_derivatives([column])[:, :, 0]
         return out
 
     def _of_pose(self, change: Array, out: Array) -> Array:
@@ -171,7 +171,7 @@ class Channels:
         known = self.seen
         rows = np.flatnonzero(known.on_platform)
         visit = known.visit[rows]
-        lever = np.einsum("nij,nj->ni", known.poses.rest.rotation[visit], known.mounted_m[known.smr[rows]])
+        lever = np.einsum("nij,nj->ni", known.poses.equilibrium.rotation[visit], known.mounted_m[known.smr[rows]])
         moved = change[visit]
         out[rows] += moved[:, :3] - np.einsum("nij,nj->ni", skew(lever), moved[:, 3:])
         return out

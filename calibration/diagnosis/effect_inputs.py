@@ -36,7 +36,7 @@ Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onsets) -> Setting:
     """The setting of readings, with the forces of the modelled machine."""
     machine, visit = seen.machine, np.maximum(seen.visit, 0)
-    force = seen.poses.rest.force_n[:, : len(machine.strut_names)]
+    force = seen.poses.equilibrium.force_n[:, : len(machine.strut_names)]
     direction = seen.poses.sensitivity.state.direction[:, : len(machine.strut_names)]
     if direction.shape[0] == 2:
         direction = np.concatenate([direction, np.zeros((1, *direction.shape[1:]))])
@@ -68,7 +68,7 @@ def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onset
 def _answers(known: Sensitivity) -> Array:
     """Change (v, s, s) of the tension of each strut with the length of each: dt_i = k_i (J_i dx - dl_i)."""
     struts = len(known.geometry.length_m)
-    yielding = known.respond([known.length(j) for j in range(struts)])
+    yielding = known.pose_derivatives([known.length(j) for j in range(struts)])
     turned = np.einsum("fin,nfj->nij", known.state.wrench[:, :struts], yielding)
     return np.asarray(known.geometry.stiffness_n_per_m[:struts, None] * (turned - np.eye(struts)))
 

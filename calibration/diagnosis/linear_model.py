@@ -16,13 +16,13 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
 from calibration.diagnosis.disturbances import nuisance_columns
 from calibration.effects.context import Moments, moments_of
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
-from calibration.model.model import Model, Poses, Systematic
+from calibration.model.model import Model, Poses, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.reduction.data_checks import check_number
+from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.report_frame import fit_report_frame
 
 NEST_PRIOR_M = 5.0e-3
@@ -101,11 +101,12 @@ def baseline_of(recording: Recording) -> Baseline:
     _check_number(machine, seen.visits)
     frame = _start(used, seen)
     model = Model(
-        ParameterSet.of(machine), Systematic.stated(used.file.payloads, machine, used.file.nuisance.temperature_k)
+        ParameterSet.of(machine),
+        SystematicUncertainties.from_declared(used.file.payloads, machine, used.file.nuisance.temperature_k),
     )
     accuracy = used.file.station.accuracy
     smrs = tuple(sorted(set(seen.smr.tolist())))
-    station = Station(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
+    station = StationModel(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
     readings = SmrPositions(seen, station)
     own = station.unknowns(machine)
     sigma = np.array([u.sigma for u in (*model.unknowns, *own)])
@@ -164,11 +165,11 @@ def _without_outliers(linear: Baseline) -> Baseline:
 
 def _linearised(model: Model, readings: SmrPositions, sigma: Array, campaign: str) -> tuple[Array, Poses, Array, Array]:
     """Unknowns where the model is linearised, poses, whitened columns (r, 3, u) times sigma, readings less model."""
-    seen, soft = readings.seen, model.parameters.rows("ln_stiffness")
+    seen, soft = readings.observations, model.parameters.rows("ln_stiffness")
     values, start = np.zeros(sigma.size), seen.visits.target_m
     for step in range(FIRST_STEPS + 1):
         poses = model.predict(values[: len(model)], seen.visits, start)
-        if not np.all(poses.rest.converged):
+        if not np.all(poses.equilibrium.converged):
             raise InputError(
                 f"recording {campaign}: the model finds no equilibrium for a visit; check units, drive coordinates and "
                 "that the machine file fits the machine"
@@ -182,7 +183,7 @@ def _linearised(model: Model, readings: SmrPositions, sigma: Array, campaign: st
         found = np.linalg.solve(flat.T @ flat + np.eye(sigma.size), flat.T @ right.ravel())
         # A strong effect may ask for any stiffness; where the model is linearised, it stays plausible.
         found[soft] = np.clip(found[soft], -MOST_SIGMA, MOST_SIGMA)
-        values, start = found * sigma, poses.rest.coordinates()
+        values, start = found * sigma, poses.equilibrium.coordinates()
     return values, poses, columns, right
 
 
@@ -200,7 +201,7 @@ def usable_rows(recording: Recording) -> NDArray[np.intp]:
 
 def _observations(
     used: Recording, smr: NDArray[np.intp], on_floor: NDArray[np.bool_]
-) -> tuple[Observations, NDArray[np.intp]]:
+) -> tuple[ReflectorObservations, NDArray[np.intp]]:
     rows = np.flatnonzero(~on_floor)
     _, first, visit = np.unique(used["visit"][rows], return_index=True, return_inverse=True)
     heads, count = rows[first], np.bincount(visit)
@@ -217,22 +218,24 @@ def _observations(
     )
     all_visits = np.full(len(smr), -1, dtype=np.intp)
     all_visits[rows] = visit
-    seen = Observations(visits, visit.astype(np.intp), smr[rows], used.positions_m[rows], used.covariances_m2[rows])
+    seen = ReflectorObservations(
+        visits, visit.astype(np.intp), smr[rows], used.positions_m[rows], used.covariances_m2[rows]
+    )
     return seen, all_visits
 
 
-def _start(used: Recording, seen: Observations) -> Frame:
+def _start(used: Recording, seen: ReflectorObservations) -> Frame:
     entry = used.file.station
     return fit_report_frame(used.machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
 
 
 def _check_number(machine: Machine, visits: Visits) -> None:
-    check_number(machine, visits.target_m)
+    require_enough_poses(machine, visits.target_m)
     if len(visits) < LEAST_VISITS:
         raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
 
 
-def _mounted(machine: Machine, station: Station, own: Array, smr: int) -> Array:
+def _mounted(machine: Machine, station: StationModel, own: Array, smr: int) -> Array:
     return station.mounting_m(machine, own, smr) if smr in station.smrs else machine.smrs[smr].position_m
 
 

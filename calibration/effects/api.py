@@ -18,7 +18,7 @@ from calibration.base.arrays import Array
 from calibration.effects.basis_functions import centred
 from calibration.effects.context import Moments
 from calibration.machine.description import Machine
-from calibration.recording.header import NuisanceEntry
+from calibration.recording.header import DisturbanceLevels
 
 Place = Literal["drive", "strut", "smr", "rig"]
 Measured = Literal["norm", "sum", "rms", "range"]
@@ -199,7 +199,7 @@ class Effect:
     forms: Callable[[Setting, int], Forms]
     others: tuple[Parameter, ...] = ()
     untested: Callable[[Setting], str | None] = lambda setting: None
-    declared: Callable[[NuisanceEntry], float] = lambda nuisance: 0.0
+    declared: Callable[[DisturbanceLevels], float] = lambda nuisance: 0.0
     measured: Measured = "norm"
     curves: Callable[[Setting, int], Sequence[Curve]] = lambda setting, place: ()
 
@@ -213,7 +213,7 @@ class Effect:
             raise ValueError(f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(at)}")
         return chosen.tangent(np.clip(at, chosen.low, chosen.high)).acts
 
-    def smallest(self, nuisance: NuisanceEntry) -> float:
+    def smallest(self, nuisance: DisturbanceLevels) -> float:
         """The smallest size that is this effect and not the declared wander of its rig."""
         return min(max(self.size.low, ABOVE_DECLARED * self.declared(nuisance)), 0.5 * self.size.high)
 

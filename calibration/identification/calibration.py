@@ -14,14 +14,14 @@ from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
 from calibration.identification.remarks import remarks
 from calibration.identification.rigid.closure import MeasuredPoses
-from calibration.identification.rigid.models import Baseline, fit_baselines
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, Station
-from calibration.model.load import Load
-from calibration.model.model import Model, Systematic
+from calibration.identification.rigid.models import RigidIdentification, fit_rigid_identifications
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, StationModel
+from calibration.model.model import Model, SystematicUncertainties
+from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.reduction.data_checks import check_cover
+from calibration.reduction.data_checks import require_spread_poses
 from calibration.reduction.figures import free_axes
 from calibration.reduction.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 from calibration.reduction.report_frame import ReportFrame
@@ -33,17 +33,17 @@ class Calibration:
 
     reduction: Reduction
     fit: Fit
-    baselines: tuple[Baseline, ...]
+    baselines: tuple[RigidIdentification, ...]
 
     @property
     def report(self) -> ReportFrame:
         """The frame of the calibration readings at zero payload."""
         return self.reduction.report
 
-    def load(self, payload: int, temperatures_c: dict[str, float]) -> Load:
+    def operating_conditions(self, payload: int, temperatures_c: dict[str, float]) -> OperatingConditions:
         """A payload of the rig's list at some temperatures."""
         entry = self.reduction.recording.file.payloads[payload]
-        return Load(entry.mass_kg, entry.com_m, temperatures_c)
+        return OperatingConditions(entry.mass_kg, entry.com_m, temperatures_c)
 
 
 def calibration_part(recording: Recording) -> Recording:
@@ -66,18 +66,21 @@ def identify_recording(
     """Identify a recording. What its readings leave open, such as stiffness with one payload, its prior holds."""
     reduction = reduce(calibration_part(recording))
     seen = reduction.calibration()
-    check_cover(recording.machine, seen.visits.target_m)
+    require_spread_poses(recording.machine, seen.visits.target_m)
     smrs = tuple(sorted(set(seen.smr.tolist())))
     stated = recording.file.station.accuracy
-    station = Station(
+    station = StationModel(
         reduction.report.frame, smrs, reduction.range_constant_u_m, stated.range_scale_u, REFRACTION_U_PER_M
     )
-    model = Model(ParameterSet.of(recording.machine), Systematic.stated(recording.file.payloads, recording.machine))
+    model = Model(
+        ParameterSet.of(recording.machine),
+        SystematicUncertainties.from_declared(recording.file.payloads, recording.machine),
+    )
     fit = identify(model, seen.visits, [SmrPositions(seen, station)], estimator, robust=robust)
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
 
-def _baselines(reduction: Reduction, station: Station) -> tuple[Baseline, ...]:
+def _baselines(reduction: Reduction, station: StationModel) -> tuple[RigidIdentification, ...]:
     """Rigid identifications of the same readings, their poses in the report frame."""
     seen, report = reduction.calibration(), reduction.report
     rows = reduction.info.phase == CALIBRATION
@@ -90,7 +93,7 @@ def _baselines(reduction: Reduction, station: Station) -> tuple[Baseline, ...]:
         return predict_poses(found, report, visits)
 
     measured = MeasuredPoses(seen.visits, reduction.poses.coordinates[rows], reduction.poses.covariance[rows])
-    return fit_baselines(reduction.recording.machine, seen.visits, fit, stated, measured)
+    return fit_rigid_identifications(reduction.recording.machine, seen.visits, fit, stated, measured)
 
 
 def pose_u(calibration: Calibration, visits: Visits) -> tuple[Array, Array]:
@@ -125,7 +128,7 @@ def identified_summary(identified: Calibration) -> dict[str, Any]:
     return {
         "estimator": fit.estimator,
         "parameters": parameters,
-        "rank": observed.decided,
+        "rank": observed.n_determined,
         "unknowns": fit.layout.size,
         "chi2_per_dof": fit.chi2_per_dof,
         "aliased": list(observed.sentences),

@@ -13,48 +13,53 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.machine.description import FIXED, Machine
-from calibration.model.parameters import Parameter, ParameterSet
+from calibration.model.parameters import MachineParameter, ParameterSet
 
-MOST_TERMS = 8
-WORTH_SAYING = 0.25  # of the largest term
+MAX_TERMS = 8
+MIN_SHARE = 0.25  # of the largest term
 AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class Candidate:
+class KnownCombination:
     """Parameters that may move together: name to deviation (SI), and that in words."""
 
     coefficients: Mapping[str, float]
     words: str
 
 
-def candidates(parameters: ParameterSet) -> Iterator[Candidate]:
+def known_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
     """Known combinations of a machine, the simple ones first; those with parameters that are not free are left out."""
     names = set(parameters.names)
     machine = parameters.machine
-    groups = (_stiffness(machine), _joint_pairs(machine), _across_guides(parameters), _bodies(parameters))
+    groups = (
+        _stiffness_combinations(machine),
+        _joint_pair_combinations(machine),
+        _guide_plane_combinations(parameters),
+        _rigid_body_combinations(parameters),
+    )
     for group in groups:
         for candidate in group:
             kept = {n: v for n, v in candidate.coefficients.items() if v != 0.0}
             if kept and set(kept) <= names:
-                yield Candidate(kept, candidate.words)
+                yield KnownCombination(kept, candidate.words)
 
 
-def plain(parameters: ParameterSet, coefficients: Mapping[str, float]) -> Candidate:
+def list_terms(parameters: ParameterSet, coefficients: Mapping[str, float]) -> KnownCombination:
     """A combination that has no name of its own, its terms in units of the tolerance, the largest first."""
     tolerance = {p.name: p.tolerance for p in parameters.parameters}
     share = {name: value / tolerance[name] for name, value in coefficients.items()}
     ordered = sorted(share, key=lambda name: (-round(abs(share[name]), 6), name))
     if len(ordered) == 1:
-        return Candidate(coefficients, f"{ordered[0]} not at all")
+        return KnownCombination(coefficients, f"{ordered[0]} not at all")
     largest = share[ordered[0]]
-    said = [name for name in ordered[:MOST_TERMS] if abs(share[name] / largest) > WORTH_SAYING]
+    said = [name for name in ordered[:MAX_TERMS] if abs(share[name] / largest) > MIN_SHARE]
     terms = [f"{share[name] / largest:+.2g} {name}" for name in said]
     more = f" and {len(ordered) - len(said)} more" if len(ordered) > len(said) else ""
-    return Candidate(coefficients, f"may move together (in units of their tolerances): {', '.join(terms)}{more}")
+    return KnownCombination(coefficients, f"may move together (in units of their tolerances): {', '.join(terms)}{more}")
 
 
-def in_words(words: Sequence[str]) -> tuple[str, ...]:
+def merge_sentences(words: Sequence[str]) -> tuple[str, ...]:
     """Sentences, those that differ in the part they name ('of NAME:') said once with all the names."""
     merged: dict[str, list[str]] = {}
     for sentence in words:
@@ -64,39 +69,43 @@ def in_words(words: Sequence[str]) -> tuple[str, ...]:
     return tuple(pattern.replace("[]", ", ".join(names), 1) for pattern, names in merged.items())
 
 
-def _stiffness(machine: Machine) -> Iterator[Candidate]:
+def _stiffness_combinations(machine: Machine) -> Iterator[KnownCombination]:
     every = (*machine.strut_names, *machine.guide_names)
     for name in every:
-        yield Candidate({f"ln_stiffness.{name}": 1.0}, f"stiffness of [{name}] not at all: no force in it changes")
+        yield KnownCombination(
+            {f"ln_stiffness.{name}": 1.0}, f"stiffness of [{name}] not at all: no force in it changes"
+        )
     together = {f"ln_stiffness.{name}": 1.0 for name in every}
-    yield Candidate(together, "stiffnesses only as ratios: their common size needs a known load difference")
+    yield KnownCombination(together, "stiffnesses only as ratios: their common size needs a known load difference")
 
 
-def _joint_pairs(machine: Machine) -> Iterator[Candidate]:
+def _joint_pair_combinations(machine: Machine) -> Iterator[KnownCombination]:
     for i, name in enumerate(machine.strut_names):
         drive = machine.strut_drive[i]
         if drive != FIXED and machine.drive_kinds[drive] == "crank":
             continue
         for c in AXES:
             both = {f"platform_joint.{name}.{c}": 1.0, f"base_joint.{name}.{c}": 1.0}
-            yield Candidate(both, f"platform and base joint along {c} of [{name}] only as their difference")
+            yield KnownCombination(both, f"platform and base joint along {c} of [{name}] only as their difference")
 
 
-def _across_guides(parameters: ParameterSet) -> Iterator[Candidate]:
+def _guide_plane_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
     """A joint held in a plane: its base joint and axis may lean across that plane at will."""
     machine = parameters.machine
     for guide, strut in enumerate(machine.guide_joint):
         normal, name = machine.nominal.guide_normal[guide], machine.strut_names[strut]
         shift = {f"base_joint.{name}.{c}": float(normal[k]) for k, c in enumerate(AXES)}
-        yield Candidate(shift, f"base joint across its guide of [{name}] not at all")
+        yield KnownCombination(shift, f"base joint across its guide of [{name}] not at all")
         drive = int(machine.strut_drive[strut])
         if drive != FIXED and machine.drive_kinds[drive] == "slider":
             tilt = np.cross(machine.nominal.axis[drive], normal)
             found = _tilts(parameters, "axis_tilt", drive, tilt)
-            yield Candidate(found, f"lean across its guide of the axis of [{machine.drive_names[drive]}] not at all")
+            yield KnownCombination(
+                found, f"lean across its guide of the axis of [{machine.drive_names[drive]}] not at all"
+            )
 
 
-def _bodies(parameters: ParameterSet) -> Iterator[Candidate]:
+def _rigid_body_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
     """Base and platform as bodies: they may lie anywhere if the instrument's frame and the reflectors are unknown."""
     machine = parameters.machine
     for k, c in enumerate(AXES):
@@ -105,14 +114,14 @@ def _bodies(parameters: ParameterSet) -> Iterator[Candidate]:
             upright = abs(machine.gravity_m_per_s2[k]) > 0.99 * np.linalg.norm(machine.gravity_m_per_s2)
             what = "heights" if upright else "places"
             words = f"{what} of the sliders {', '.join(machine.drive_names)} along {c} only as differences"
-        yield Candidate(_base_moved(parameters, np.eye(3)[k], np.zeros(3)), words)
+        yield KnownCombination(_move_base(parameters, np.eye(3)[k], np.zeros(3)), words)
     for k, c in enumerate(AXES):
         words = f"the base as a body about {c} not at all"
-        yield Candidate(_base_moved(parameters, np.zeros(3), np.eye(3)[k]), words)
+        yield KnownCombination(_move_base(parameters, np.zeros(3), np.eye(3)[k]), words)
     joints = machine.nominal.platform_joint_m
     for c in AXES:
         along = {f"platform_joint.{n}.{c}": 1.0 for n in machine.strut_names}
-        yield Candidate(along, f"the platform's joints as a body along {c} not at all")
+        yield KnownCombination(along, f"the platform's joints as a body along {c} not at all")
     for k, c in enumerate(AXES):
         turned = np.cross(np.eye(3)[k], joints)
         about = {
@@ -121,10 +130,10 @@ def _bodies(parameters: ParameterSet) -> Iterator[Candidate]:
             for j, a in enumerate(AXES)
         }
         words = f"the platform's joints as a body about {c} not at all"
-        yield Candidate(about, words)
+        yield KnownCombination(about, words)
 
 
-def _base_moved(parameters: ParameterSet, shift: Array, turn: Array) -> dict[str, float]:
+def _move_base(parameters: ParameterSet, shift: Array, turn: Array) -> dict[str, float]:
     """Deviations (m, rad) of everything that is fixed to the base when the base moves by a shift and a small turn."""
     machine, g = parameters.machine, parameters.machine.nominal
     out: dict[str, float] = {}
@@ -149,5 +158,5 @@ def _base_moved(parameters: ParameterSet, shift: Array, turn: Array) -> dict[str
 
 def _tilts(parameters: ParameterSet, kind: str, part: int, turn: Array) -> dict[str, float]:
     """A small turn in terms of a part's tilt parameters (what turns the part about itself falls away)."""
-    found: list[Parameter] = [p for p in parameters.parameters if p.kind == kind and p.part == part]
+    found: list[MachineParameter] = [p for p in parameters.parameters if p.kind == kind and p.part == part]
     return {p.name: float(np.array(p.about) @ turn) for p in found}

@@ -17,14 +17,14 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.identification.linear_system import (
-    Linearised,
+    TriangularSystem,
     estimator_covariance,
     posterior_covariance,
     truncated_covariance,
 )
-from calibration.identification.problem import Layout, Problem
+from calibration.identification.problem import Layout, LeastSquaresProblem
 from calibration.instruments.readings import Readings
-from calibration.instruments.smr_positions import SmrPositions, Station
+from calibration.instruments.smr_positions import SmrPositions, StationModel
 from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses
 from calibration.model.visits import Visits
@@ -54,7 +54,7 @@ class Fit:
     instruments: tuple[Readings, ...]
     unknowns: Array
     covariance: Array
-    system: Linearised
+    system: TriangularSystem
     weight: float
     chi2_per_dof: float
     residuals: tuple[Array, ...]
@@ -86,10 +86,10 @@ class Fit:
         """Numbers read minus those that the fit used up, the trace of its hat matrix."""
         sigma = self.layout.sigma
         scaled = self.covariance / sigma[:, None] / sigma[None, :]
-        return self.system.rows - float(np.sum(scaled * self.system.information()))
+        return self.system.n_rows - float(np.sum(scaled * self.system.information()))
 
     @property
-    def station(self) -> Station:
+    def station(self) -> StationModel:
         """The station that saw the reflectors."""
         return self._station()[0]
 
@@ -99,18 +99,18 @@ class Fit:
         station, own = self._station()
         return station.frame(own)
 
-    def stated(self, point_m: Array) -> Array:
+    def as_station_reports(self, point_m: Array) -> Array:
         """Points (n, 3) of the machine's frame as the station would state them, its range errors included."""
         station, own = self._station()
-        return station.see(self.machine, own, point_m)[0]
+        return station.observe(self.machine, own, point_m)[0]
 
     def mounting_m(self, smr: int) -> Array:
         """Identified position (3,) of a reflector on its part."""
         station, own = self._station()
         return station.mounting_m(self.machine, own, smr)
 
-    def _station(self) -> tuple[Station, Array]:
-        for readings, own in zip(self.instruments, self.layout.own, strict=True):
+    def _station(self) -> tuple[StationModel, Array]:
+        for readings, own in zip(self.instruments, self.layout.instrument_slices, strict=True):
             if isinstance(readings, SmrPositions):
                 return readings.station, self.unknowns[own]
         raise InputError("identification: no station was used in this fit, so it has no frame")
@@ -140,19 +140,19 @@ def identify(
     Raises InputError if readings are not finite, if there are fewer numbers than unknowns that only readings can
     determine, or if a pose has no equilibrium.
     """
-    problem = Problem(model, visits, tuple(readings), robust)
-    _refuse_unfit(problem)
+    problem = LeastSquaresProblem(model, visits, tuple(readings), robust)
+    _require_solvable(problem)
     everything = np.arange(problem.layout.size)
     stiffness = model.parameters.rows("ln_stiffness")
     z = np.zeros(problem.layout.size)
     if stiffness.size:
-        few = problem.thinned(VISITS_TO_START)
+        few = problem.subsample(VISITS_TO_START)
         z = few.minimise(z, np.setdiff1d(everything, stiffness), 1.0)
         if few is not problem:
             z = few.minimise(z, everything, 1.0, start_only=True)
     weight, converged = 1.0, True
     if estimator == "truncated_svd":
-        z, converged = _truncated(problem, z)
+        z, converged = _fit_truncated_svd(problem, z)
     else:
         if estimator == "least_squares":
             weight = LEAST_SQUARES_WEIGHT
@@ -164,7 +164,7 @@ def identify(
     return _fit(problem, z, weight, estimator, converged)
 
 
-def _refuse_unfit(problem: Problem) -> None:
+def _require_solvable(problem: LeastSquaresProblem) -> None:
     visits = problem.visits
     numbers = (visits.drives, visits.target_m, visits.payload_kg, visits.payload_com_m, *visits.temperatures_c.values())
     if not all(np.all(np.isfinite(a)) for a in numbers):
@@ -172,14 +172,14 @@ def _refuse_unfit(problem: Problem) -> None:
             "identification: a drive coordinate, target or payload is not a finite number; repair the data"
         )
     loose = sum(1 for u in problem.layout.unknowns if u.name.startswith(("frame.", "mounting.")))
-    if problem.rows < loose + len(problem.machine.dof):
+    if problem.n_numbers < loose + len(problem.machine.dof):
         raise InputError(
-            f"identification: {problem.rows} numbers read cannot determine the instrument ({loose} unknowns) "
+            f"identification: {problem.n_numbers} numbers read cannot determine the instrument ({loose} unknowns) "
             "and the machine; measure more poses"
         )
 
 
-def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator, converged: bool) -> Fit:
+def _fit(problem: LeastSquaresProblem, z: Array, weight: float, estimator: Estimator, converged: bool) -> Fit:
     system = problem.linearise(z)
     if estimator == "truncated_svd":
         scaled = truncated_covariance(system)
@@ -187,7 +187,7 @@ def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator, conver
         scaled = estimator_covariance(system, problem.prior(weight))
     residuals = problem.residuals(z)
     sigma = problem.layout.sigma
-    dof = max(1.0, system.rows - float(np.sum(scaled * system.information())))
+    dof = max(1.0, system.n_rows - float(np.sum(scaled * system.information())))
     return Fit(
         problem.model,
         problem.layout,
@@ -204,44 +204,49 @@ def _fit(problem: Problem, z: Array, weight: float, estimator: Estimator, conver
     )
 
 
-def _paths(system: Linearised, z: Array, parameters: int) -> list[tuple[float, float, float, float]]:
+def _regularisation_path(
+    system: TriangularSystem, z: Array, parameters: int
+) -> list[tuple[float, float, float, float]]:
     """For every weight: the weight, squared misfit, squared size of the parameters, effective number of unknowns."""
     out = []
-    right = system.factor @ z - system.right
+    right = system.factor @ z - system.right_side
     information = system.information()
     for weight in WEIGHTS:
         prior = np.ones(z.size)
         prior[:parameters] = weight
         covariance = posterior_covariance(system, prior)
         x = covariance @ (system.factor.T @ right)
-        misfit = float(np.sum((system.factor @ x - right) ** 2)) + system.rest
+        misfit = float(np.sum((system.factor @ x - right) ** 2)) + system.residual_squares
         size = float(np.sum(x[:parameters] ** 2))
         out.append((float(weight), misfit, size, float(np.sum(covariance * information))))
     return out
 
 
-def gcv_weight(system: Linearised, z: Array, parameters: int) -> float:
+def gcv_weight(system: TriangularSystem, z: Array, parameters: int) -> float:
     """Prior weight of least generalised cross-validation (Golub, Heath, Wahba 1979) of the linear problem at z."""
-    scores = [(misfit / (system.rows - used) ** 2, weight) for weight, misfit, _, used in _paths(system, z, parameters)]
+    scores = [
+        (misfit / (system.n_rows - used) ** 2, weight)
+        for weight, misfit, _, used in _regularisation_path(system, z, parameters)
+    ]
     return min(scores)[1]
 
 
-def l_curve_weight(system: Linearised, z: Array, parameters: int) -> float:
+def l_curve_weight(system: TriangularSystem, z: Array, parameters: int) -> float:
     """Prior weight at the corner of the L-curve: largest curvature of log misfit against log size (Hansen 1992)."""
-    found = np.log([(misfit, size) for _, misfit, size, _ in _paths(system, z, parameters)])
+    found = np.log([(misfit, size) for _, misfit, size, _ in _regularisation_path(system, z, parameters)])
     first, second = np.gradient(found, axis=0), np.gradient(np.gradient(found, axis=0), axis=0)
     bend = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     curvature = bend / np.maximum(np.sum(first**2, axis=1), 1e-12) ** 1.5
     return float(WEIGHTS[2:-2][np.argmax(curvature[2:-2])])
 
 
-def _truncated(problem: Problem, z: Array) -> tuple[Array, bool]:
+def _fit_truncated_svd(problem: LeastSquaresProblem, z: Array) -> tuple[Array, bool]:
     """Gauss-Newton in the directions whose singular value exceeds 1 (data beat the prior); whether it settled."""
     for _ in range(SVD_STEPS):
         system = problem.linearise(z)
         u, s, vt = np.linalg.svd(system.factor)
         keep = s > 1.0
-        wanted = u.T @ (system.factor @ z - system.right)
+        wanted = u.T @ (system.factor @ z - system.right_side)
         new = vt[keep].T @ (wanted[keep] / s[keep])
         if np.max(np.abs(new - z)) < 1e-7:
             return np.asarray(new), True

@@ -2,7 +2,7 @@
 
 At the solution the readings are linear in every unknown. For each kind of unknown that the fit left alone, the part of
 its effect that the fitted unknowns cannot absorb is fitted to the residual, by the smallest change in units of the
-tolerances. Kinds whose explanations differ by less than ALIKE standard deviations of a reading (RMS) are one
+tolerances. Kinds whose explanations differ by less than SAME_WITHIN_SD standard deviations of a reading (RMS) are one
 equivalence class on these readings: nothing in the data tells them apart.
 """
 
@@ -15,13 +15,13 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.identification.estimators import Fit
-from calibration.identification.problem import Problem
+from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 
-ALIKE = 0.3  # standard deviations of a reading, RMS
-ABSORBED = 1e-9  # of the largest singular value: directions of the fit itself
-FAINT = 1e-2  # of a kind's largest singular value: fainter directions are not used to explain
+SAME_WITHIN_SD = 0.3  # standard deviations of a reading, RMS
+ABSORBED_SHARE = 1e-9  # of the largest singular value: directions of the fit itself
+NEGLIGIBLE_EFFECT = 1e-2  # of a kind's largest singular value: fainter directions are not used to explain
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Explanation:
     unit: str
     value: Array
     share: float
-    tolerances: float
+    prior_deviations: float
     absorbed: float
     effect: Array
 
@@ -53,7 +53,7 @@ def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[
 
     readings: those of the fit; unknowns of their instruments that the fit did not have may explain too.
     """
-    problem = Problem(wider, fit.visits, tuple(readings))
+    problem = LeastSquaresProblem(wider, fit.visits, tuple(readings))
     names = problem.layout.names
     varied = np.array([name in fit.layout.names for name in names])
     z = np.zeros(len(names))
@@ -61,9 +61,9 @@ def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[
         z[i] = fit.value(names[i])[0] / problem.layout.sigma[i]
     system = problem.linearise(z)
     columns = np.vstack([system.factor, np.zeros(len(names))])
-    residual = np.append(system.right, np.sqrt(max(system.rest, 0.0)))
+    residual = np.append(system.right_side, np.sqrt(max(system.residual_squares, 0.0)))
     u, s, _ = np.linalg.svd(columns[:, varied], full_matrices=False)
-    absorbed = u[:, s > ABSORBED * np.max(s, initial=0.0)]
+    absorbed = u[:, s > ABSORBED_SHARE * np.max(s, initial=0.0)]
     left = columns - absorbed @ (absorbed.T @ columns)
     residual = residual - absorbed @ (absorbed.T @ residual)
     out = []
@@ -71,9 +71,9 @@ def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[
         rows = [i for i, name in enumerate(names) if not varied[i] and name.partition(".")[0] == kind]
         for unit in dict.fromkeys(problem.layout.unknowns[i].unit for i in rows):
             some = [i for i in rows if problem.layout.unknowns[i].unit == unit]
-            if np.linalg.norm(left[:, some]) < ABSORBED * np.linalg.norm(columns[:, some]):
+            if np.linalg.norm(left[:, some]) < ABSORBED_SHARE * np.linalg.norm(columns[:, some]):
                 continue
-            step = -np.linalg.pinv(left[:, some], rcond=FAINT) @ residual
+            step = -np.linalg.pinv(left[:, some], rcond=NEGLIGIBLE_EFFECT) @ residual
             effect = left[:, some] @ step
             share = 1.0 - float(np.sum((residual + effect) ** 2) / max(np.sum(residual**2), 1e-300))
             label = kind if len(some) > 1 else names[some[0]]
@@ -85,14 +85,14 @@ def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[
     return tuple(sorted(out, key=lambda e: -e.share))
 
 
-def alike(found: Sequence[Explanation], readings: int) -> tuple[tuple[Explanation, ...], ...]:
+def group_indistinguishable(found: Sequence[Explanation], readings: int) -> tuple[tuple[Explanation, ...], ...]:
     """Groups of explanations that the readings (their number) do not tell apart, by single linkage."""
     groups: list[list[Explanation]] = []
     for one in found:
         near = [
             group
             for group in groups
-            if any(np.linalg.norm(one.effect - other.effect) < ALIKE * np.sqrt(readings) for other in group)
+            if any(np.linalg.norm(one.effect - other.effect) < SAME_WITHIN_SD * np.sqrt(readings) for other in group)
         ]
         groups = [group for group in groups if group not in near]
         groups.append([*(other for group in near for other in group), one])

@@ -16,11 +16,11 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.identification.estimators import Fit
 from calibration.identification.problem import VISITS_AT_ONCE
-from calibration.instruments.readings import parts
+from calibration.instruments.readings import split_by_visits
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class LeaveOneOutErrors:
     """One instrument's readings (r, w), in standard deviations of a reading.
 
     residual: of the fit; error: of the refits without the reading, prediction minus reading; u: standard
@@ -32,16 +32,16 @@ class LeftOut:
     u: Array
 
 
-def leave_one_out(fit: Fit) -> tuple[LeftOut, ...]:
+def leave_one_out(fit: Fit) -> tuple[LeaveOneOutErrors, ...]:
     """Residuals and leave-one-out errors of every instrument's readings, of a fit by squares with priors.
 
     Not for a truncated or robust fit. InputError if a reading is followed exactly, so that nothing is left to judge it.
     """
     out = []
     count = len(fit.model)
-    for readings, own in zip(fit.instruments, fit.layout.own, strict=True):
+    for readings, own in zip(fit.instruments, fit.layout.instrument_slices, strict=True):
         residual, error, u = (np.empty((len(readings), readings.width)) for _ in range(3))
-        for rows, some, needed, local in parts(readings, VISITS_AT_ONCE):
+        for rows, some, needed, local in split_by_visits(readings, VISITS_AT_ONCE):
             poses = fit.predict(fit.visits.take(needed))
             at = some.compare(poses, local, fit.unknowns[own])
             columns = np.concatenate([np.arange(count), np.arange(own.start, own.stop)])
@@ -57,5 +57,5 @@ def leave_one_out(fit: Fit) -> tuple[LeftOut, ...]:
             residual[rows] = at.residual
             error[rows] = np.einsum("rij,rj->ri", kept, at.residual)
             u[rows] = np.sqrt(np.maximum(np.einsum("rij,rji->ri", hat, kept), 0.0))
-        out.append(LeftOut(residual, error, u))
+        out.append(LeaveOneOutErrors(residual, error, u))
     return tuple(out)

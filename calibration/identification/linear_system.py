@@ -19,22 +19,22 @@ PANEL = 8  # columns that are eliminated together
 
 
 @dataclass(frozen=True)
-class Linearised:
+class TriangularSystem:
     """|J d + r|^2 = |R d + c|^2 + rest: factor R (u, u), right side c (u,), rest, number of rows m."""
 
     factor: Array
-    right: Array
-    rest: float
-    rows: int
+    right_side: Array
+    residual_squares: float
+    n_rows: int
 
     @property
     def cost(self) -> float:
         """Sum of squares at d = 0."""
-        return float(self.right @ self.right) + self.rest
+        return float(self.right_side @ self.right_side) + self.residual_squares
 
     def gradient(self) -> Array:
         """J^T r (u,)."""
-        return np.asarray(self.factor.T @ self.right)
+        return np.asarray(self.factor.T @ self.right_side)
 
     def information(self) -> Array:
         """J^T J (u, u)."""
@@ -45,8 +45,8 @@ class Linearised:
         return np.asarray(np.linalg.svd(self.factor, compute_uv=False))
 
 
-class Folding:
-    """Folds blocks of rows into a `Linearised`."""
+class QrAccumulator:
+    """Folds blocks of rows into a `TriangularSystem`."""
 
     def __init__(self, unknowns: int) -> None:
         self._r = np.zeros((unknowns + 1, unknowns + 1), order="F")
@@ -63,31 +63,31 @@ class Folding:
             # A QR factorisation of the triangle over the block that leaves the triangle's zeros alone.
             self._r = dtpqrt(0, min(PANEL, self._unknowns + 1), self._r, block, overwrite_a=1, overwrite_b=1)[0]
 
-    def done(self, scale: Array | None = None) -> Linearised:
+    def result(self, scale: Array | None = None) -> TriangularSystem:
         """The factor of all rows so far, their columns multiplied by scale (u,)."""
         u = self._unknowns
         r = np.triu(self._r)
         if scale is not None:
             r[:, :u] *= scale
-        return Linearised(r[:u, :u], r[:u, u].copy(), float(r[u, u] ** 2), self._rows)
+        return TriangularSystem(r[:u, :u], r[:u, u].copy(), float(r[u, u] ** 2), self._rows)
 
 
-def regularised_step(system: Linearised, offset: Array, weight: Array) -> Array:
+def regularised_step(system: TriangularSystem, offset: Array, weight: Array) -> Array:
     """d (u,) that minimises |R d + c|^2 + |w (offset + d)|^2."""
     stacked = np.vstack([system.factor, np.diag(weight)])
     q, r = np.linalg.qr(stacked)
-    right = np.concatenate([system.right, weight * offset])
+    right = np.concatenate([system.right_side, weight * offset])
     return np.asarray(-solve_triangular(r, q.T @ right))
 
 
-def posterior_covariance(system: Linearised, weight: Array) -> Array:
+def posterior_covariance(system: TriangularSystem, weight: Array) -> Array:
     """(J^T J + diag(w^2))^-1 (u, u), from a triangular factor; weights must hold what the rows leave open."""
     r = np.linalg.qr(np.vstack([system.factor, np.diag(weight)]), mode="r")
     inverse = solve_triangular(r, np.eye(len(r)))
     return np.asarray(inverse @ inverse.T)
 
 
-def estimator_covariance(system: Linearised, weight: Array) -> Array:
+def estimator_covariance(system: TriangularSystem, weight: Array) -> Array:
     """Covariance (u, u) of the error of |J d + r|^2 + |w d|^2 at its minimum, the truth drawn from unit priors.
 
     With P = (J^T J + W^2)^-1: P W^4 P from what the weights pull aside, P J^T J P from the readings' noise. With unit
@@ -101,7 +101,7 @@ def estimator_covariance(system: Linearised, weight: Array) -> Array:
     return np.asarray(pulled @ pulled.T + noisy @ noisy.T)
 
 
-def truncated_covariance(system: Linearised) -> Array:
+def truncated_covariance(system: TriangularSystem) -> Array:
     """The same of truncated singular values: prior where a direction is left out, noise where it is kept."""
     _, s, vt = np.linalg.svd(system.factor)
     return np.asarray((vt.T * np.where(s > 1.0, 1.0 / np.maximum(s, 1.0) ** 2, 1.0)) @ vt)

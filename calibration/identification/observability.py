@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.identification.combinations import candidates, in_words, plain
+from calibration.identification.combinations import known_combinations, list_terms, merge_sentences
 from calibration.identification.estimators import Fit
-from calibration.identification.linear_system import Linearised, posterior_covariance
-from calibration.identification.problem import Problem
+from calibration.identification.linear_system import TriangularSystem, posterior_covariance
+from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
@@ -47,22 +47,22 @@ class Observability:
     """
 
     parameters: ParameterSet
-    left: Array
+    remaining_share: Array
     spectrum: Array
     directions: Array
-    open: tuple[Combination, ...]
+    open_combinations: tuple[Combination, ...]
     threshold: float
     gap_rad: float
 
     @property
-    def decided(self) -> int:
+    def n_determined(self) -> int:
         """Directions of which the data know more than the tolerances."""
         return int(np.count_nonzero(self.spectrum > 1.0))
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the data leave open, one sentence a combination; like ones are said once."""
-        return in_words([c.words for c in self.open])
+        return merge_sentences([c.words for c in self.open_combinations])
 
 
 def observability_of(fit: Fit, threshold: float = OPEN) -> Observability:
@@ -78,25 +78,27 @@ def planned_observability(
     theta (p,): deviations at which to look, nominal if None. At nominal an unloaded machine has no internal
     forces, so that stiffness shows in nothing: a draw within the tolerances is the fairer look.
     """
-    problem = Problem(model, visits, tuple(readings))
+    problem = LeastSquaresProblem(model, visits, tuple(readings))
     z = np.zeros(problem.layout.size)
     if theta is not None:
         z[: len(model.parameters)] = theta / model.parameters.sigma
     return analyse(problem.linearise(z), model.parameters, threshold)
 
 
-def analyse(system: Linearised, parameters: ParameterSet, threshold: float = OPEN) -> Observability:
+def analyse(system: TriangularSystem, parameters: ParameterSet, threshold: float = OPEN) -> Observability:
     """Observability of a linearised problem whose first unknowns are the machine's parameters."""
     count = len(parameters)
     weight = np.ones(len(system.factor))
     left = np.sqrt(np.diag(posterior_covariance(system, weight)))[:count]
     _, spectrum, directions = np.linalg.svd(marginal_factor(system, count))
     loose = directions[spectrum < threshold]
-    found = _name(loose, parameters)
-    return Observability(parameters, left, spectrum, directions, found, threshold, _angle(found, loose, parameters))
+    found = _named_combinations(loose, parameters)
+    return Observability(
+        parameters, left, spectrum, directions, found, threshold, _principal_angle(found, loose, parameters)
+    )
 
 
-def marginal_factor(system: Linearised, count: int) -> Array:
+def marginal_factor(system: TriangularSystem, count: int) -> Array:
     """R (count, count) of the first unknowns' information once all others are eliminated with their priors."""
     others = len(system.factor) - count
     prior = np.hstack([np.eye(others), np.zeros((others, count))])
@@ -105,14 +107,14 @@ def marginal_factor(system: Linearised, count: int) -> Array:
     return r[others:, others:]
 
 
-def _name(loose: Array, parameters: ParameterSet) -> tuple[Combination, ...]:
+def _named_combinations(loose: Array, parameters: ParameterSet) -> tuple[Combination, ...]:
     """Combinations that span the open directions: known ones first, what they leave over as it stands."""
     found: list[Combination] = []
     span = np.zeros((0, len(parameters)))
-    for candidate in candidates(parameters):
+    for candidate in known_combinations(parameters):
         if len(span) == len(loose):
             break
-        scaled = _scaled(candidate.coefficients, parameters)
+        scaled = _unit_vector(candidate.coefficients, parameters)
         if np.linalg.norm(scaled - loose.T @ (loose @ scaled)) > INSIDE:
             continue
         rest = scaled - span.T @ (span @ scaled)
@@ -123,10 +125,10 @@ def _name(loose: Array, parameters: ParameterSet) -> tuple[Combination, ...]:
     inside = loose @ span.T
     u, s, _ = np.linalg.svd(inside) if len(span) else (np.eye(len(loose)), np.zeros(0), None)
     remainder = u[:, np.count_nonzero(s > 0.5) :].T @ loose
-    return (*found, *(_plain(row, parameters) for row in _sparse(remainder)))
+    return (*found, *(_unnamed_combination(row, parameters) for row in _row_echelon(remainder)))
 
 
-def _sparse(basis: Array) -> Array:
+def _row_echelon(basis: Array) -> Array:
     """The same span with few entries a row: reduced row echelon form with full pivoting."""
     rows = basis.copy()
     for i in range(len(rows)):
@@ -140,26 +142,26 @@ def _sparse(basis: Array) -> Array:
     return rows
 
 
-def _plain(row: Array, parameters: ParameterSet) -> Combination:
+def _unnamed_combination(row: Array, parameters: ParameterSet) -> Combination:
     """A combination as a list of parameters and what each would do."""
     keep = np.flatnonzero(np.abs(row) > SMALLEST * np.max(np.abs(row)))
     value = row * parameters.sigma
     coefficients = {parameters.names[i]: float(value[i]) for i in keep}
-    return Combination(coefficients, plain(parameters, coefficients).words)
+    return Combination(coefficients, list_terms(parameters, coefficients).words)
 
 
-def _scaled(coefficients: Mapping[str, float], parameters: ParameterSet) -> Array:
+def _unit_vector(coefficients: Mapping[str, float], parameters: ParameterSet) -> Array:
     """Unit vector (p,) of a combination in units of the priors' standard deviation."""
     vector = np.array([coefficients.get(name, 0.0) for name in parameters.names]) / parameters.sigma
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _angle(found: Sequence[Combination], loose: Array, parameters: ParameterSet) -> float:
+def _principal_angle(found: Sequence[Combination], loose: Array, parameters: ParameterSet) -> float:
     """Largest principal angle between what is named and what is open."""
     if not len(loose):
         return 0.0
     if len(found) != len(loose):
         return float(np.pi / 2.0)
-    q, _ = np.linalg.qr(np.array([_scaled(c.coefficients, parameters) for c in found]).T)
+    q, _ = np.linalg.qr(np.array([_unit_vector(c.coefficients, parameters) for c in found]).T)
     sines = np.linalg.norm(q - loose.T @ (loose @ q), ord=2)
     return float(np.arcsin(min(1.0, float(sines))))

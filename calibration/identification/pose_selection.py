@@ -22,20 +22,20 @@ from calibration.identification.prediction import tool_derivatives
 from calibration.identification.problem import Layout
 from calibration.instruments.readings import Readings
 from calibration.machine.description import Machine
-from calibration.machine.equilibrium import conditions
+from calibration.machine.equilibrium import make_conditions
 from calibration.machine.inverse import drives_for
 from calibration.model.model import Model
 from calibration.model.visits import Visits
 
 Criterion = Literal["I", "D"]
-MOST_ROUNDS = 20
-WORTH_IT = 1e-6  # relative gain below which an exchange is not worth it
+MAX_ROUNDS = 20
+MIN_IMPROVEMENT = 1e-6  # relative gain below which an exchange is not worth it
 
 Instrument = Callable[[Visits], Sequence[Readings]]
 
 
 @dataclass(frozen=True)
-class Load:
+class PlannedLoad:
     """What a campaign mounts: a payload, and a known force in the machine frame at a point of the platform."""
 
     mass_kg: float = 0.0
@@ -45,7 +45,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Prospect:
+class CampaignForecast:
     """A planned campaign and what it promises: RMS standard uncertainty of the tool over the workspace.
 
     tool (n, 6): poses, each measured once under every load; u_position_m of the tool point (root of the sum over
@@ -99,11 +99,11 @@ def candidate_poses(machine: Machine, count: int, seed: int) -> Array:
     return reachable(machine, np.vstack([corners, faces[:count], inside[:count]]))
 
 
-def visits_at(machine: Machine, tool: Array, loads: Sequence[Load]) -> Visits:
+def visits_at(machine: Machine, tool: Array, loads: Sequence[PlannedLoad]) -> Visits:
     """Visits of tool poses (n, 6) under every load, load by load, at the reference temperature."""
-    drives, pose = drives_for(machine, machine.nominal, tool, conditions(machine, len(tool)).unloaded())
+    drives, pose = drives_for(machine, machine.nominal, tool, make_conditions(machine, len(tool)).without_loads())
     n, k = len(tool), len(loads)
-    visits = Visits.at(
+    visits = Visits.at_reference_temperature(
         machine,
         np.tile(drives, (k, 1)),
         np.tile(pose, (k, 1)),
@@ -125,8 +125,8 @@ class Selection:
 
     tool: Array
     rows: Array
-    aim: Array
-    turn: Array
+    position_gram: Array
+    orientation_gram: Array
     parameters: int
 
     @classmethod
@@ -134,7 +134,7 @@ class Selection:
         cls,
         model: Model,
         tool: Array,
-        loads: Sequence[Load],
+        loads: Sequence[PlannedLoad],
         instrument: Instrument,
         over: Visits,
         theta: Array | None = None,
@@ -160,37 +160,40 @@ class Selection:
         rows = by_visit.reshape(len(loads), len(tool), -1, layout.size).transpose(1, 0, 2, 3)
         return cls(tool, rows.reshape(len(tool), -1, layout.size), aim, turn, len(model.parameters))
 
-    def prospect(self, rows: NDArray[np.intp]) -> Prospect:
+    def forecast(self, rows: NDArray[np.intp]) -> CampaignForecast:
         """What measuring some candidates promises."""
         covariance = np.linalg.inv(self._information(rows))
-        position, orientation = float(np.sum(covariance * self.aim)), float(np.sum(covariance * self.turn))
-        return Prospect(self.tool[rows], rows, float(np.sqrt(position)), float(np.sqrt(orientation)))
+        position, orientation = (
+            float(np.sum(covariance * self.position_gram)),
+            float(np.sum(covariance * self.orientation_gram)),
+        )
+        return CampaignForecast(self.tool[rows], rows, float(np.sqrt(position)), float(np.sqrt(orientation)))
 
-    def whole(self) -> Prospect:
+    def forecast_all(self) -> CampaignForecast:
         """What measuring every candidate once promises."""
-        return self.prospect(np.arange(len(self.rows)))
+        return self.forecast(np.arange(len(self.rows)))
 
-    def choose(self, count: int, criterion: Criterion = "I") -> Prospect:
+    def select(self, count: int, criterion: Criterion = "I") -> CampaignForecast:
         """The best `count` candidates found; InputError if there are no candidates."""
         if not len(self.rows) or count < 1:
             raise InputError("poses: nothing to choose from; check workspace, travel and count")
         chosen: list[int] = []
-        covariance = np.eye(self.aim.shape[0])
+        covariance = np.eye(self.position_gram.shape[0])
         for _ in range(count):
             best = int(np.argmax(self._gain(covariance, criterion)))
-            covariance = _with(covariance, self.rows[best])
+            covariance = _covariance_after(covariance, self.rows[best])
             chosen.append(best)
         score = self._score(np.array(chosen), criterion)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_ROUNDS):
             before = score
             for place in range(count):
                 rest = np.array(chosen[:place] + chosen[place + 1 :], dtype=np.intp)
                 without = np.asarray(np.linalg.inv(self._information(rest)), dtype=np.float64)
                 chosen[place] = int(np.argmax(self._gain(without, criterion)))
             score = self._score(np.array(chosen), criterion)
-            if before - score < WORTH_IT * abs(before):
+            if before - score < MIN_IMPROVEMENT * abs(before):
                 break
-        return self.prospect(np.sort(np.array(chosen)))
+        return self.forecast(np.sort(np.array(chosen)))
 
     def _information(self, rows: NDArray[np.intp]) -> Array:
         stacked = self.rows[rows].reshape(-1, self.rows.shape[2])
@@ -200,7 +203,7 @@ class Selection:
         """To be made small: predicted variance, or minus the log determinant of the parameters' information."""
         covariance = np.linalg.inv(self._information(rows))
         if criterion == "I":
-            return float(np.sum(covariance * self.aim))
+            return float(np.sum(covariance * self.position_gram))
         return float(np.linalg.slogdet(covariance[: self.parameters, : self.parameters])[1])
 
     def _gain(self, covariance: Array, criterion: Criterion) -> Array:
@@ -208,7 +211,7 @@ class Selection:
         spread = self.rows @ covariance
         inner = spread @ self.rows.transpose(0, 2, 1) + np.eye(self.rows.shape[1])
         if criterion == "I":
-            weighted = spread @ self.aim @ spread.transpose(0, 2, 1)
+            weighted = spread @ self.position_gram @ spread.transpose(0, 2, 1)
             return np.asarray(np.trace(np.linalg.solve(inner, weighted), axis1=1, axis2=2))
         p = self.parameters
         block = covariance[:p, :p]
@@ -217,7 +220,7 @@ class Selection:
         return np.asarray(np.linalg.slogdet(inner)[1] - np.linalg.slogdet(shrunk)[1])
 
 
-def _with(covariance: Array, rows: Array) -> Array:
+def _covariance_after(covariance: Array, rows: Array) -> Array:
     """Covariance (u, u) after more rows (m, u)."""
     spread = rows @ covariance
     inner = spread @ rows.T + np.eye(len(rows))
@@ -228,8 +231,8 @@ def _rows_by_visit(model: Model, layout: Layout, readings: Sequence[Readings], v
     """Whitened derivatives (n, m, u) of what is read at each visit, filled with zeros where less is read."""
     poses = model.predict(values[: len(model)], visits, visits.target_m)
     per_visit: list[list[Array]] = [[] for _ in range(len(visits))]
-    for part, own in zip(readings, layout.own, strict=True):
-        needed = part.visits_of()
+    for part, own in zip(readings, layout.instrument_slices, strict=True):
+        needed = part.visit_indices()
         if needed.shape[1] != 1:
             raise InputError(
                 "poses: distances between two poses cannot be planned pose by pose; use a ball on the base"

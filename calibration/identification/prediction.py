@@ -16,14 +16,14 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector, skew
 from calibration.identification.estimators import Fit
-from calibration.identification.problem import Layout, Problem
+from calibration.identification.problem import Layout, LeastSquaresProblem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
 from calibration.model.visits import Visits
 from calibration.reduction.report_frame import ReportFrame
 
-LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
-DRAWS = 1000
+ROTATION_LEVER_M = 0.3  # weighs rotations against shifts in a fit of rigid motions
+MONTE_CARLO_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ def tool_derivatives(
     they should cover the workspace.
     """
     poses = model.predict(values[: len(model)], visits)
-    tool, by_point = poses.point(model.machine.tool_point_m)
+    tool, by_point = poses.platform_point(model.machine.tool_point_m)
     position = np.zeros((len(visits), 3, layout.size))
     orientation = np.zeros((len(visits), 3, layout.size))
     position[:, :, : len(model)] = by_point
     orientation[:, :, : len(model)] = poses.jacobian[:, 3:]
-    if any(part.own_gauge for part in readings):
-        return _without_rigid_motions(position, orientation, tool, poses.rest.rotation)
+    if any(part.free_rigid_motion for part in readings):
+        return _without_rigid_motions(position, orientation, tool, poses.equilibrium.rotation)
     return ToolDerivatives(position, orientation)
 
 
@@ -64,14 +64,14 @@ def _without_rigid_motions(position: Array, orientation: Array, tool_m: Array, r
     none = np.zeros((n, 3, 3))
     moved = np.concatenate([eye, -skew(tool_m), rotation, none], axis=2)
     turned = np.concatenate([none, eye, none, rotation], axis=2)
-    gauge = np.concatenate([moved, LEVER_M * turned], axis=1).reshape(6 * n, 12)
-    both = np.concatenate([position, LEVER_M * orientation], axis=1).reshape(6 * n, -1)
+    gauge = np.concatenate([moved, ROTATION_LEVER_M * turned], axis=1).reshape(6 * n, 12)
+    both = np.concatenate([position, ROTATION_LEVER_M * orientation], axis=1).reshape(6 * n, -1)
     left = (both - gauge @ (np.linalg.pinv(gauge) @ both)).reshape(n, 6, -1)
-    return ToolDerivatives(left[:, :3], left[:, 3:] / LEVER_M)
+    return ToolDerivatives(left[:, :3], left[:, 3:] / ROTATION_LEVER_M)
 
 
 @dataclass(frozen=True)
-class Predicted:
+class PredictedPoses:
     """Predicted tool poses of visits: coordinates (n, 6) and their covariance (n, 6, 6)."""
 
     coordinates: Array
@@ -83,15 +83,15 @@ class Predicted:
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
 
 
-def predict_tool(fit: Fit, visits: Visits) -> Predicted:
+def predict_tool(fit: Fit, visits: Visits) -> PredictedPoses:
     """Tool poses with the covariance of the fit propagated linearly (GUM)."""
     d = tool_derivatives(fit.model, fit.layout, fit.instruments, fit.unknowns, visits).both
     poses = fit.predict(visits)
-    stated = np.concatenate([poses.tool_m(), rotation_vector(poses.rest.rotation)], axis=1)
-    return Predicted(stated, d @ fit.covariance @ d.transpose(0, 2, 1))
+    stated = np.concatenate([poses.tool_m(), rotation_vector(poses.equilibrium.rotation)], axis=1)
+    return PredictedPoses(stated, d @ fit.covariance @ d.transpose(0, 2, 1))
 
 
-def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = DRAWS) -> Predicted:
+def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DRAWS) -> PredictedPoses:
     """The same by propagation of distributions (JCGM 101) through the default estimator itself.
 
     Each draw takes new errors for every reading and every prior, fits again with the full model and predicts. Drawing
@@ -105,23 +105,23 @@ def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = DRAWS) -> Pred
     sigma = fit.layout.sigma
     z = fit.unknowns / sigma
     poses = fit.predict(visits)
-    tool, rotation = poses.tool_m(), poses.rest.rotation
-    gauged = any(part.own_gauge for part in fit.instruments)
-    perfect = [part.moved(r) for part, r in zip(fit.instruments, fit.residuals, strict=True)]
+    tool, rotation = poses.tool_m(), poses.equilibrium.rotation
+    gauged = any(part.free_rigid_motion for part in fit.instruments)
+    perfect = [part.with_noise(r) for part, r in zip(fit.instruments, fit.residuals, strict=True)]
     total, square = np.zeros((len(visits), 6)), np.zeros((len(visits), 6, 6))
     for _ in range(draws):
-        noisy = [part.moved(rng.standard_normal((len(part), part.width))) for part in perfect]
-        problem = Problem(fit.model, fit.visits, noisy, centre=z + rng.standard_normal(z.size))
+        noisy = [part.with_noise(rng.standard_normal((len(part), part.width))) for part in perfect]
+        problem = LeastSquaresProblem(fit.model, fit.visits, noisy, centre=z + rng.standard_normal(z.size))
         drawn = fit.model.predict((problem.minimise(z, np.arange(z.size), 1.0) * sigma)[: len(fit.model)], visits)
         shift = (drawn.tool_m() - tool)[:, :, None]
-        turn = rotation_vector(drawn.rest.rotation @ rotation.transpose(0, 2, 1))[:, :, None]
+        turn = rotation_vector(drawn.equilibrium.rotation @ rotation.transpose(0, 2, 1))[:, :, None]
         found = _without_rigid_motions(shift, turn, tool, rotation) if gauged else ToolDerivatives(shift, turn)
         error = found.both[:, :, 0]
         total += error
         square += error[:, :, None] * error[:, None, :]
     mean = total / draws
     covariance = square / draws - mean[:, :, None] * mean[:, None, :]
-    return Predicted(np.concatenate([tool, rotation_vector(rotation)], axis=1) + mean, covariance)
+    return PredictedPoses(np.concatenate([tool, rotation_vector(rotation)], axis=1) + mean, covariance)
 
 
 def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
@@ -131,7 +131,10 @@ def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
     """
     poses = fit.predict(visits)
     mounting = np.array([fit.mounting_m(i) for i in report.smrs])
-    turned = np.einsum("nij,kj->nki", poses.rest.rotation, mounting) * poses.at.factors["platform"][:, None, None]
-    places = poses.rest.position_m[:, None] + turned
-    points = fit.stated(places.reshape(-1, 3)).reshape(places.shape)
-    return report.poses(points, poses.rest.coordinates())
+    turned = (
+        np.einsum("nij,kj->nki", poses.equilibrium.rotation, mounting)
+        * poses.conditions.factors["platform"][:, None, None]
+    )
+    places = poses.equilibrium.position_m[:, None] + turned
+    points = fit.as_station_reports(places.reshape(-1, 3)).reshape(places.shape)
+    return report.poses(points, poses.equilibrium.coordinates())

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.identification.linear_system import Folding, Linearised, regularised_step
-from calibration.instruments.readings import Readings, Whitened, parts
+from calibration.identification.linear_system import QrAccumulator, TriangularSystem, regularised_step
+from calibration.instruments.readings import Readings, WhitenedResiduals, split_by_visits
 from calibration.machine.description import Machine
-from calibration.machine.equilibrium import Status
-from calibration.machine.mechanics import keep_memory
+from calibration.machine.equilibrium import PoseStatus
+from calibration.machine.mechanics import retain_heap
 from calibration.model.model import Model, Poses, Unknown
 from calibration.model.visits import Visits
 
 VISITS_AT_ONCE = 1024
-WORTH_THINNING = 0.5
+MIN_VISITS_TO_SUBSAMPLE = 0.5
 MOST_STEPS = 60
 LARGEST_SHARE = 0.5  # of a former step: beyond it steps do not shrink evenly and its lesson is not taken
 SETTLED = 1e-7  # of the last step, in standard errors
@@ -37,7 +37,7 @@ class Layout:
     """Where each unknown stands: those of the model first, then those of each instrument."""
 
     unknowns: tuple[Unknown, ...]
-    own: tuple[slice, ...]
+    instrument_slices: tuple[slice, ...]
 
     @classmethod
     def of(cls, model: Model, readings: Sequence[Readings]) -> Layout:
@@ -78,7 +78,7 @@ class _Block:
 
 
 @dataclass
-class Problem:
+class LeastSquaresProblem:
     """Readings of visits under a model.
 
     robust: Huber's loss on each reading instead of squares. centre (u,): where the priors stand, in scaled unknowns;
@@ -94,14 +94,16 @@ class Problem:
     _start: Array = field(init=False)
     _blocks: list[_Block] = field(init=False)
     converged: bool = field(init=False, default=False)  # whether the last search ended by itself
-    _last: tuple[Array, Linearised] | None = field(init=False, default=None)  # where it was linearised last
+    _last: tuple[Array, TriangularSystem] | None = field(init=False, default=None)  # where it was linearised last
 
     def __post_init__(self) -> None:
-        keep_memory()
+        retain_heap()
         self.layout = Layout.of(self.model, self.readings)
         self._start = self.visits.target_m.copy()  # poses found last: where the next search starts
         self._blocks = [
-            _Block(index, *block) for index, part in enumerate(self.readings) for block in parts(part, VISITS_AT_ONCE)
+            _Block(index, *block)
+            for index, part in enumerate(self.readings)
+            for block in split_by_visits(part, VISITS_AT_ONCE)
         ]
 
     @property
@@ -110,7 +112,7 @@ class Problem:
         return self.model.machine
 
     @property
-    def rows(self) -> int:
+    def n_numbers(self) -> int:
         """Numbers read."""
         return sum(len(part) * part.width for part in self.readings)
 
@@ -123,52 +125,52 @@ class Problem:
         weights[: len(self.model.parameters)] = weight
         return weights
 
-    def thinned(self, visits: int) -> Problem:
+    def subsample(self, visits: int) -> LeastSquaresProblem:
         """The same problem with the readings of about so many visits, to find a start with; itself if that is most.
 
         They are drawn at random, the same each time: a regular choice might always meet the same reflector.
         """
         share = visits / len(self.visits)
-        if share > WORTH_THINNING:
+        if share > MIN_VISITS_TO_SUBSAMPLE:
             return self
         rng = np.random.default_rng(0)
         some = [
             part.take(np.sort(rng.permutation(len(part))[: int(np.ceil(share * len(part)))])) for part in self.readings
         ]
-        return Problem(self.model, self.visits, some, self.robust, self.centre)
+        return LeastSquaresProblem(self.model, self.visits, some, self.robust, self.centre)
 
-    def linearise(self, z: Array) -> Linearised:
+    def linearise(self, z: Array) -> TriangularSystem:
         """Residuals and derivatives at z with respect to z, folded into a triangle."""
         if self._last is not None and np.array_equal(self._last[0], z):
             return self._last[1]
-        folding = Folding(self.layout.size)
-        for index, _, compared in self._compared(z, derivatives=True):
+        folding = QrAccumulator(self.layout.size)
+        for index, _, compared in self._compare_blocks(z, derivatives=True):
             jacobian, residual = compared.by_model, compared.residual
             if not np.all(np.isfinite(residual)):
                 raise InputError("identification: a reading or its deviation is not a finite number; repair the data")
             if self.layout.size > len(self.model):
                 jacobian = np.zeros((*residual.shape, self.layout.size))
                 jacobian[:, :, : len(self.model)] = compared.by_model
-                jacobian[:, :, self.layout.own[index]] = compared.by_own
+                jacobian[:, :, self.layout.instrument_slices[index]] = compared.by_own
             if self.robust:
                 weight = self._weights(residual)
                 jacobian = jacobian * weight[:, None, None]
                 residual = residual * weight[:, None]
             folding.add(jacobian.reshape(-1, self.layout.size), residual.ravel())
-        system = folding.done(self.layout.sigma)
+        system = folding.result(self.layout.sigma)
         self._last = (z.copy(), system)
         return system
 
     def residuals(self, z: Array) -> list[Array]:
         """Whitened residuals (r, w) of each instrument's readings, in the order of its readings."""
         out = [np.empty((len(part), part.width)) for part in self.readings]
-        for index, rows, compared in self._compared(z):
+        for index, rows, compared in self._compare_blocks(z):
             out[index][rows] = compared.residual
         return out
 
     def loss(self, z: Array, weight: Array) -> float:
         """The function that is minimised."""
-        total = float(np.sum((weight * self._off_centre(z)) ** 2))
+        total = float(np.sum((weight * self._prior_offset(z)) ** 2))
         for found in self.residuals(z):
             square = np.sum(found**2, axis=1)
             total += float(np.sum(self._rho(square, found.shape[1])))
@@ -189,7 +191,7 @@ class Problem:
         best = self._loss_of(system, z, prior)
         self.converged = False
         for _ in range(MOST_STEPS):
-            step = _step(system, self._off_centre(z), prior, held, damping)
+            step = _step(system, self._prior_offset(z), prior, held, damping)
             size = _in_standard_errors(system, step, prior)
             # The loss's round-off hides what a step this short gains; one that no longer shrinks is round-off itself.
             hidden = size * size < ROUND_OFF * (best + 1.0)
@@ -197,7 +199,7 @@ class Problem:
                 self.converged = True
                 break
             if damping == 0.0:
-                former, step = (z, step), _accelerated(system, prior, former, z, step)
+                former, step = (z, step), _accelerated_step(system, prior, former, z, step)
             try:
                 trial = self.linearise(z + step)
                 loss = self._loss_of(trial, z + step, prior)
@@ -215,12 +217,12 @@ class Problem:
                 former, damping = None, max(1.0, 10.0 * damping)
         return z
 
-    def _loss_of(self, system: Linearised, z: Array, prior: Array) -> float:
+    def _loss_of(self, system: TriangularSystem, z: Array, prior: Array) -> float:
         if self.robust:
             return self.loss(z, prior)
-        return system.cost + float(np.sum((prior * self._off_centre(z)) ** 2))
+        return system.cost + float(np.sum((prior * self._prior_offset(z)) ** 2))
 
-    def _off_centre(self, z: Array) -> Array:
+    def _prior_offset(self, z: Array) -> Array:
         return z if self.centre is None else z - self.centre
 
     def _weights(self, residual: Array) -> Array:
@@ -234,33 +236,37 @@ class Problem:
         size = np.sqrt(square / width)
         return np.where(size <= HUBER, square, width * (2.0 * HUBER * size - HUBER**2))
 
-    def _compared(self, z: Array, *, derivatives: bool = False) -> Iterator[tuple[int, NDArray[np.intp], Whitened]]:
+    def _compare_blocks(
+        self, z: Array, *, derivatives: bool = False
+    ) -> Iterator[tuple[int, NDArray[np.intp], WhitenedResiduals]]:
         """Instrument, rows of its readings, and the comparison, block by block."""
         values = z * self.layout.sigma
         for block in self._blocks:
             visits = self.visits.take(block.visits)
             poses = self.model.predict(values[: len(self.model)], visits, self._start[block.visits])
-            self._refuse_lost(poses, block.visits)
-            self._start[block.visits] = poses.rest.coordinates()
-            own = values[self.layout.own[block.instrument]]
+            self._require_equilibria(poses, block.visits)
+            self._start[block.visits] = poses.equilibrium.coordinates()
+            own = values[self.layout.instrument_slices[block.instrument]]
             yield block.instrument, block.rows, block.readings.compare(poses, block.local, own, derivatives=derivatives)
 
-    def _refuse_lost(self, poses: Poses, visits: NDArray[np.intp]) -> None:
-        lost = np.flatnonzero(~poses.rest.converged)
+    def _require_equilibria(self, poses: Poses, visits: NDArray[np.intp]) -> None:
+        lost = np.flatnonzero(~poses.equilibrium.converged)
         if lost.size:
-            what = Status(int(poses.rest.status[lost[0]])).name.lower().replace("_", " ")
+            what = PoseStatus(int(poses.equilibrium.status[lost[0]])).name.lower().replace("_", " ")
             raise InputError(
                 f"identification: the model finds no equilibrium for visit {visits[lost[0]]} ({what}); check units, "
                 "drive coordinates and that the machine file fits the machine"
             )
 
 
-def _in_standard_errors(system: Linearised, step: Array, prior: Array) -> float:
+def _in_standard_errors(system: TriangularSystem, step: Array, prior: Array) -> float:
     """Length of a step in the metric of the posterior: no unknown moves by more of its standard errors than that."""
     return float(np.sqrt(np.sum((system.factor @ step) ** 2) + np.sum((prior * step) ** 2)))
 
 
-def _accelerated(system: Linearised, prior: Array, former: tuple[Array, Array] | None, z: Array, step: Array) -> Array:
+def _accelerated_step(
+    system: TriangularSystem, prior: Array, former: tuple[Array, Array] | None, z: Array, step: Array
+) -> Array:
     """A Gauss-Newton step at z with what the former one (place and step) tells of the slowest direction.
 
     Where the model's curvature leaves Gauss-Newton linear convergence, steps shrink by the same factor each time;
@@ -275,14 +281,14 @@ def _accelerated(system: Linearised, prior: Array, former: tuple[Array, Array] |
     return step if abs(share) > LARGEST_SHARE else step - share * (z - place + step - before)
 
 
-def _step(system: Linearised, off_centre: Array, prior: Array, held: NDArray[np.intp], damping: float) -> Array:
+def _step(system: TriangularSystem, off_centre: Array, prior: Array, held: NDArray[np.intp], damping: float) -> Array:
     """Step (u,) of the regularised linear problem; what is held does not move."""
     weight = np.hypot(prior, np.sqrt(damping))
     offset = off_centre * prior**2 / weight**2
     if held.size == 0:
         return regularised_step(system, offset, weight)
     free = np.setdiff1d(np.arange(offset.size), held)
-    part = Linearised(system.factor[:, free], system.right, system.rest, system.rows)
+    part = TriangularSystem(system.factor[:, free], system.right_side, system.residual_squares, system.n_rows)
     step = np.zeros_like(offset)
     step[free] = regularised_step(part, offset[free], weight[free])
     return step

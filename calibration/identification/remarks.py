@@ -57,6 +57,6 @@ def _far_from_nominal(fit: Fit) -> tuple[str, ...]:
 def _loads(fit: Fit) -> tuple[str, ...]:
     loads = np.unique(fit.visits.payload_kg)
     stiffness = fit.model.parameters.rows("ln_stiffness")
-    if not stiffness.size or loads.size > 1 or fit.visits.forces or not fit.model.loads:
+    if not stiffness.size or loads.size > 1 or fit.visits.forces or not fit.model.with_loads:
         return ()
     return ("one payload only: the size of the stiffness stays open; measure with a second, known payload as well",)

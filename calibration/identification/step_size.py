@@ -32,7 +32,7 @@ def check_step_size(measured: MeasuredMachine) -> None:
     if former is None:
         return
     limit = former.misses_at_most_m
-    miss = nominal_miss_m(measured)
+    miss = nominal_residual_m(measured)
     if miss <= limit:
         return
     by = f"by {1e3 * miss:.3g} mm, more than {1e3 * limit:g} mm"
@@ -40,7 +40,7 @@ def check_step_size(measured: MeasuredMachine) -> None:
         by = "altogether, with no pose at some drive positions"
     misses = f"{measured.file.name}: the stored parameters miss the readings {by}"
     for factor in FACTORS:
-        closed = nominal_miss_m(measured, factor)
+        closed = nominal_residual_m(measured, factor)
         if closed <= limit:
             raise InputError(
                 f"{misses}; {Fraction(factor)} times the step distance would close them to {1e3 * closed:.2g} mm: "
@@ -52,7 +52,7 @@ def check_step_size(measured: MeasuredMachine) -> None:
     )
 
 
-def nominal_miss_m(measured: MeasuredMachine, factor: float = 1.0) -> float:
+def nominal_residual_m(measured: MeasuredMachine, factor: float = 1.0) -> float:
     """Largest miss in m of the nominal machine with all drive coordinates times a factor; infinite without a pose.
 
     Only lengths are compared: with a frame of its own an instrument's coordinates cannot be.
@@ -62,7 +62,7 @@ def nominal_miss_m(measured: MeasuredMachine, factor: float = 1.0) -> float:
     if factor != 1.0:
         start = np.tile(workspace_middle(measured.machine), (len(start), 1))
     poses = model.predict(np.zeros(0), replace(measured.visits, drives=measured.visits.drives * factor), start)
-    if not np.all(poses.rest.converged):
+    if not np.all(poses.equilibrium.converged):
         return float("inf")
     tool = poses.tool_m()
     worst = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.instruments.readings import Whitened
+from calibration.instruments.readings import WhitenedResiduals
 from calibration.machine.description import Machine
 from calibration.model.model import Poses, Unknown
 
@@ -44,7 +44,7 @@ class Distances:
         return 1
 
     @property
-    def own_gauge(self) -> bool:
+    def free_rigid_motion(self) -> bool:
         """A distance has no frame; the ball's place is known to its uncertainty."""
         return False
 
@@ -55,7 +55,7 @@ class Distances:
         found += [Unknown("bar.length", "m", self.length_u_m), Unknown("bar.scale", "1", self.scale_u)]
         return tuple(u for u in found if u.sigma > 0.0)
 
-    def visits_of(self) -> NDArray[np.intp]:
+    def visit_indices(self) -> NDArray[np.intp]:
         """One or two visits a reading."""
         return self.first[:, None] if self.second is None else np.stack([self.first, self.second], axis=1)
 
@@ -69,11 +69,13 @@ class Distances:
             sigma_m=self.sigma_m[rows],
         )
 
-    def moved(self, white: Array) -> Distances:
+    def with_noise(self, white: Array) -> Distances:
         """Distances moved by whitened amounts (r, 1)."""
         return replace(self, distance_m=self.distance_m + white[:, 0] * self.sigma_m)
 
-    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
+    def compare(
+        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+    ) -> WhitenedResiduals:
         """Whitened differences of predicted and measured distances."""
         machine = poses.model.machine
         names = [u.name for u in self.unknowns(machine)]
@@ -98,10 +100,10 @@ class Distances:
                 stated += own[column] * by_own[:, 0, column]
         residual = ((stated - self.distance_m) / self.sigma_m)[:, None]
         if not derivatives:
-            return Whitened(residual, np.zeros((len(self), 1, 0)), by_own[:, :, :0])
-        _, by_point = poses.point(machine.tool_point_m)
+            return WhitenedResiduals(residual, np.zeros((len(self), 1, 0)), by_own[:, :, :0])
+        _, by_point = poses.platform_point(machine.tool_point_m)
         by_model = by_point[local[:, 0]]
         if self.second is not None:
             by_model = by_model - by_point[local[:, 1]]
         scale = 1.0 / self.sigma_m[:, None, None]
-        return Whitened(residual, scale * np.einsum("ri,riu->ru", along, by_model)[:, None], scale * by_own)
+        return WhitenedResiduals(residual, scale * np.einsum("ri,riu->ru", along, by_model)[:, None], scale * by_own)

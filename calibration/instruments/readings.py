@@ -19,7 +19,7 @@ from calibration.model.model import Poses, Unknown
 
 
 @dataclass(frozen=True)
-class Whitened:
+class WhitenedResiduals:
     """Whitened residuals (r, w), prediction minus reading, and derivatives (r, w, u) with the model's unknowns and
     (r, w, k) with the instrument's own."""
 
@@ -39,31 +39,33 @@ class Readings(Protocol):
         """Numbers (w) a reading."""
 
     @property
-    def own_gauge(self) -> bool:
+    def free_rigid_motion(self) -> bool:
         """Whether the instrument knows poses only up to a rigid motion of its own."""
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """The instrument's own unknowns."""
 
-    def visits_of(self) -> NDArray[np.intp]:
+    def visit_indices(self) -> NDArray[np.intp]:
         """Visits that each reading needs, (r, 1) or (r, 2)."""
 
     def take(self, rows: NDArray[np.intp]) -> Readings:
         """Some of the readings."""
 
-    def moved(self, white: Array) -> Readings:
+    def with_noise(self, white: Array) -> Readings:
         """The readings moved by whitened amounts (r, w): their residuals fall by as much."""
 
-    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
-        """Compare with predicted poses; local: row of `poses` of every entry of `visits_of`."""
+    def compare(
+        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+    ) -> WhitenedResiduals:
+        """Compare with predicted poses; local: row of `poses` of every entry of `visit_indices`."""
 
 
-Part = tuple[NDArray[np.intp], Readings, NDArray[np.intp], NDArray[np.intp]]
+ReadingBlock = tuple[NDArray[np.intp], Readings, NDArray[np.intp], NDArray[np.intp]]
 
 
-def parts(readings: Readings, size: int) -> Iterator[Part]:
+def split_by_visits(readings: Readings, size: int) -> Iterator[ReadingBlock]:
     """Parts of the readings that need some `size` visits each: rows, readings, their visits, local rows of these."""
-    needed = readings.visits_of()
+    needed = readings.visit_indices()
     if not len(needed):
         return
     order = np.argsort(needed[:, 0], kind="stable")

@@ -12,7 +12,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import skew
-from calibration.instruments.readings import Whitened
+from calibration.instruments.readings import WhitenedResiduals
 from calibration.machine.description import Machine
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
@@ -23,7 +23,7 @@ REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 
 
 @dataclass(frozen=True)
-class Observations:
+class ReflectorObservations:
     """Reflector positions measured during visits, one row a reading (r).
 
     visit (r,): row of `visits`; smr (r,): index in the machine file; position_m (r, 3) in the station's
@@ -39,11 +39,11 @@ class Observations:
     def __len__(self) -> int:
         return len(self.visit)
 
-    def of_visits(self, keep: NDArray[np.bool_]) -> Observations:
+    def of_visits(self, keep: NDArray[np.bool_]) -> ReflectorObservations:
         """The readings of the visits that are kept."""
         new_row = np.cumsum(keep) - 1
         rows = keep[self.visit]
-        return Observations(
+        return ReflectorObservations(
             self.visits.take(np.flatnonzero(keep)),
             new_row[self.visit[rows]],
             self.smr[rows],
@@ -53,7 +53,7 @@ class Observations:
 
 
 @dataclass(frozen=True)
-class Station:
+class StationModel:
     """The station of a fit. start: frame to start from (its prior is loose); smrs: reflectors that it saw.
 
     range_constant_u_m, range_scale_u: standard uncertainties of what all ranges have in common; refraction_u_per_m:
@@ -92,7 +92,7 @@ class Station:
         """The frame for values of the own unknowns."""
         if self.known_frame:
             return self.start
-        return self.start.moved(own[self.frame_column : self.frame_column + 6])
+        return self.start.with_increment(own[self.frame_column : self.frame_column + 6])
 
     def mounting_m(self, machine: Machine, own: Array, smr: int) -> Array:
         """Position (3,) of a reflector on its part for values of the own unknowns."""
@@ -101,7 +101,7 @@ class Station:
         first = 3 * self.smrs.index(smr)
         return np.asarray(machine.smrs[smr].position_m + own[first : first + 3])
 
-    def see(self, machine: Machine, own: Array, point_m: Array) -> tuple[Array, Array]:
+    def observe(self, machine: Machine, own: Array, point_m: Array) -> tuple[Array, Array]:
         """Points (n, 3) of the machine's frame as the station states them, and (n, 3, k) by the own unknowns.
 
         The columns of the mountings are left at zero: they act before the frame.
@@ -135,11 +135,11 @@ class Station:
 class SmrPositions:
     """Readings of reflectors by a station."""
 
-    seen: Observations
-    station: Station
+    observations: ReflectorObservations
+    station: StationModel
 
     def __len__(self) -> int:
-        return len(self.seen)
+        return len(self.observations)
 
     @property
     def width(self) -> int:
@@ -147,64 +147,66 @@ class SmrPositions:
         return 3
 
     @property
-    def own_gauge(self) -> bool:
+    def free_rigid_motion(self) -> bool:
         """Unless the station's frame is known."""
         return not self.station.known_frame
 
     @cached_property
     def whiten(self) -> Array:
         """Inverse Cholesky factors (r, 3, 3) of the covariances."""
-        return np.linalg.inv(np.linalg.cholesky(self.seen.covariance_m2))
+        return np.linalg.inv(np.linalg.cholesky(self.observations.covariance_m2))
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """Those of the station."""
         return self.station.unknowns(machine)
 
-    def visits_of(self) -> NDArray[np.intp]:
+    def visit_indices(self) -> NDArray[np.intp]:
         """One visit a reading."""
-        return self.seen.visit[:, None]
+        return self.observations.visit[:, None]
 
     def take(self, rows: NDArray[np.intp]) -> SmrPositions:
         """Some of the readings."""
-        s = self.seen
+        s = self.observations
         part = replace(
             s, visit=s.visit[rows], smr=s.smr[rows], position_m=s.position_m[rows], covariance_m2=s.covariance_m2[rows]
         )
         return SmrPositions(part, self.station)
 
-    def moved(self, white: Array) -> SmrPositions:
+    def with_noise(self, white: Array) -> SmrPositions:
         """Positions moved by whitened amounts (r, 3)."""
-        shift = np.einsum("rij,rj->ri", np.linalg.cholesky(self.seen.covariance_m2), white)
-        return SmrPositions(replace(self.seen, position_m=self.seen.position_m + shift), self.station)
+        shift = np.einsum("rij,rj->ri", np.linalg.cholesky(self.observations.covariance_m2), white)
+        return SmrPositions(replace(self.observations, position_m=self.observations.position_m + shift), self.station)
 
-    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
+    def compare(
+        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+    ) -> WhitenedResiduals:
         """Whitened differences of predicted and measured positions."""
         machine = poses.model.machine
         place = np.empty((len(self), 3))
         by_model = np.zeros((len(self), 3, len(poses.model) if derivatives else 0))
         turn = np.zeros((len(self), 3, 3))
         for smr in self.station.smrs:
-            rows = np.flatnonzero(self.seen.smr == smr)
+            rows = np.flatnonzero(self.observations.smr == smr)
             visit = local[rows, 0]
             mounted = self.station.mounting_m(machine, own, smr)
             if machine.smrs[smr].on == "platform":
-                turn[rows] = poses.rest.rotation[visit] * poses.at.factors["platform"][visit, None, None]
-                place[rows] = poses.rest.position_m[visit] + turn[rows] @ mounted
+                turn[rows] = poses.equilibrium.rotation[visit] * poses.conditions.factors["platform"][visit, None, None]
+                place[rows] = poses.equilibrium.position_m[visit] + turn[rows] @ mounted
                 if derivatives:
-                    by_model[rows] = poses.point(mounted)[1][visit]
+                    by_model[rows] = poses.platform_point(mounted)[1][visit]
             else:
                 drive = machine.smrs[smr].drive
-                place_all, by_all = poses.carried(drive, mounted)
+                place_all, by_all = poses.point_on_drive(drive, mounted)
                 place[rows] = place_all[visit]
                 turn[rows] = poses.sensitivity.carriers[drive].d_point().transpose(2, 0, 1)[visit]
                 if derivatives:
                     by_model[rows] = by_all[visit]
-        stated, by_own = self.station.see(machine, own, place)
+        stated, by_own = self.station.observe(machine, own, place)
         rotation = self.station.frame(own).rotation
         for column, smr in enumerate(self.station.smrs):
-            rows = np.flatnonzero(self.seen.smr == smr)
+            rows = np.flatnonzero(self.observations.smr == smr)
             by_own[rows, :, 3 * column : 3 * column + 3] = rotation @ turn[rows]
-        residual = np.einsum("rij,rj->ri", self.whiten, stated - self.seen.position_m)
+        residual = np.einsum("rij,rj->ri", self.whiten, stated - self.observations.position_m)
         if not derivatives:
-            return Whitened(residual, by_model, by_own[:, :, :0])
-        return Whitened(residual, self.whiten @ (rotation @ by_model), self.whiten @ by_own)
+            return WhitenedResiduals(residual, by_model, by_own[:, :, :0])
+        return WhitenedResiduals(residual, self.whiten @ (rotation @ by_model), self.whiten @ by_own)

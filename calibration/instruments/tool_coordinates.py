@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
-from calibration.instruments.readings import Whitened
+from calibration.instruments.readings import WhitenedResiduals
 from calibration.instruments.smr_positions import FRAME_PRIOR_M, FRAME_PRIOR_RAD
 from calibration.machine.description import COORDINATES, Machine
 from calibration.model.model import Poses, Unknown
@@ -51,7 +51,7 @@ class ToolCoordinates:
         return len(self.coordinates)
 
     @property
-    def own_gauge(self) -> bool:
+    def free_rigid_motion(self) -> bool:
         """If the instrument has a frame of its own."""
         return self.own_frame
 
@@ -67,7 +67,7 @@ class ToolCoordinates:
                 out.append(Unknown(f"offset.{COORDINATES[c]}", "rad" if c > 2 else "m", u))
         return tuple(out)
 
-    def visits_of(self) -> NDArray[np.intp]:
+    def visit_indices(self) -> NDArray[np.intp]:
         """One visit a reading."""
         return self.visit[:, None]
 
@@ -75,13 +75,15 @@ class ToolCoordinates:
         """Some of the readings."""
         return replace(self, visit=self.visit[rows], value=self.value[rows], sigma=self.sigma[rows])
 
-    def moved(self, white: Array) -> ToolCoordinates:
+    def with_noise(self, white: Array) -> ToolCoordinates:
         """Values moved by whitened amounts (r, k)."""
         value = self.value.copy()
         value[:, list(self.coordinates)] += white * self.sigma
         return replace(self, value=value)
 
-    def compare(self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True) -> Whitened:
+    def compare(
+        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+    ) -> WhitenedResiduals:
         """Whitened differences; rotations by the vector of the rotation from measured to predicted."""
         machine = poses.model.machine
         names = [u.name for u in self.unknowns(machine)]
@@ -90,9 +92,11 @@ class ToolCoordinates:
         for column, name in enumerate(names):
             if name.startswith("frame."):
                 increment[[3, 4, 5, 0, 1, 2][COORDINATES.index(name[6:])]] = own[column]
-        frame = Frame(np.eye(3), np.zeros(3)).moved(increment)
+        frame = Frame(np.eye(3), np.zeros(3)).with_increment(increment)
         turned = poses.tool_m()[visit] @ frame.rotation.T
-        turn = frame.rotation @ poses.rest.rotation[visit] @ rotation_matrix(self.value[:, 3:]).transpose(0, 2, 1)
+        turn = (
+            frame.rotation @ poses.equilibrium.rotation[visit] @ rotation_matrix(self.value[:, 3:]).transpose(0, 2, 1)
+        )
         error = np.concatenate([turned + frame.translation_m - self.value[:, :3], rotation_vector(turn)], axis=1)
         chosen = list(self.coordinates)
         by_own = np.zeros((len(self), self.width, len(names)))
@@ -108,8 +112,8 @@ class ToolCoordinates:
                 by_own[:, :, column] = full[:, chosen]
         residual = error[:, chosen] / self.sigma
         if not derivatives:
-            return Whitened(residual, np.zeros((len(self), self.width, 0)), by_own[:, :, :0])
-        _, by_point = poses.point(machine.tool_point_m)
+            return WhitenedResiduals(residual, np.zeros((len(self), self.width, 0)), by_own[:, :, :0])
+        _, by_point = poses.platform_point(machine.tool_point_m)
         by_turn = poses.jacobian[:, 3:]
         if self.own_frame:
             by_point, by_turn = frame.rotation @ by_point, frame.rotation @ by_turn
@@ -117,4 +121,4 @@ class ToolCoordinates:
         scale = 1.0 / self.sigma[:, :, None]
         for row, c in enumerate(chosen):
             np.multiply((by_point if c < 3 else by_turn)[visit, c % 3], scale[:, row], out=by_model[:, row])
-        return Whitened(residual, by_model, scale * by_own)
+        return WhitenedResiduals(residual, by_model, scale * by_own)

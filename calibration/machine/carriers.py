@@ -28,10 +28,10 @@ class Carrier:
     pivot_m: Array
     travel: Array
     base: Array
-    grown: Array
+    thermal_factor: Array
 
     @classmethod
-    def of(
+    def from_geometry(
         cls, machine: Machine, geometry: Geometry, drive: int, coordinate: Array, base: Array, grown: Array
     ) -> Carrier:
         """The carrier of a drive's joints; FIXED for the base itself."""
@@ -43,14 +43,14 @@ class Carrier:
             travel = travel * grown
         return cls(kind, geometry.axis[drive], geometry.pivot_m[drive], travel, base, grown)
 
-    def place(self, point_m: Array) -> Array:
+    def position(self, point_m: Array) -> Array:
         """Place (3, n) of a point (3,) that is carried."""
-        return self.places(point_m[None])[:, 0]
+        return self.positions(point_m[None])[:, 0]
 
-    def places(self, points_m: Array) -> Array:
+    def positions(self, points_m: Array) -> Array:
         """Places (3, j, n) of points (j, 3) that are carried."""
         if self.kind == "crank":
-            return (self.pivot_m[:, None] * self.base)[:, None] + self._turned(points_m) * self.grown
+            return (self.pivot_m[:, None] * self.base)[:, None] + self._rotate_arms(points_m) * self.thermal_factor
         places = points_m.T[:, :, None] * self.base
         if self.kind == "slider":
             for axis in np.flatnonzero(self.axis):
@@ -60,13 +60,13 @@ class Carrier:
     def d_point(self) -> Array:
         """Derivative (3, 3, n) of a place with the point."""
         if self.kind == "crank":
-            return self._turned(np.eye(3)) * self.grown
+            return self._rotate_arms(np.eye(3)) * self.thermal_factor
         return np.eye(3)[:, :, None] * self.base
 
     def d_travel(self, point_m: Array) -> Array:
         """Derivative (3, n) of a place with the travel Q; zero for the base and for a leg."""
         if self.kind == "crank":
-            return self._turned(np.cross(self.axis, point_m)[None])[:, 0] * self.grown
+            return self._rotate_arms(np.cross(self.axis, point_m)[None])[:, 0] * self.thermal_factor
         axis = self.axis if self.kind == "slider" else np.zeros(3)
         return np.repeat(axis[:, None], self.travel.size, axis=1)
 
@@ -79,7 +79,7 @@ class Carrier:
             along = self.axis @ point_m
             lift = turned * along + self.axis * (turned @ point_m)
             shift = np.outer(np.cross(turned, point_m), np.sin(self.travel)) + np.outer(lift, 1.0 - np.cos(self.travel))
-            return shift * self.grown
+            return shift * self.thermal_factor
         return np.zeros((3, self.travel.size))
 
     def d_pivot(self) -> Array:
@@ -90,13 +90,15 @@ class Carrier:
         """Derivative (3, n) of a place with the thermal factor of the base ('base') or of the drive ('drives')."""
         if self.kind == "crank":
             return (
-                np.outer(self.pivot_m, np.ones_like(self.base)) if part == "base" else self._turned(point_m[None])[:, 0]
+                np.outer(self.pivot_m, np.ones_like(self.base))
+                if part == "base"
+                else self._rotate_arms(point_m[None])[:, 0]
             )
         if part == "base":
             return np.outer(point_m, np.ones_like(self.base))
-        return self.d_travel(point_m) * self.travel / self.grown
+        return self.d_travel(point_m) * self.travel / self.thermal_factor
 
-    def _turned(self, arms_m: Array) -> Array:
+    def _rotate_arms(self, arms_m: Array) -> Array:
         """Arms (j, 3) turned about the axis by the travel, Rodrigues' formula: (3, j, n)."""
         along = np.outer(arms_m @ self.axis, self.axis)
         turned = np.multiply.outer((arms_m - along).T, np.cos(self.travel))

@@ -19,26 +19,26 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import (
+    cayley_rotations,
+    cayley_rotations_about_z,
     rotation_matrix,
     rotation_vector,
-    short_turns,
-    short_turns_about_z,
-    turns,
-    turns_about_z,
+    rotations_about_z,
+    rotations_poses_last,
 )
 from calibration.machine.carriers import Carrier, on_branch
 from calibration.machine.description import FIXED, Geometry, Machine
-from calibration.machine.mechanics import Cholesky, Setting, State, keep_memory, sum_of_loads
+from calibration.machine.mechanics import Cholesky, LoadedStructure, MechanicalState, retain_heap, sum_of_loads
 
 STEP_TOLERANCE = 1e-13  # of the last Newton step, in m and rad
-SETTLED = 5e-15  # of the error that is left, told from how much the last step was shorter than the one before
+CONVERGED_STEP = 5e-15  # of the error that is left, told from how much the last step was shorter than the one before
 CHORD_BELOW = 1e-3  # steps so short that the former Hessian serves for the next one
 LONGEST_STEP = 0.2  # longer ones would leave the assembly branch
 MAX_STEPS = 30
 BLOCK = 1024  # poses at once: their arrays stay in the processor's cache
 
 
-class Status(IntEnum):
+class PoseStatus(IntEnum):
     """What became of a pose."""
 
     AT_REST = 0
@@ -68,14 +68,14 @@ class Conditions:
             forces=tuple((f[rows], c[rows]) for f, c in self.forces),
         )
 
-    def unloaded(self) -> Conditions:
+    def without_loads(self) -> Conditions:
         """The same without any mass or force."""
         return Conditions((), self.factors)
 
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Poses at rest. position_m (n, 3), rotation (n, 3, 3), status (n,): `Status`; rows not at rest are NaN.
+    """Poses at rest. position_m (n, 3), rotation (n, 3, 3), status (n,): `PoseStatus`; rows not at rest are NaN.
 
     force_n (n, c): forces of the constraints, tension positive.
     """
@@ -88,14 +88,14 @@ class Equilibrium:
     @property
     def converged(self) -> NDArray[np.bool_]:
         """Which poses (n,) are at rest."""
-        return self.status == Status.AT_REST
+        return self.status == PoseStatus.AT_REST
 
     def coordinates(self) -> Array:
         """(n, 6): x, y, z in m and the rotation vector in rad."""
         return np.concatenate([self.position_m, rotation_vector(self.rotation)], axis=1)
 
 
-def conditions(
+def make_conditions(
     machine: Machine,
     n_poses: int,
     temperatures_c: Mapping[str, Array] | None = None,
@@ -125,7 +125,7 @@ def solve(
     """
     n = len(drives)
     if n >= BLOCK:
-        keep_memory()
+        retain_heap()
     if start is None:
         start = np.broadcast_to(workspace_middle(machine), (n, 6))
     position, rotation = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
@@ -134,15 +134,17 @@ def solve(
     for rows in blocks(n):
         acting = at.take(rows)
         carriers = carriers_of(machine, geometry, drives[rows], acting)
-        setting = _flattened(_setting(machine, geometry, carriers, acting), start[rows])
-        rest = _rest(setting, start[rows])
-        rest.status[(rest.status == Status.AT_REST) & ~_assembled(setting, carriers, rest)] = Status.OTHER_BRANCH
-        axes = setting.axes
+        structure = _drop_z_axis(_loaded_structure(machine, geometry, carriers, acting), start[rows])
+        rest = _newton(structure, start[rows])
+        rest.status[(rest.status == PoseStatus.AT_REST) & ~_on_assembly_branch(structure, carriers, rest)] = (
+            PoseStatus.OTHER_BRANCH
+        )
+        axes = structure.axes
         position[rows, :axes] = rest.position.T
         rotation[rows, :axes, :axes] = rest.rotation.transpose(2, 0, 1)
         force[rows] = rest.force.T
         status[rows] = rest.status
-    lost = status != Status.AT_REST
+    lost = status != PoseStatus.AT_REST
     if np.any(lost):
         for found in (position, rotation, force):
             found[lost] = np.nan
@@ -164,42 +166,46 @@ def workspace_middle(machine: Machine) -> Array:
 def carriers_of(machine: Machine, geometry: Geometry, drives: Array, at: Conditions) -> list[Carrier]:
     """The carrier of every drive, and that of the base last (index FIXED)."""
     base, grown = at.factors["base"], at.factors["drives"]
-    moving = [Carrier.of(machine, geometry, a, drives[:, a], base, grown) for a in range(len(machine.drive_names))]
-    return [*moving, Carrier.of(machine, geometry, FIXED, base, base, grown)]
+    moving = [
+        Carrier.from_geometry(machine, geometry, a, drives[:, a], base, grown) for a in range(len(machine.drive_names))
+    ]
+    return [*moving, Carrier.from_geometry(machine, geometry, FIXED, base, base, grown)]
 
 
-def _setting(machine: Machine, geometry: Geometry, carriers: list[Carrier], at: Conditions) -> Setting:
+def _loaded_structure(machine: Machine, geometry: Geometry, carriers: list[Carrier], at: Conditions) -> LoadedStructure:
     n = carriers[FIXED].base.size
     free_length = geometry.length_m[:, None] * at.factors["struts"]
     ends = np.empty((3, len(geometry.stiffness_n_per_m), n))
     for a, carrier in enumerate(carriers):
         struts = np.flatnonzero(machine.strut_drive == (a if a < len(carriers) - 1 else FIXED))
         if struts.size:
-            ends[:, struts] = carrier.places(geometry.base_joint_m[struts])
+            ends[:, struts] = carrier.positions(geometry.base_joint_m[struts])
             if carrier.kind == "leg":
                 free_length[struts] += carrier.travel
     ends[:, len(free_length) :] = geometry.guide_point_m.T[:, :, None] * at.factors["base"]
     loads = sum_of_loads(machine.gravity_m_per_s2, at.masses, at.forces, n)
-    return Setting(machine, geometry, ends, free_length, at.factors["platform"], loads)
+    return LoadedStructure(machine, geometry, ends, free_length, at.factors["platform"], loads)
 
 
-def _flattened(setting: Setting, start: Array) -> Setting:
+def _drop_z_axis(structure: LoadedStructure, start: Array) -> LoadedStructure:
     """The setting without the axis z where the machine and its poses `start` (n, 6) lie in the plane z = 0."""
-    geometry = setting.geometry
-    across = (geometry.platform_joint_m[:, 2], geometry.guide_normal[:, 2], setting.base_ends[2], start[:, 2:5])
-    return setting.flat() if setting.machine.planar and not any(np.any(z) for z in across) else setting
+    geometry = structure.geometry
+    across = (geometry.platform_joint_m[:, 2], geometry.guide_normal[:, 2], structure.base_ends[2], start[:, 2:5])
+    return structure.without_z_axis() if structure.machine.planar and not any(np.any(z) for z in across) else structure
 
 
 def state_at(
     machine: Machine, geometry: Geometry, drives: Array, at: Conditions, position_m: Array, rotation: Array
-) -> State:
+) -> MechanicalState:
     """The mechanics at given poses: position_m (n, 3), rotation (n, 3, 3)."""
-    setting = _setting(machine, geometry, carriers_of(machine, geometry, drives, at), at)
-    return State.at(setting, np.ascontiguousarray(position_m.T), np.ascontiguousarray(rotation.transpose(1, 2, 0)))
+    structure = _loaded_structure(machine, geometry, carriers_of(machine, geometry, drives, at), at)
+    return MechanicalState.from_poses(
+        structure, np.ascontiguousarray(position_m.T), np.ascontiguousarray(rotation.transpose(1, 2, 0))
+    )
 
 
 @dataclass
-class _Rest:
+class _Equilibria:
     """Poses found, poses last: position (a, n), rotation (a, a, n), direction (a, c, n) and force (c, n) of the
     constraints, status (n,)."""
 
@@ -210,20 +216,20 @@ class _Rest:
     status: NDArray[np.int8]
 
     @classmethod
-    def starting(cls, setting: Setting, start: Array) -> _Rest:
+    def from_poses(cls, structure: LoadedStructure, start: Array) -> _Equilibria:
         """From poses (n, 6)."""
-        n, a = len(start), setting.axes
-        rotation = turns_about_z(start[:, 5]) if a == 2 else turns(start[:, 3:].T)
+        n, a = len(start), structure.axes
+        rotation = rotations_about_z(start[:, 5]) if a == 2 else rotations_poses_last(start[:, 3:].T)
         nothing = np.empty((a, 0, n))
-        status = np.full(n, Status.NOT_CONVERGED, dtype=np.int8)
+        status = np.full(n, PoseStatus.NOT_CONVERGED, dtype=np.int8)
         return cls(np.array(start[:, :a].T, order="C"), rotation, nothing, nothing[0], status)
 
-    def take(self, rows: NDArray[np.intp]) -> _Rest:
+    def take(self, rows: NDArray[np.intp]) -> _Equilibria:
         """Some of the poses."""
-        return _Rest(*(array[..., rows] for array in self._arrays()))
+        return _Equilibria(*(array[..., rows] for array in self._arrays()))
 
     @classmethod
-    def gathered(cls, parts: list[tuple[NDArray[np.intp], _Rest]]) -> _Rest:
+    def merge(cls, parts: list[tuple[NDArray[np.intp], _Equilibria]]) -> _Equilibria:
         """All poses; of those that are in several parts, the last word."""
         if len(parts) == 1:
             return parts[0][1]
@@ -237,43 +243,43 @@ class _Rest:
         return self.position, self.rotation, self.direction, self.force, self.status
 
 
-def _rest(setting: Setting, start: Array) -> _Rest:
+def _newton(structure: LoadedStructure, start: Array) -> _Equilibria:
     """Newton's method from `start` (n, 6).
 
     A Hessian serves for as many steps as they shrink fast. Poses that have settled are stepped on with the others (it
     costs less than to sort them out) until half of them have.
     """
-    part = _Rest.starting(setting, start)
+    part = _Equilibria.from_poses(structure, start)
     rows, parts = np.arange(len(start)), []
     cholesky: Cholesky | None = None
     former = np.zeros(len(start))
     for left in reversed(range(MAX_STEPS)):
-        state = State.at(setting, part.position, part.rotation)
+        state = MechanicalState.from_poses(structure, part.position, part.rotation)
         if cholesky is None:
             cholesky = Cholesky.of(state.hessian())
         step = cholesky.solve(-state.gradient())
-        size, lost = _limited(step, cholesky.positive)
-        _move(part, step, setting)
-        settled = (size < STEP_TOLERANCE) | (size * size < SETTLED * former)
-        waiting = part.status == Status.NOT_CONVERGED
-        part.status[waiting & settled & ~lost] = Status.AT_REST
-        part.status[waiting & lost] = Status.SINGULAR
-        stay = np.flatnonzero(part.status == Status.NOT_CONVERGED)
+        size, lost = _limit_step(step, cholesky.positive)
+        _move(part, step, structure)
+        settled = (size < STEP_TOLERANCE) | (size * size < CONVERGED_STEP * former)
+        waiting = part.status == PoseStatus.NOT_CONVERGED
+        part.status[waiting & settled & ~lost] = PoseStatus.AT_REST
+        part.status[waiting & lost] = PoseStatus.SINGULAR
+        stay = np.flatnonzero(part.status == PoseStatus.NOT_CONVERGED)
         if 2 * stay.size < rows.size or left == 0:
             part.force, part.direction = state.force_after(step), state.direction
             parts.append((rows, part))
             if stay.size == 0:
                 break
-            rows, part, setting, size = rows[stay], part.take(stay), setting.take(stay), size[stay]
+            rows, part, structure, size = rows[stay], part.take(stay), structure.take(stay), size[stay]
             cholesky = cholesky.take(stay)
             stay = np.arange(stay.size)
         former = size
         if np.max(size[stay]) > CHORD_BELOW:
             cholesky = None
-    return _Rest.gathered(parts)
+    return _Equilibria.merge(parts)
 
 
-def _limited(step: Array, positive: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def _limit_step(step: Array, positive: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Sizes (n,) of steps (f, n), which are cut in place to LONGEST_STEP, and which of the poses are lost."""
     size = np.max(np.abs(step), axis=0)
     lost = ~(positive & (size < np.inf))
@@ -285,27 +291,27 @@ def _limited(step: Array, positive: NDArray[np.bool_]) -> tuple[Array, NDArray[n
     return size, lost
 
 
-def _move(poses: _Rest, step: Array, setting: Setting) -> None:
+def _move(poses: _Equilibria, step: Array, structure: LoadedStructure) -> None:
     """Move poses by a step (f, n) of the free coordinates; turns act on the left."""
     turn = np.zeros((3, step.shape[1]))
-    for row, c in zip(step, setting.machine.dof.tolist(), strict=True):
+    for row, c in zip(step, structure.machine.dof.tolist(), strict=True):
         if c < 3:
             poses.position[c] += row
         else:
             turn[c - 3] = row
-    by = short_turns_about_z(turn[2]) if setting.axes == 2 else short_turns(turn)
+    by = cayley_rotations_about_z(turn[2]) if structure.axes == 2 else cayley_rotations(turn)
     poses.rotation = np.einsum("ijn,jkn->ikn", by, poses.rotation)
 
 
-def _assembled(setting: Setting, carriers: list[Carrier], rest: _Rest) -> NDArray[np.bool_]:
+def _on_assembly_branch(structure: LoadedStructure, carriers: list[Carrier], rest: _Equilibria) -> NDArray[np.bool_]:
     """Whether the first strut of every drive stands as the branch of the machine file says."""
-    machine = setting.machine
+    machine = structure.machine
     good = np.ones(rest.status.size, dtype=bool)
     for a, carrier in enumerate(carriers[:-1]):
         struts = np.flatnonzero(machine.strut_drive == a)
         if carrier.kind == "leg" or struts.size == 0:  # a leg has one branch; a baseline left this drive's link out
             continue
         first = int(struts[0])
-        ends, directions = setting.base_ends[:, first], rest.direction[:, first]
+        ends, directions = structure.base_ends[:, first], rest.direction[:, first]
         good &= on_branch(carrier, float(machine.branch[a]), ends, directions)
     return good

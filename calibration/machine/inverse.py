@@ -7,7 +7,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix, rotation_vector
 from calibration.machine.description import Geometry, Machine
-from calibration.machine.equilibrium import Conditions, Equilibrium, conditions, solve
+from calibration.machine.equilibrium import Conditions, Equilibrium, make_conditions, solve
 from calibration.machine.sensitivity import Sensitivity
 
 
@@ -58,7 +58,7 @@ def drives_for(
     temperature.
     """
     if at is None:
-        at = conditions(machine, len(wanted)).unloaded()
+        at = make_conditions(machine, len(wanted)).without_loads()
     pose = wanted.copy()
     pose[:, :3] -= rotation_matrix(wanted[:, 3:]) @ machine.tool_point_m
     drives = rigid_drives(machine, geometry, pose)
@@ -71,7 +71,9 @@ def drives_for(
         pose = rest.coordinates()
         if not np.nanmax(np.abs(error), initial=0.0) > 1e-12:
             break
-        per_drive = tool_jacobian(machine, Sensitivity.of(machine, geometry, drives, at, rest).drives(), rest, at)
+        per_drive = tool_jacobian(
+            machine, Sensitivity.at_equilibrium(machine, geometry, drives, at, rest).drives(), rest, at
+        )
         drives = drives - np.einsum("ndk,nk->nd", _pinv(per_drive[:, machine.commanded]), error)
     lost = ~(np.max(np.abs(error), axis=1) < 1e-9)
     drives[lost], pose[lost] = np.nan, np.nan

@@ -23,21 +23,21 @@ from calibration.machine.description import Geometry, Machine
 SMALLEST_PIVOT = 1e-9  # of a diagonal element: below it a coordinate is held by nothing
 NEAR_REST = 0.03  # of a strut's length: the geometric stiffness is left out where a residual is larger
 
-KEPT_BYTES = 31_000_000  # the largest that glibc's threshold follows is 32 MiB
+RETAINED_BYTES = 31_000_000  # the largest that glibc's threshold follows is 32 MiB
 
 
-def keep_memory() -> None:
+def retain_heap() -> None:
     """Have the allocator keep what the arrays of one block of poses used for those of the next.
 
     glibc returns large arrays to the system when they are freed, and their pages are faulted in anew for the next
     block: up to a third of the time of a fit. It stops doing so once one as large as this was freed. The array is never
     touched, so it occupies nothing; other allocators are not affected.
     """
-    np.empty(KEPT_BYTES, dtype=np.uint8)
+    np.empty(RETAINED_BYTES, dtype=np.uint8)
 
 
 @dataclass(frozen=True)
-class Setting:
+class LoadedStructure:
     """What a pose depends on besides itself, and what of it stays the same while the pose is searched.
 
     base_ends (a, c, n); free_length (s, n): unstrained; platform_growth (n,). loads (a, 1 + a, n): the sum of all
@@ -66,13 +66,13 @@ class Setting:
         return np.ascontiguousarray(joint[:, : self.axes])
 
     @cached_property
-    def moments(self) -> Array:
+    def force_and_moment_rows(self) -> Array:
         """Rows (1 + a, c) that sum forces, and forces times the coordinates of their joints."""
         return np.vstack([np.ones(len(self.joints)), self.joints.T])
 
-    def take(self, rows: NDArray[np.intp]) -> Setting:
+    def take(self, rows: NDArray[np.intp]) -> LoadedStructure:
         """Some of the poses."""
-        return Setting(
+        return LoadedStructure(
             self.machine,
             self.geometry,
             self.base_ends[:, :, rows],
@@ -81,9 +81,9 @@ class Setting:
             self.loads[:, :, rows],
         )
 
-    def flat(self) -> Setting:
+    def without_z_axis(self) -> LoadedStructure:
         """The same without the axis z, which no force and no motion has."""
-        return Setting(
+        return LoadedStructure(
             self.machine,
             self.geometry,
             self.base_ends[:2],
@@ -96,7 +96,7 @@ class Setting:
 def sum_of_loads(
     gravity_m_per_s2: Array, masses: Iterable[tuple[Array, Array]], forces: Iterable[tuple[Array, Array]], n: int
 ) -> Array:
-    """The loads (3, 4, n) of a `Setting` from masses (n,) at points (n, 3) and forces (n, 3) at points (n, 3)."""
+    """`LoadedStructure.loads` (3, 4, n) of masses (n,) at points (n, 3) and forces (n, 3) at points (n, 3)."""
     total = np.zeros((3, 4, n))
 
     def add(axis: int, force: Array, point_m: Array) -> None:
@@ -116,14 +116,14 @@ def sum_of_loads(
 
 
 @dataclass(frozen=True)
-class State:
+class MechanicalState:
     """Poses, not necessarily at rest.
 
     position (a, n); rotation (a, a, n); lever (a, c, n): r = R m; direction (a, c, n): n; residual (c, n): e;
     force (c, n): t = k e; stiffness (c, 1); curvature (c, n): t / L.
     """
 
-    setting: Setting
+    structure: LoadedStructure
     position: Array
     rotation: Array
     lever: Array
@@ -134,12 +134,12 @@ class State:
     curvature: Array
 
     @classmethod
-    def at(cls, setting: Setting, p: Array, rotation: Array) -> State:
+    def from_poses(cls, structure: LoadedStructure, p: Array, rotation: Array) -> MechanicalState:
         """The state at positions (a, n) and rotations (a, a, n)."""
-        geometry, a, s = setting.geometry, setting.axes, len(setting.free_length)
-        lever = np.matmul(setting.joints, rotation * setting.platform_growth)
+        geometry, a, s = structure.geometry, structure.axes, len(structure.free_length)
+        lever = np.matmul(structure.joints, rotation * structure.platform_growth)
         direction = lever + p[:, None]
-        direction -= setting.base_ends
+        direction -= structure.base_ends
         residual = np.empty(direction.shape[1:])
         curvature = np.zeros_like(residual)
         if len(residual) > s:
@@ -150,50 +150,50 @@ class State:
         for v in direction[1:, :s]:
             length += v * v
         np.sqrt(length, out=length)
-        np.subtract(length, setting.free_length, out=residual[:s])
+        np.subtract(length, structure.free_length, out=residual[:s])
         direction[:, :s] /= length
         k = geometry.stiffness_n_per_m[:, None]
         force = k * residual
         np.divide(force[:s], length, out=curvature[:s])
-        return cls(setting, p, rotation, lever, direction, residual, force, k, curvature)
+        return cls(structure, p, rotation, lever, direction, residual, force, k, curvature)
 
     @cached_property
     def wrench(self) -> Array:
         """J (f, c, n): change of the residuals with the free coordinates."""
-        dof = self.setting.machine.dof.tolist()
+        dof = self.structure.machine.dof.tolist()
         out = np.empty((len(dof), *self.residual.shape))
         for row, c in enumerate(dof):
             if c < 3:
                 out[row] = self.direction[c]
             else:
-                i, j = about(c)
+                i, j = rotation_axes(c)
                 np.multiply(self.lever[i], self.direction[j], out=out[row])
                 out[row] -= self.lever[j] * self.direction[i]
         return out
 
     @cached_property
     def _forces(self) -> Array:
-        """Forces of the constraints less the loads (a, 1 + a, n): the sums that `Setting.loads` holds of the loads."""
-        out = np.matmul(self.setting.moments, self.force * self.direction)
-        out -= self.setting.loads
+        """Forces of the constraints less the loads (a, 1 + a, n), summed as in `LoadedStructure.loads`."""
+        out = np.matmul(self.structure.force_and_moment_rows, self.force * self.direction)
+        out -= self.structure.loads
         return out
 
     @cached_property
-    def _turned(self) -> Array:
+    def _moment_sums(self) -> Array:
         """Sums (a, a, n) of lever_i force_j of constraints and loads."""
-        grown = self.rotation * self.setting.platform_growth
+        grown = self.rotation * self.structure.platform_growth
         return np.einsum("ikn,jkn->ijn", grown, self._forces[:, 1:])
 
     def gradient(self) -> Array:
         """dV over the free coordinates (f, n)."""
-        dof = self.setting.machine.dof.tolist()
+        dof = self.structure.machine.dof.tolist()
         out = np.empty((len(dof), self.residual.shape[1]))
         for row, c in zip(out, dof, strict=True):
             if c < 3:
                 row[:] = self._forces[c, 0]
             else:
-                i, j = about(c)
-                np.subtract(self._turned[i, j], self._turned[j, i], out=row)
+                i, j = rotation_axes(c)
+                np.subtract(self._moment_sums[i, j], self._moment_sums[j, i], out=row)
         return out
 
     def hessian(self, *, at_rest: bool = False) -> Array:
@@ -202,9 +202,9 @@ class State:
         Where poses are not known to be at rest and far from it (a residual beyond NEAR_REST), the Gauss-Newton part
         alone: positive whatever the residuals.
         """
-        strained = np.abs(self.residual[: len(self.setting.free_length)]) / self.setting.geometry.length_m[:, None]
+        strained = np.abs(self.residual[: len(self.structure.free_length)]) / self.structure.geometry.length_m[:, None]
         near = at_rest | (np.max(strained, axis=0) < NEAR_REST)
-        curvature, turned = self.curvature, self._turned
+        curvature, turned = self.curvature, self._moment_sums
         if not near.all():
             curvature, turned = curvature * near, turned * near
         weight = self.stiffness - curvature
@@ -212,10 +212,10 @@ class State:
         for i, row in enumerate(self.wrench):
             h[i, : i + 1] = np.einsum("cn,gcn->gn", weight * row, self.wrench[: i + 1])
             h[:i, i] = h[i, :i]
-        self._add_bend(h, curvature, turned)
+        self._add_geometric_stiffness(h, curvature, turned)
         return h
 
-    def _add_bend(self, h: Array, curvature: Array, turned: Array) -> None:
+    def _add_geometric_stiffness(self, h: Array, curvature: Array, turned: Array) -> None:
         """Add the geometric stiffness, sum t/L D_f . D_g + t n . d2(R m): of turns, tr(X) 1 - X made symmetric.
 
         X = sum t/L r r^T - sum r t n^T, the loads among the forces t n.
@@ -223,7 +223,7 @@ class State:
         bent = curvature * self.lever
         pull, shift = np.sum(curvature, axis=0), np.sum(bent, axis=1)
         x = np.einsum("icn,jcn->ijn", bent, self.lever) - turned
-        dof = self.setting.machine.dof.tolist()
+        dof = self.structure.machine.dof.tolist()
         for i, f in enumerate(dof):
             if f < 3:
                 h[i, i] += pull
@@ -233,7 +233,7 @@ class State:
                 if g < 3:
                     extra = _cross_component(f - 3, g, shift)
                 elif f == g:
-                    p, q = about(f)
+                    p, q = rotation_axes(f)
                     # A flat machine turns about z alone: p and q are its two axes.
                     extra = x[p, p] + x[q, q]
                 else:
@@ -253,17 +253,17 @@ class State:
         """W (f, 3, c, n): change of the gradient with a shift of a constraint's platform end."""
         weighted = (self.stiffness - self.curvature) * self.wrench
         w = weighted[:, None] * self.direction
-        for row, c in zip(w, self.setting.machine.dof.tolist(), strict=True):
+        for row, c in zip(w, self.structure.machine.dof.tolist(), strict=True):
             if c < 3:
                 row[c] += self.curvature
             else:
-                i, j = about(c)
+                i, j = rotation_axes(c)
                 row[j] += self.curvature * self.lever[i]
                 row[i] -= self.curvature * self.lever[j]
         return w
 
 
-def about(c: int) -> tuple[int, int]:
+def rotation_axes(c: int) -> tuple[int, int]:
     """The axes i, j that a turn, the coordinate c, takes into each other: its moment is r_i f_j - r_j f_i."""
     return (c - 2) % 3, (c - 1) % 3
 

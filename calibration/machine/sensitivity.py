@@ -1,8 +1,9 @@
 """Derivatives of poses at rest by the implicit function theorem: dx = -K^-1 dG.
 
 G is the gradient of the energy over the free coordinates, K its Hessian, geometric stiffness included. Rotations are
-left increments. Each method gives dG for one kind of quantity; `respond` turns columns of dG into derivatives of
-the pose. Formulas: docs/explanation/method.md; n poses, f free coordinates. Poses that are not at rest give NaN.
+left increments. Each method gives dG for one kind of quantity; `pose_derivatives` turns columns of dG into
+derivatives of the pose. Formulas: docs/explanation/method.md; n poses, f free coordinates. Poses that are not at rest
+give NaN.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from calibration.base.arrays import Array
 from calibration.machine.carriers import Carrier
 from calibration.machine.description import Geometry, Machine
 from calibration.machine.equilibrium import Conditions, Equilibrium, carriers_of, state_at
-from calibration.machine.mechanics import Cholesky, State, about
+from calibration.machine.mechanics import Cholesky, MechanicalState, rotation_axes
 
 _AXES = np.eye(3)
 
@@ -29,14 +30,16 @@ class Sensitivity:
 
     machine: Machine
     geometry: Geometry
-    at: Conditions
-    state: State
+    conditions: Conditions
+    state: MechanicalState
     stiffness: Cholesky
     carriers: list[Carrier]
-    shift: Array  # W (f, 3, c, n)
+    base_end_shift: Array  # W (f, 3, c, n)
 
     @classmethod
-    def of(cls, machine: Machine, geometry: Geometry, drives: Array, at: Conditions, rest: Equilibrium) -> Sensitivity:
+    def at_equilibrium(
+        cls, machine: Machine, geometry: Geometry, drives: Array, at: Conditions, rest: Equilibrium
+    ) -> Sensitivity:
         """At the poses of `rest`, which `solve` found for the same arguments."""
         state = state_at(machine, geometry, drives, at, rest.position_m, rest.rotation)
         stiffness = Cholesky.of(state.hessian(at_rest=True))
@@ -44,55 +47,55 @@ class Sensitivity:
         return cls(machine, geometry, at, state, stiffness, carriers, state.end_shift())
 
     @cached_property
-    def _yielding(self) -> Array:
+    def _negative_compliance(self) -> Array:
         """Inverse stiffnesses (n, f, f), negative: small matrices, applied to many columns at once."""
         return -self.stiffness.inverse()
 
-    def respond(self, columns: Sequence[Array]) -> Array:
+    def pose_derivatives(self, columns: Sequence[Array]) -> Array:
         """Derivatives (n, f, k) of the free coordinates from k columns dG (f, n)."""
         if not columns:
-            return np.empty((self.shift.shape[-1], len(self.machine.dof), 0))
+            return np.empty((self.base_end_shift.shape[-1], len(self.machine.dof), 0))
         pulls = np.stack(columns, axis=1).transpose(2, 0, 1)
-        return np.asarray(self._yielding @ np.ascontiguousarray(pulls))
+        return np.asarray(self._negative_compliance @ np.ascontiguousarray(pulls))
 
     def length(self, strut: int) -> Array:
         """dG per metre of a strut's length."""
-        return -self.state.stiffness[strut] * self.state.wrench[:, strut] * self.at.factors["struts"]
+        return -self.state.stiffness[strut] * self.state.wrench[:, strut] * self.conditions.factors["struts"]
 
     def platform_joint(self, strut: int) -> Array:
         """dG (f, 3, n) per metre of a strut's platform joint along each axis of the platform; guides on it included."""
         state = self.state
         out = np.zeros((len(self.machine.dof), 3, state.residual.shape[1]))
         guides = len(self.geometry.length_m) + np.flatnonzero(self.machine.guide_joint == strut)
-        grown = state.rotation * self.at.factors["platform"]
+        grown = state.rotation * self.conditions.factors["platform"]
         for c in (strut, *guides):
-            out += np.einsum("fin,ian->fan", self.shift[:, :, c], grown)
+            out += np.einsum("fin,ian->fan", self.base_end_shift[:, :, c], grown)
             pull = state.force[c] * state.direction[:, c]
             for row, f in enumerate(self.machine.dof.tolist()):
                 if f >= 3:
-                    i, j = about(f)
+                    i, j = rotation_axes(f)
                     out[row] += grown[i] * pull[j] - grown[j] * pull[i]
         return out
 
     def base_end(self, constraint: int, shift: Array) -> Array:
         """dG for a shift (3, n) of the base end of a constraint."""
-        return -np.einsum("fin,in->fn", self.shift[:, :, constraint], shift)
+        return -np.einsum("fin,in->fn", self.base_end_shift[:, :, constraint], shift)
 
     def base_joint(self, strut: int) -> Array:
         """dG (f, 3, n) per metre of a strut's base joint along each axis of the frame of what carries it."""
         carrier = self.carriers[self.machine.strut_drive[strut]]
         if carrier.kind == "crank":
-            return -np.einsum("fin,ian->fan", self.shift[:, :, strut], carrier.d_point())
-        return self.shift[:, :, strut] * -carrier.base
+            return -np.einsum("fin,ian->fan", self.base_end_shift[:, :, strut], carrier.d_point())
+        return self.base_end_shift[:, :, strut] * -carrier.base
 
     def pivot(self, drive: int, axis: int) -> Array:
         """dG per metre of a crank's pivot."""
-        return self._carried(drive, [self.carriers[drive].d_pivot()[:, axis]] * len(self._struts(drive)))
+        return self._joint_shift_columns(drive, [self.carriers[drive].d_pivot()[:, axis]] * len(self._struts(drive)))
 
     def axis_tilt(self, drive: int, direction: Array) -> Array:
         """dG per radian of a turn of a drive's axis about a direction (3,)."""
         carrier, joints = self.carriers[drive], self.geometry.base_joint_m[self._struts(drive)]
-        return self._carried(drive, [carrier.d_tilt(joint, direction) for joint in joints])
+        return self._joint_shift_columns(drive, [carrier.d_tilt(joint, direction) for joint in joints])
 
     def travel(self, drive: int) -> Array:
         """dG per metre (radian) of a drive's travel Q."""
@@ -100,12 +103,12 @@ class Sensitivity:
             struts = self._struts(drive)
             return -np.einsum("c,fcn->fn", self.geometry.stiffness_n_per_m[struts], self.state.wrench[:, struts])
         carrier, joints = self.carriers[drive], self.geometry.base_joint_m[self._struts(drive)]
-        return self._carried(drive, [carrier.d_travel(joint) for joint in joints])
+        return self._joint_shift_columns(drive, [carrier.d_travel(joint) for joint in joints])
 
     def drives(self) -> Array:
         """Derivatives (n, f, d) of the free coordinates with the drive coordinates."""
         per_unit = [self.geometry.scale[a] * self._growth(a) for a in range(len(self.machine.drive_names))]
-        return self.respond([self.travel(a) * per_unit[a] for a in range(len(per_unit))])
+        return self.pose_derivatives([self.travel(a) * per_unit[a] for a in range(len(per_unit))])
 
     def drive_scale(self, drive: int) -> Array:
         """dG per unit of a drive's scale."""
@@ -114,18 +117,18 @@ class Sensitivity:
     def guide_position(self, plane: int) -> Array:
         """dG per metre of a guide plane's place along its normal."""
         c = len(self.geometry.length_m) + plane
-        return -self.state.stiffness[c] * self.state.wrench[:, c] * self.at.factors["base"]
+        return -self.state.stiffness[c] * self.state.wrench[:, c] * self.conditions.factors["base"]
 
     def guide_tilt(self, plane: int, direction: Array) -> Array:
         """dG per radian of a turn of a guide plane's normal about a direction (3,), through its point."""
         c = len(self.geometry.length_m) + plane
         turned = np.cross(direction, self.geometry.guide_normal[plane])
         lever = self.state.lever[:, c]
-        v = lever + self.state.position - self.state.setting.base_ends[:, c]
+        v = lever + self.state.position - self.state.structure.base_ends[:, c]
         out = self.state.stiffness[c] * (turned @ v) * self.state.wrench[:, c]
         for row, f in enumerate(self.machine.dof):
             moved = (
-                np.outer(_AXES[f], np.ones_like(self.at.factors["base"]))
+                np.outer(_AXES[f], np.ones_like(self.conditions.factors["base"]))
                 if f < 3
                 else np.cross(_AXES[f - 3], lever.T).T
             )
@@ -138,19 +141,19 @@ class Sensitivity:
 
     def force(self, force_n: Array, point_m: Array) -> Array:
         """dG for a force (3, n) more at a point (3, n) of the platform frame."""
-        lever = np.einsum("ijn,jn->in", self.state.rotation, point_m) * self.at.factors["platform"]
+        lever = np.einsum("ijn,jn->in", self.state.rotation, point_m) * self.conditions.factors["platform"]
         turned = np.cross(lever.T, force_n.T).T
         return -np.concatenate([force_n, turned])[self.machine.dof]
 
     def mass(self, index: int) -> Array:
         """dG per kilogram of a mass of the conditions."""
-        _, com = self.at.masses[index]
+        _, com = self.conditions.masses[index]
         gravity = np.repeat(self.machine.gravity_m_per_s2[:, None], len(com), axis=1)
         return self.force(gravity, com.T)
 
     def centre_of_mass(self, index: int, axis: int) -> Array:
         """dG per metre of a mass's place along an axis of the platform."""
-        mass, com = self.at.masses[index]
+        mass, com = self.conditions.masses[index]
         weight = self.machine.gravity_m_per_s2[:, None] * mass
         shifted = np.zeros_like(com)
         shifted[:, axis] = 1.0
@@ -164,38 +167,39 @@ class Sensitivity:
         machine, geometry = self.machine, self.geometry
         for i, a in enumerate(machine.strut_drive):
             if part == "struts":
-                out += self.length(i) * geometry.length_m[i] / self.at.factors["struts"]
+                out += self.length(i) * geometry.length_m[i] / self.conditions.factors["struts"]
             elif part == "platform":
                 out += (
-                    np.einsum("fan,a->fn", self.platform_joint(i), geometry.platform_joint_m[i]) / self.at.factors[part]
+                    np.einsum("fan,a->fn", self.platform_joint(i), geometry.platform_joint_m[i])
+                    / self.conditions.factors[part]
                 )
             else:
                 out += self._base_growth(part, i, int(a))
         if part == "platform":
-            weights = [(np.outer(machine.gravity_m_per_s2, mass), com.T) for mass, com in self.at.masses]
-            for force_n, point_m in weights + [(force.T, point.T) for force, point in self.at.forces]:
-                moment = self.force(force_n, point_m) / self.at.factors[part]
+            weights = [(np.outer(machine.gravity_m_per_s2, mass), com.T) for mass, com in self.conditions.masses]
+            for force_n, point_m in weights + [(force.T, point.T) for force, point in self.conditions.forces]:
+                moment = self.force(force_n, point_m) / self.conditions.factors[part]
                 moment[machine.dof < 3] = 0.0  # a point that moves on the platform turns it only
                 out += moment
         if part == "base":
             for c, point in enumerate(geometry.guide_point_m, start=len(geometry.length_m)):
-                out += self.base_end(c, np.repeat(point[:, None], self.at.factors[part].size, axis=1))
+                out += self.base_end(c, np.repeat(point[:, None], self.conditions.factors[part].size, axis=1))
         return out
 
     def _base_growth(self, part: str, strut: int, drive: int) -> Array:
         carrier = self.carriers[drive]
         if carrier.kind == "leg" and part == "drives":
-            return self.travel(drive) * carrier.travel / carrier.grown
+            return self.travel(drive) * carrier.travel / carrier.thermal_factor
         return self.base_end(strut, carrier.d_growth(self.geometry.base_joint_m[strut], part))
 
     def _growth(self, drive: int) -> Array:
-        grown = self.carriers[drive].grown
+        grown = self.carriers[drive].thermal_factor
         return np.ones_like(grown) if self.machine.drive_kinds[drive] == "crank" else grown
 
     def _struts(self, drive: int) -> NDArray[np.intp]:
         return np.flatnonzero(self.machine.strut_drive == drive)
 
-    def _carried(self, drive: int, shifts: Sequence[Array]) -> Array:
+    def _joint_shift_columns(self, drive: int, shifts: Sequence[Array]) -> Array:
         """dG when the joints of a drive's struts move by shifts (3, n)."""
         total = np.zeros(self.state.wrench[:, 0].shape)
         for strut, shift in zip(self._struts(drive), shifts, strict=True):

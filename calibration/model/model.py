@@ -36,7 +36,7 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Systematic:
+class SystematicUncertainties:
     """Standard uncertainties of what is common to all poses; zero: taken as known.
 
     payload_mass relative; payload_com_m; expansion_per_k and temperature_k by part (struts, drives, base, platform).
@@ -48,7 +48,9 @@ class Systematic:
     temperature_k: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def stated(cls, payloads: Sequence[PayloadEntry], machine: Machine, temperature_k: float = 0.0) -> Systematic:
+    def from_declared(
+        cls, payloads: Sequence[PayloadEntry], machine: Machine, temperature_k: float = 0.0
+    ) -> SystematicUncertainties:
         """What is stated of payloads (the largest uncertainty of the list) and of thermal expansion."""
         shares = [p.u_mass_kg / p.mass_kg for p in payloads if p.mass_kg > 0.0]
         return cls(
@@ -73,8 +75,8 @@ class Model:
     """Machine parameters and systematic unknowns; loads False leaves every load out (rigid baselines)."""
 
     parameters: ParameterSet
-    systematic: Systematic = Systematic()
-    loads: bool = True
+    systematic: SystematicUncertainties = SystematicUncertainties()
+    with_loads: bool = True
 
     @property
     def machine(self) -> Machine:
@@ -103,7 +105,7 @@ class Model:
         """Loads and thermal factors of visits for values of the unknowns."""
         machine = self.machine
         com = np.array([self._value(values, f"payload.com.{axis}") for axis in "xyz"])
-        at = equilibrium.conditions(
+        at = equilibrium.make_conditions(
             machine,
             len(visits),
             visits.temperatures_c,
@@ -115,7 +117,7 @@ class Model:
             coefficient, warmth = self.expansion(values, visits, part)
             factors[part] = 1.0 + coefficient * warmth
         at = replace(at, factors=factors, forces=visits.forces)
-        return at if self.loads else at.unloaded()
+        return at if self.with_loads else at.without_loads()
 
     def expansion(self, values: Array, visits: Visits, part: str) -> tuple[float, Array]:
         """Expansion coefficient (1/K) of a part and by how much (v,) it is warmer than the reference, in K."""
@@ -140,13 +142,15 @@ class Poses:
     values: Array
     geometry: Geometry
     visits: Visits
-    at: Conditions
-    rest: Equilibrium
+    conditions: Conditions
+    equilibrium: Equilibrium
 
     @cached_property
     def sensitivity(self) -> Sensitivity:
         """Derivatives at these poses."""
-        return Sensitivity.of(self.model.machine, self.geometry, self.visits.drives, self.at, self.rest)
+        return Sensitivity.at_equilibrium(
+            self.model.machine, self.geometry, self.visits.drives, self.conditions, self.equilibrium
+        )
 
     @cached_property
     def jacobian(self) -> Array:
@@ -155,13 +159,13 @@ class Poses:
         columns = model.parameters.gradient_columns(self.sensitivity)
         columns += [self._systematic_column(u.name) for u in model.unknowns[len(columns) :]]
         out = np.zeros((len(self.visits), 6, len(columns)))
-        out[:, model.machine.dof] = self.sensitivity.respond(columns)
+        out[:, model.machine.dof] = self.sensitivity.pose_derivatives(columns)
         return out
 
     def _systematic_column(self, name: str) -> Array:
         kind, _, part = name.partition(".")
         if kind == "payload":
-            if not self.model.loads:
+            if not self.model.with_loads:
                 return np.zeros((len(self.model.machine.dof), len(self.visits)))
             if part == "mass":
                 return self.sensitivity.mass(PAYLOAD) * self.visits.payload_kg
@@ -175,28 +179,28 @@ class Poses:
 
     def tool_m(self) -> Array:
         """Tool points (v, 3)."""
-        lever = self.rest.rotation @ self.model.machine.tool_point_m
-        return self.rest.position_m + lever * self.at.factors["platform"][:, None]
+        lever = self.equilibrium.rotation @ self.model.machine.tool_point_m
+        return self.equilibrium.position_m + lever * self.conditions.factors["platform"][:, None]
 
-    def point(self, point_m: Array) -> tuple[Array, Array]:
+    def platform_point(self, point_m: Array) -> tuple[Array, Array]:
         """Places (v, 3) of a point (3,) of the platform and their derivatives (v, 3, u)."""
-        lever = self.rest.rotation @ point_m
-        grown = lever * self.at.factors["platform"][:, None]
+        lever = self.equilibrium.rotation @ point_m
+        grown = lever * self.conditions.factors["platform"][:, None]
         out = self.jacobian[:, :3] - skew(grown) @ self.jacobian[:, 3:]
         for column, unknown in enumerate(self.model.unknowns):
             kind, _, part = unknown.name.partition(".")
             if kind in ("expansion", "temperature") and part == "platform":
                 out[:, :, column] += lever * self.growth_derivative(kind, part)[:, None]
-        return self.rest.position_m + grown, out
+        return self.equilibrium.position_m + grown, out
 
-    def carried(self, drive: int, point_m: Array) -> tuple[Array, Array]:
+    def point_on_drive(self, drive: int, point_m: Array) -> tuple[Array, Array]:
         """Places (v, 3) of a point that a drive carries and their derivatives (v, 3, u)."""
         at = self.sensitivity
         carrier = at.carriers[drive]
-        place = carrier.place(point_m)
+        place = carrier.position(point_m)
         out = np.zeros((len(self.visits), 3, len(self.model)))
         count = len(self.model.parameters)
-        out[:, :, :count] = self.model.parameters.carried_shift(at, drive, point_m)
+        out[:, :, :count] = self.model.parameters.shift_of_carried_point(at, drive, point_m)
         for column, unknown in enumerate(self.model.unknowns[count:], start=count):
             kind, _, part = unknown.name.partition(".")
             if kind in ("expansion", "temperature") and part in ("base", "drives"):

@@ -33,7 +33,7 @@ JOINTS = ("platform_joint", "base_joint")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class MachineParameter:
     """One scalar unknown: its kind, the part (strut, guide plane, constraint or drive) and its direction.
 
     axis: 0 to 2 for a coordinate of a point, else -1. about (3,): the direction of a tilt, else zero.
@@ -62,7 +62,7 @@ class ParameterSet:
     """An ordered choice of unknowns of one machine."""
 
     machine: Machine
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[MachineParameter, ...]
 
     @classmethod
     def of(cls, machine: Machine, kinds: Sequence[str] = KINDS) -> ParameterSet:
@@ -132,14 +132,14 @@ class ParameterSet:
         joints: dict[tuple[str, int], Array] = {}
         return [self._joint_column(p, at, joints) if p.kind in JOINTS else self._column(p, at) for p in self.parameters]
 
-    def _joint_column(self, p: Parameter, at: Sensitivity, known: dict[tuple[str, int], Array]) -> Array:
+    def _joint_column(self, p: MachineParameter, at: Sensitivity, known: dict[tuple[str, int], Array]) -> Array:
         """A column of a joint: all axes of a joint are computed at once and kept in `known`."""
         key = (p.kind, p.part)
         if key not in known:
             known[key] = at.platform_joint(p.part) if p.kind == "platform_joint" else at.base_joint(p.part)
         return known[key][:, p.axis]
 
-    def _column(self, p: Parameter, at: Sensitivity) -> Array:
+    def _column(self, p: MachineParameter, at: Sensitivity) -> Array:
         columns: dict[str, Callable[[], Array]] = {
             "strut_length": lambda: at.length(p.part),
             "pivot": lambda: at.pivot(p.part, p.axis),
@@ -148,14 +148,14 @@ class ParameterSet:
                 at.guide_position(p.part)
                 * float(self.machine.nominal.guide_normal[p.part] @ at.geometry.guide_normal[p.part])
             ),
-            "guide_tilt": lambda: at.guide_tilt(p.part, self._turning(p, at.geometry)),
-            "axis_tilt": lambda: at.axis_tilt(p.part, self._turning(p, at.geometry)),
+            "guide_tilt": lambda: at.guide_tilt(p.part, self._tilt_direction(p, at.geometry)),
+            "axis_tilt": lambda: at.axis_tilt(p.part, self._tilt_direction(p, at.geometry)),
             "drive_scale": lambda: at.drive_scale(p.part) * self.machine.nominal.scale[p.part],
             "ln_stiffness": lambda: at.ln_stiffness(p.part),
         }
         return columns[p.kind]()
 
-    def _turning(self, p: Parameter, geometry: Geometry) -> Array:
+    def _tilt_direction(self, p: MachineParameter, geometry: Geometry) -> Array:
         """Direction (3,) about which a tilted part turns on with one of its tilts.
 
         Two tilts are one rotation vector t: the exponential's left Jacobian, 1 + [t]/2 + [t]^2/6, on the tilt's own.
@@ -167,7 +167,7 @@ class ParameterSet:
         once = by_tilt @ about
         return np.asarray(about + once / 2.0 + by_tilt @ once / 6.0)
 
-    def carried_shift(self, at: Sensitivity, drive: int, point_m: Array) -> Array:
+    def shift_of_carried_point(self, at: Sensitivity, drive: int, point_m: Array) -> Array:
         """Derivative (n, 3, p) of the place of a point that a drive carries, with every parameter."""
         carrier = at.carriers[drive]
         out = np.zeros((carrier.base.size, 3, len(self)))
@@ -175,7 +175,7 @@ class ParameterSet:
             if p.part != drive:
                 continue
             if p.kind == "axis_tilt":
-                out[:, :, i] = carrier.d_tilt(point_m, self._turning(p, at.geometry)).T
+                out[:, :, i] = carrier.d_tilt(point_m, self._tilt_direction(p, at.geometry)).T
             elif p.kind == "pivot":
                 out[:, :, i] = carrier.d_pivot()[:, p.axis].T
             elif p.kind == "drive_scale":
@@ -184,35 +184,39 @@ class ParameterSet:
         return out
 
 
-def _all_parameters(machine: Machine) -> list[Parameter]:
+def _all_parameters(machine: Machine) -> list[MachineParameter]:
     return [*_strut_errors(machine), *_guide_and_drive_errors(machine), *_stiffness_errors(machine)]
 
 
-def _of(kind: str, name: str, part: int, tolerance: float | None, axis: int = -1) -> Parameter:
-    return Parameter(f"{kind}.{name}", kind, part, axis, (0.0, 0.0, 0.0), tolerance or 0.0)
+def _machine_parameters_of_kind(
+    kind: str, name: str, part: int, tolerance: float | None, axis: int = -1
+) -> MachineParameter:
+    return MachineParameter(f"{kind}.{name}", kind, part, axis, (0.0, 0.0, 0.0), tolerance or 0.0)
 
 
-def _strut_errors(machine: Machine) -> Iterator[Parameter]:
+def _strut_errors(machine: Machine) -> Iterator[MachineParameter]:
     tol = machine.file.tolerances
     for i, name in enumerate(machine.strut_names):
-        yield _of("strut_length", name, i, tol.strut_length_m)
+        yield _machine_parameters_of_kind("strut_length", name, i, tol.strut_length_m)
     for kind, size in zip(JOINTS, (tol.platform_joint_m, tol.base_joint_m), strict=True):
         for i, name in enumerate(machine.strut_names):
             yield from _point_errors(machine, kind, name, i, size)
 
 
-def _point_errors(machine: Machine, kind: str, name: str, part: int, tolerance: float | None) -> Iterator[Parameter]:
+def _point_errors(
+    machine: Machine, kind: str, name: str, part: int, tolerance: float | None
+) -> Iterator[MachineParameter]:
     for axis in (0, 1) if machine.planar else (0, 1, 2):
-        yield _of(kind, f"{name}.{'xyz'[axis]}", part, tolerance, axis)
+        yield _machine_parameters_of_kind(kind, f"{name}.{'xyz'[axis]}", part, tolerance, axis)
 
 
-def _guide_and_drive_errors(machine: Machine) -> Iterator[Parameter]:
+def _guide_and_drive_errors(machine: Machine) -> Iterator[MachineParameter]:
     tol = machine.file.tolerances
     for a, name in enumerate(machine.drive_names):
         if machine.drive_kinds[a] == "crank":
             yield from _point_errors(machine, "pivot", name, a, tol.pivot_m)
     for g, name in enumerate(machine.guide_names):
-        yield _of("guide_position", name, g, tol.guide_position_m)
+        yield _machine_parameters_of_kind("guide_position", name, g, tol.guide_position_m)
     for g, name in enumerate(machine.guide_names):
         for label, about in _tilts(machine.guide_turns[g], machine.planar):
             yield _tilt("guide_tilt", f"{name}.{label}", g, about, tol.guide_tilt_rad)
@@ -221,17 +225,17 @@ def _guide_and_drive_errors(machine: Machine) -> Iterator[Parameter]:
             for label, about in _tilts(across(machine.nominal.axis[a]), machine.planar):
                 yield _tilt("axis_tilt", f"{name}.{label}", a, about, tol.axis_tilt_rad)
     for a, name in enumerate(machine.drive_names):
-        yield _of("drive_scale", name, a, tol.drive_scale)
+        yield _machine_parameters_of_kind("drive_scale", name, a, tol.drive_scale)
 
 
-def _tilt(kind: str, name: str, part: int, about: Array, tolerance: float | None) -> Parameter:
+def _tilt(kind: str, name: str, part: int, about: Array, tolerance: float | None) -> MachineParameter:
     turn = (float(about[0]), float(about[1]), float(about[2]))
-    return Parameter(f"{kind}.{name}", kind, part, -1, turn, tolerance or 0.0)
+    return MachineParameter(f"{kind}.{name}", kind, part, -1, turn, tolerance or 0.0)
 
 
-def _stiffness_errors(machine: Machine) -> Iterator[Parameter]:
+def _stiffness_errors(machine: Machine) -> Iterator[MachineParameter]:
     for c, name in enumerate((*machine.strut_names, *machine.guide_names)):
-        yield _of("ln_stiffness", name, c, machine.file.tolerances.ln_stiffness)
+        yield _machine_parameters_of_kind("ln_stiffness", name, c, machine.file.tolerances.ln_stiffness)
 
 
 def _tilts(turns: Array, planar: bool) -> list[tuple[str, Array]]:

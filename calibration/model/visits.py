@@ -42,7 +42,7 @@ class Visits:
         )
 
     @classmethod
-    def at(
+    def at_reference_temperature(
         cls,
         machine: Machine,
         drives: Array,
@@ -60,7 +60,7 @@ class Visits:
             {sensor: np.full(n, machine.reference_temperature_c) for sensor in machine.sensors.values()},
         )
 
-    def joined(self, other: Visits) -> Visits:
+    def concatenate(self, other: Visits) -> Visits:
         """These visits, then the other ones, which have as many forces."""
         pairs = zip(self.forces, other.forces, strict=True)
         return Visits(

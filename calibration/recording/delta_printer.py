@@ -11,15 +11,15 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.machine.description import Machine, parse_machine
-from calibration.machine.equilibrium import conditions, solve, workspace_middle
+from calibration.machine.equilibrium import make_conditions, solve, workspace_middle
 from calibration.model.visits import Visits
 from calibration.recording.klipper import TOWERS, DeltaPrinter
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.measurement_header import (
     ColumnEntry,
     DistancesEntry,
-    FormerEntry,
     MeasurementFile,
+    PreviousFitEntry,
     QuantityEntry,
 )
 
@@ -90,7 +90,7 @@ sensor = "{part}"
 """
 
 
-def measured_printer(printer: DeltaPrinter, name: str, source: str) -> MeasuredMachine:
+def machine_with_measurements(printer: DeltaPrinter, name: str, source: str) -> MeasuredMachine:
     """The machine that the stored parameters describe, with its probed heights and measured distances."""
     machine = parse_machine(machine_text(printer, name), f"{source} as a machine")
     heights, distances = len(printer.height_m), len(printer.distance_m)
@@ -106,7 +106,7 @@ def measured_printer(printer: DeltaPrinter, name: str, source: str) -> MeasuredM
         unknowns=("strut_length", "base_joint", "axis_tilt", "drive_scale"),
         columns={"z_m": ColumnEntry(sd=HEIGHT_SD_M)},
         distances=DistancesEntry(sd_m=DISTANCE_SD_M, length_u_m=LENGTH_U_M, scale_u=SCALE_U) if distances else None,
-        former=FormerEntry(
+        former=PreviousFitEntry(
             parameters=9 if distances else 6,
             unknowns=("base_joint", "strut_length") if distances else ("base_joint",),
             misses_at_most_m=NOMINAL_MISSES_M,
@@ -114,7 +114,7 @@ def measured_printer(printer: DeltaPrinter, name: str, source: str) -> MeasuredM
         quantities=_quantities(printer),
     )
     pairs = np.column_stack([first, first + distances]).astype(np.float64)
-    visits = Visits.at(machine, drives, _targets(machine, drives))
+    visits = Visits.at_reference_temperature(machine, drives, _targets(machine, drives))
     return MeasuredMachine(
         file, machine, visits, np.arange(n, dtype=np.float64), coordinates, pairs, printer.distance_m
     )
@@ -147,7 +147,7 @@ def machine_text(printer: DeltaPrinter, name: str) -> str:
 
 def _targets(machine: Machine, drives: Array) -> Array:
     """Nominal poses (n, 6), where there is one: searches start there."""
-    at = solve(machine, machine.nominal, drives, conditions(machine, len(drives)).unloaded())
+    at = solve(machine, machine.nominal, drives, make_conditions(machine, len(drives)).without_loads())
     return np.where(at.converged[:, None], np.nan_to_num(at.coordinates()), workspace_middle(machine))
 
 

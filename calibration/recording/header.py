@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from calibration.base.toml_file import Section
-from calibration.instruments.station import CertifiedLength, StationAccuracy
+from calibration.instruments.station_geometry import CertifiedLength, StationAccuracy
 from calibration.model.payload import PayloadEntry
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
@@ -33,7 +33,7 @@ class AccuracyEntry(Section):
         gt=0.0, default=1.0e-5, description="Drift of the frame's origin, as a random walk."
     )
 
-    def stated(self) -> StationAccuracy:
+    def to_station_accuracy(self) -> StationAccuracy:
         """For computation."""
         return StationAccuracy(self.angle_sd_rad, self.range_sd_m, self.range_constant_u_m, self.range_scale_u)
 
@@ -56,12 +56,12 @@ class LengthEntry(Section):
     value_m: float = Field(gt=0.0, description="Certified distance.")
     u_m: float = Field(gt=0.0, description="Its standard uncertainty.")
 
-    def certified(self) -> CertifiedLength:
+    def to_certified_length(self) -> CertifiedLength:
         """For computation."""
         return CertifiedLength(self.nests, self.value_m, self.u_m)
 
 
-class NuisanceEntry(Section):
+class DisturbanceLevels(Section):
     """Declared levels of ordinary disturbances, one standard deviation each; zero if not declared."""
 
     drift_m: float = Field(ge=0.0, default=0.0, description="Drift of the station's frame in an hour, 3 m away.")
@@ -86,7 +86,7 @@ class RecordingFile(Section):
         gt=0.0, description="Shift of a nest across the line of sight at which a nest check has failed."
     )
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1, description="What was mounted, by number from 0 (none).")
-    nuisance: NuisanceEntry = Field(default=NuisanceEntry(), description="Declared levels of disturbances.")
+    nuisance: DisturbanceLevels = Field(default=DisturbanceLevels(), description="Declared levels of disturbances.")
     columns: dict[str, str] = Field(default_factory=dict, description="Meaning of further columns, by their names.")
 
 

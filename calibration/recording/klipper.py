@@ -81,7 +81,7 @@ def read_printer(path: Path) -> DeltaPrinter:
 def parse_printer(text: str, source: str) -> DeltaPrinter:
     """The same from the text; `source` is said in complaints."""
     options, includes = _options(text)
-    file = _File(source, options, " (files that it includes are not read: join them)" if includes else "")
+    file = _PrinterConfig(source, options, " (files that it includes are not read: join them)" if includes else "")
     kinematics = options.get("printer", {}).get("kinematics", "delta")
     if kinematics != "delta":
         raise InputError(f"{source}: kinematics is '{kinematics[:40]}'; only a linear delta can be imported")
@@ -90,7 +90,7 @@ def parse_printer(text: str, source: str) -> DeltaPrinter:
     for name, tower in zip(TOWERS, towers, strict=True):
         if tower.arm_m <= radius:
             raise InputError(f"{source}: [stepper_{name}] arm_length is not longer than delta_radius; correct them")
-    _refuse_close(towers, source)
+    _require_separate_towers(towers, source)
     block = options.get("delta_calibrate", {})
     heights = [key for key in block if _HEIGHT.fullmatch(key)]
     distances = [key for key in block if _DISTANCE.fullmatch(key)]
@@ -137,7 +137,7 @@ def _options(text: str) -> tuple[_Options, bool]:
 
 
 @dataclass(frozen=True)
-class _File:
+class _PrinterConfig:
     """Numbers of the file, in SI, with complaints that say where."""
 
     source: str
@@ -190,7 +190,7 @@ class _File:
         return found
 
 
-def _tower(file: _File, name: str) -> Tower:
+def _tower(file: _PrinterConfig, name: str) -> Tower:
     section = f"stepper_{name}"
 
     def shared(key: str) -> str:
@@ -205,7 +205,7 @@ def _tower(file: _File, name: str) -> Tower:
     )
 
 
-def _step_m(file: _File, name: str) -> float:
+def _step_m(file: _PrinterConfig, name: str) -> float:
     """Travel per microstep: rotation_distance / (full steps * microsteps * gear ratio), or the older step_distance."""
     section = f"stepper_{name}"
     if file.text(section, "rotation_distance") is None and file.text(section, "step_distance") is not None:
@@ -216,7 +216,7 @@ def _step_m(file: _File, name: str) -> float:
     return file.length(section, "rotation_distance") / per_turn
 
 
-def _gear_ratio(file: _File, section: str) -> float:
+def _gear_ratio(file: _PrinterConfig, section: str) -> float:
     """Product of ratios such as '57:11, 2:1'; 1 where none is said."""
     text = file.text(section, "gear_ratio")
     ratio = 1.0
@@ -231,7 +231,7 @@ def _gear_ratio(file: _File, section: str) -> float:
     return ratio
 
 
-def _refuse_close(towers: tuple[Tower, ...], source: str) -> None:
+def _require_separate_towers(towers: tuple[Tower, ...], source: str) -> None:
     for i in range(3):
         apart = abs(math.remainder(towers[i].angle_rad - towers[i - 1].angle_rad, 2.0 * math.pi))
         if apart < math.radians(20.0):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.base.csv_table import counts, read_table, write_table
+from calibration.base.csv_table import read_table, require_counts, write_table
 from calibration.base.errors import InputError
 from calibration.base.toml_file import parse_toml, read_text
 from calibration.base.toml_text import to_toml
@@ -34,7 +34,7 @@ HEADER, MACHINE, COORDINATE_TABLE, DISTANCE_TABLE = (
 )
 COLUMNS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 TARGETS = tuple(f"target_{c}" for c in COLUMNS)
-SLACK = 0.1  # of a drive's travel, by which a coordinate may lie beyond it
+TRAVEL_MARGIN = 0.1  # of a drive's travel, by which a coordinate may lie beyond it
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def read_measurements(folder: Path) -> MeasuredMachine:
     sensors = tuple(dict.fromkeys(machine.sensors.values()))
     warm = [f"{sensor}_temperature_c" for sensor in sensors]
     table = read_table(path, ["visit", *drives, *file.columns], [*warm, *TARGETS], file.columns)
-    number = counts(path, "visit", table["visit"])
+    number = require_counts(path, "visit", table["visit"])
     if len(np.unique(number)) != len(number):
         raise InputError(f"{path}: a visit's number stands twice; number the visits 0, 1, 2 ...")
     n = len(number)
@@ -174,7 +174,7 @@ def _check_names(file: MeasurementFile, machine: Machine, header: Path) -> None:
 
 
 def _check_travel(path: Path, machine: Machine, positions: Array) -> None:
-    slack = SLACK * (machine.travel[:, 1] - machine.travel[:, 0])
+    slack = TRAVEL_MARGIN * (machine.travel[:, 1] - machine.travel[:, 0])
     outside = (positions < machine.travel[:, 0] - slack) | (positions > machine.travel[:, 1] + slack)
     if np.any(outside):
         row, drive = np.argwhere(outside)[0]
@@ -222,7 +222,7 @@ def _distances(path: Path, file: MeasurementFile, machine: Machine, number: Arra
     order = np.argsort(number)
     pairs = np.empty((len(table["distance_m"]), len(names)))
     for i, name in enumerate(names):
-        wanted = counts(path, name, table[name])
+        wanted = require_counts(path, name, table[name])
         found = order[np.minimum(np.searchsorted(number[order], wanted), len(number) - 1)]
         if (strange := np.flatnonzero(number[found] != wanted)).size:
             raise InputError(

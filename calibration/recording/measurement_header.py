@@ -46,7 +46,7 @@ class DistancesEntry(Section):
     centre_u_m: NotNegative = 0.0
 
 
-class FormerEntry(Section):
+class PreviousFitEntry(Section):
     """The fit that the nominal machine came from: how many parameters it had, the kinds that it varied, and by how much
     the nominal machine may miss a reading before the step size is questioned."""
 
@@ -74,7 +74,7 @@ class MeasurementFile(Section):
     own_frame: bool = False
     columns: dict[Column, ColumnEntry] = Field(default_factory=dict)
     distances: DistancesEntry | None = None
-    former: FormerEntry | None = None
+    former: PreviousFitEntry | None = None
     quantities: tuple[QuantityEntry, ...] = ()
 
     @model_validator(mode="after")

@@ -63,7 +63,7 @@ COLUMNS: tuple[str, ...] = (
     "flags",
 )
 OPTIONAL_COLUMNS = ("edm_mode", "prism_type")  # settings of the station, which earlier recordings do not tell
-NOT_KNOWN = -1.0
+MISSING = -1.0
 DRIVE_COLUMNS = (
     "commanded_m",
     "actual_m",
@@ -73,7 +73,7 @@ DRIVE_COLUMNS = (
     "direction",
 )
 COUNTS = ("sequence", "visit", "pose", "pass", "nest_check", "samples", "payload")
-NEAREST_M = 0.1
+MIN_DISTANCE_M = 0.1
 LARGEST_COUNT = 1e9
 LARGEST = {"m": 1e3, "rad": 1e2, "c": 200.0, "s": 1e11, "kg": 1e5, "m2": 1.0}
 
@@ -171,32 +171,32 @@ def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping
         columns[name] = np.array(values, dtype=str if name in TEXT_COLUMNS else np.float64)
     for name in OPTIONAL_COLUMNS:
         if any(name in row for row in rows):
-            columns[name] = np.array([row.get(name, NOT_KNOWN) for row in rows], dtype=np.float64)
+            columns[name] = np.array([row.get(name, MISSING) for row in rows], dtype=np.float64)
     recording = Recording(file, machine, columns)
     for check in (_check_numbers, _check_counts, _check_geometry, _check_names):
         check(recording)
     return recording
 
 
-def _complaint(recording: Recording, text: str) -> InputError:
+def _input_error(recording: Recording, text: str) -> InputError:
     return InputError(f"recording {recording.file.campaign}: {text}")
 
 
 def _check_numbers(recording: Recording) -> None:
     """Finite, and within a plausible range of their unit."""
     if len(recording) == 0:
-        raise _complaint(recording, "no readings")
+        raise _input_error(recording, "no readings")
     for column, values in recording.columns.items():
         if column in TEXT_COLUMNS:
             continue
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
-            raise _complaint(recording, f"row {bad[0] + 1}, column '{column}' is not finite; remove the row")
+            raise _input_error(recording, f"row {bad[0] + 1}, column '{column}' is not finite; remove the row")
         limit = LARGEST.get(column.rsplit("_", 1)[-1], math.inf)
         wild = np.flatnonzero(np.abs(values) > limit)
         if wild.size:
             value = values[wild[0]]
-            raise _complaint(
+            raise _input_error(
                 recording, f"row {wild[0] + 1}, column '{column}' = {value:g} is out of range; check its unit"
             )
 
@@ -206,38 +206,38 @@ def _check_counts(recording: Recording) -> None:
     for column in (*COUNTS, *(name for name in OPTIONAL_COLUMNS if name in recording.columns)):
         wrong = np.flatnonzero((np.abs(recording[column]) > LARGEST_COUNT) | (recording[column] % 1.0 != 0.0))
         if wrong.size:
-            raise _complaint(recording, f"row {wrong[0] + 1}, column '{column}' is not a count")
+            raise _input_error(recording, f"row {wrong[0] + 1}, column '{column}' is not a count")
     if np.any(recording["samples"] < 1.0):
-        raise _complaint(recording, "'samples' below 1; every reading is the mean of at least one")
+        raise _input_error(recording, "'samples' below 1; every reading is the mean of at least one")
 
 
 def _check_geometry(recording: Recording) -> None:
     """Points away from the station, targets near the workspace, proper covariances."""
-    if np.any(np.linalg.norm(recording.positions_m, axis=1) < NEAREST_M):
-        raise _complaint(recording, "a point lies at the station itself; check x_m, y_m and z_m")
+    if np.any(np.linalg.norm(recording.positions_m, axis=1) < MIN_DISTANCE_M):
+        raise _input_error(recording, "a point lies at the station itself; check x_m, y_m and z_m")
     moves = recording.machine.commanded[recording.machine.commanded < 3]
     box_m = recording.machine.workspace[moves]
     far = np.abs(recording.targets_m()[:, moves] - box_m.mean(axis=1))
     if np.any(far > 2.0 * np.ptp(box_m, axis=1)):
-        raise _complaint(recording, "a commanded pose lies far outside the workspace; check its unit")
+        raise _input_error(recording, "a commanded pose lies far outside the workspace; check its unit")
     smallest = np.linalg.eigvalsh(recording.covariances_m2)[:, 0]
     if np.any(smallest <= 0.0):
-        raise _complaint(recording, f"row {int(np.argmin(smallest)) + 1} has no proper covariance")
+        raise _input_error(recording, f"row {int(np.argmin(smallest)) + 1} has no proper covariance")
 
 
 def _check_names(recording: Recording) -> None:
     """Readings that stand once, known phases, reflectors and payloads, the payloads' masses as listed."""
     uids, counts = np.unique(np.asarray(recording["uid"]), return_counts=True)
     if np.any(counts > 1):
-        raise _complaint(recording, f"reading '{uids[np.argmax(counts)]}' stands twice; keep one")
+        raise _input_error(recording, f"reading '{uids[np.argmax(counts)]}' stands twice; keep one")
     for phase in sorted(set(recording["phase"].tolist()) - set(PHASES)):
-        raise _complaint(recording, f"unknown phase '{phase}'; known: {', '.join(PHASES)}")
+        raise _input_error(recording, f"unknown phase '{phase}'; known: {', '.join(PHASES)}")
     known = {smr.name for smr in recording.machine.smrs}
     for smr in sorted(set(recording["smr"].tolist()) - known):
-        raise _complaint(recording, f"SMR '{smr}' is not in its machine file")
+        raise _input_error(recording, f"SMR '{smr}' is not in its machine file")
     payload = recording["payload"]
     if np.any((payload < 0) | (payload >= len(recording.file.payloads))):
-        raise _complaint(recording, "a payload number is not in its list of payloads")
+        raise _input_error(recording, "a payload number is not in its list of payloads")
     listed = np.array([p.mass_kg for p in recording.file.payloads])[payload.astype(int)]
     if np.any(np.abs(listed - recording["payload_mass_kg"]) > 1e-6):
-        raise _complaint(recording, "payload_mass_kg contradicts [[payloads]]; correct one of them")
+        raise _input_error(recording, "payload_mass_kg contradicts [[payloads]]; correct one of them")

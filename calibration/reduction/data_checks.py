@@ -6,15 +6,15 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.instruments.smr_positions import Observations
+from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.machine.description import COORDINATES, Machine
 
-LEAST_SPREAD = 0.25  # of the workspace, in every commanded coordinate
+MIN_SPREAD = 0.25  # of the workspace, in every commanded coordinate
 SPACING_ERROR = 0.05  # relative, between reflectors; mountings err by millimetres at most
 THOUSANDS = {1e3: "in millimetres", 1e-3: "in kilometres"}
 
 
-def check_units(machine: Machine, seen: Observations) -> None:
+def check_units(machine: Machine, seen: ReflectorObservations) -> None:
     """Refuse wrong units of drives and positions and mixed up reflectors; InputError in one line."""
     _check_drives(machine, seen.visits.drives)
     _check_spacing(machine, seen)
@@ -37,7 +37,7 @@ def _check_drives(machine: Machine, drives: Array) -> None:
     )
 
 
-def _check_spacing(machine: Machine, seen: Observations) -> None:
+def _check_spacing(machine: Machine, seen: ReflectorObservations) -> None:
     """Distances between the platform's reflectors, measured in one visit, against the machine file."""
     on_platform = [i for i, s in enumerate(machine.smrs) if s.on == "platform" and np.any(seen.smr == i)]
     place = {i: np.full((len(seen.visits), 3), np.nan) for i in on_platform}
@@ -63,7 +63,7 @@ def _check_spacing(machine: Machine, seen: Observations) -> None:
                 )
 
 
-def check_number(machine: Machine, target_m: Array) -> None:
+def require_enough_poses(machine: Machine, target_m: Array) -> None:
     """Refuse too few different poses (v, 6)."""
     wanted = 2 * machine.dof.size
     found = len(np.unique(np.round(target_m, 9), axis=0))
@@ -71,13 +71,13 @@ def check_number(machine: Machine, target_m: Array) -> None:
         raise InputError(f"{found} different poses are too few for machine {machine.name}; measure {wanted} or more")
 
 
-def check_cover(machine: Machine, target_m: Array) -> None:
+def require_spread_poses(machine: Machine, target_m: Array) -> None:
     """Refuse too few poses (v, 6), and poses from one corner: elsewhere in the workspace a fit would extrapolate."""
-    check_number(machine, target_m)
+    require_enough_poses(machine, target_m)
     for c in machine.commanded:
         width = float(np.ptp(machine.workspace[c]))
         covered = float(np.ptp(target_m[:, c])) / width if width > 0.0 else 1.0
-        if covered < LEAST_SPREAD:
+        if covered < MIN_SPREAD:
             raise InputError(
                 f"all poses lie in one corner: {COORDINATES[c]} covers {100.0 * covered:.0f} % of the workspace; "
                 "measure over all of it, or narrow [workspace] in the machine file"

@@ -16,7 +16,7 @@ from calibration.machine.description import Machine
 from calibration.reduction.reduction import CALIBRATION, Reduction
 
 COVERAGE_FACTOR = 2.0
-LEAST_VISITS = 3
+MIN_VISITS = 3
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def noise_floor(reduction: Reduction) -> Figures | None:
     for i, v in enumerate(rows):
         key = (int(info.pose[v]), int(info.payload[v]), *info.direction[v].tolist())
         groups.setdefault(key, []).append(i)
-    repeated = [g for g in groups.values() if len(g) >= LEAST_VISITS]
+    repeated = [g for g in groups.values() if len(g) >= MIN_VISITS]
     if not repeated:
         return None
     moves, turns = free_axes(reduction.recording.machine)

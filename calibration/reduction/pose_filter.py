@@ -15,9 +15,9 @@ from scipy.stats import chi2
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
-from calibration.instruments.smr_positions import Observations
+from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.recording.header import AccuracyEntry
-from calibration.reduction.report_frame import ReportFrame, compose
+from calibration.reduction.report_frame import ReportFrame, apply_increment
 
 GATE_PROBABILITY = 0.9999
 START_SD_M = 1.0e-3
@@ -39,7 +39,7 @@ def nis(filter_: KalmanFilter, z: Array, noise: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Drift:
+class DriftEstimate:
     """Small rigid motion of the station's frame at some times (t,), since the first nest reading.
 
     state (t, 6): translation in m and rotation vector in rad about the station; covariance (t, 6, 6).
@@ -66,14 +66,14 @@ def _drift_design(points_m: Array) -> Array:
     return out
 
 
-def follow_drift(
+def estimate_drift(
     t_s: Array,
     nest: NDArray[np.intp],
     position_m: Array,
     covariance_m2: Array,
     stated: AccuracyEntry,
     at_s: Array,
-) -> Drift:
+) -> DriftEstimate:
     """Follow the frame through the nests and smooth (Rauch-Tung-Striebel).
 
     t_s (n,) ascending; nest (n,): which nest; position_m (n, 3), covariance_m2 (n, 3, 3); at_s (t,): times
@@ -120,7 +120,7 @@ def follow_drift(
     place = np.empty(len(times), dtype=np.intp)
     place[order] = np.arange(len(times))
     wanted = place[len(t_s) :]
-    return Drift(x[wanted, :6], p[wanted, :6, :6], np.array(rejected, dtype=np.intp))
+    return DriftEstimate(x[wanted, :6], p[wanted, :6, :6], np.array(rejected, dtype=np.intp))
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class FilteredPoses:
     measured: NDArray[np.bool_]
 
 
-def filter_poses(report: ReportFrame, seen: Observations) -> FilteredPoses:
+def filter_poses(report: ReportFrame, seen: ReflectorObservations) -> FilteredPoses:
     """Pose of each visit from its platform reflectors, outliers gated.
 
     An outlier that is read first would make the good ones look wrong, so each order of readings is tried and
@@ -160,32 +160,32 @@ def filter_poses(report: ReportFrame, seen: Observations) -> FilteredPoses:
         accepted[rows[best.kept]] = True
         measured[v] = len(best.kept) >= 2
         if measured[v]:
-            coordinates[v] = compose(target[v : v + 1], best.x[None], dof)[0]
+            coordinates[v] = apply_increment(target[v : v + 1], best.x[None], dof)[0]
             covariance[v] = best.p
     return FilteredPoses(coordinates, covariance, accepted, measured)
 
 
 @dataclass(frozen=True)
-class _Run:
+class _FilterRun:
     kept: list[int]
     cost: float
     x: Array
     p: Array
 
 
-def _best_order(start: Array, error: Array, design: Array, noise: Array) -> _Run:
+def _best_order(start: Array, error: Array, design: Array, noise: Array) -> _FilterRun:
     """Filter the readings of one visit; other orders are tried only if a reading was refused."""
     everything = list(range(len(error)))
-    best = _run(everything, start, error, design, noise)
+    best = _filter_in_order(everything, start, error, design, noise)
     if len(best.kept) == len(error):
         return best
     firsts = permutations(everything, min(2, len(everything)))
     orders = ([*head, *(i for i in everything if i not in head)] for head in firsts)
-    runs = [_run(order, start, error, design, noise) for order in orders]
+    runs = [_filter_in_order(order, start, error, design, noise) for order in orders]
     return min(runs, key=lambda run: (-len(run.kept), run.cost))
 
 
-def _run(order: list[int], start: Array, error: Array, design: Array, noise: Array) -> _Run:
+def _filter_in_order(order: list[int], start: Array, error: Array, design: Array, noise: Array) -> _FilterRun:
     kf = KalmanFilter(dim_x=len(start), dim_z=3)
     kf.x = np.zeros(len(start))
     kf.P = start.copy()
@@ -197,4 +197,4 @@ def _run(order: list[int], start: Array, error: Array, design: Array, noise: Arr
             kf.update(error[i], R=noise[i])
             kept.append(i)
             cost += innovation
-    return _Run(kept, cost, kf.x, kf.P)
+    return _FilterRun(kept, cost, kf.x, kf.P)

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
-from calibration.instruments import station
-from calibration.instruments.smr_positions import Observations
+from calibration.instruments import station_geometry
+from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import check_units
-from calibration.reduction.pose_filter import FilteredPoses, filter_poses, follow_drift
+from calibration.reduction.pose_filter import FilteredPoses, estimate_drift, filter_poses
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
-FARTHEST_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to
+MAX_MISS_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to
 CALIBRATION = "calibration"
 VERIFICATIONS = ("verification_before", "verification_after")
 
@@ -49,7 +49,7 @@ class Reduction:
     """
 
     recording: Recording
-    observations: Observations
+    observations: ReflectorObservations
     info: VisitInfo
     report: ReportFrame
     poses: FilteredPoses
@@ -62,7 +62,7 @@ class Reduction:
         keep = (self.info.phase == phase) & self.poses.measured
         return keep if payload is None else keep & (self.info.payload == payload)
 
-    def calibration(self) -> Observations:
+    def calibration(self) -> ReflectorObservations:
         """Accepted readings of the calibration."""
         return self.observations.of_visits(self.info.phase == CALIBRATION)
 
@@ -85,7 +85,7 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     """
     check_units(recording.machine, _observations(recording, recording.positions_m, recording.covariances_m2)[0])
     dropped = {}
-    usable = between_good_checks(recording)
+    usable = usable_readings(recording)
     dropped["failed nest check"] = int(np.count_nonzero(~usable))
     flagged = usable & (recording["flags"] > 0.0)
     dropped["flagged by the station"] = int(np.count_nonzero(flagged))
@@ -94,7 +94,7 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     constant, constant_u = (
         _range_constant(recording) if basis is None else (basis.range_constant_m, basis.range_constant_u_m)
     )
-    position, covariance, refused = _without_drift(recording, constant)
+    position, covariance, refused = _remove_drift(recording, constant)
     dropped["nest outlier"] = refused
     observations, info = _observations(recording, position, covariance)
     zero = (info.phase == CALIBRATION) & (observations.visits.payload_kg == 0.0)
@@ -104,7 +104,7 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     poses = filter_poses(report, observations)
     dropped["innovation gate"] = int(np.count_nonzero(~poses.accepted))
     keep = poses.accepted
-    observations = Observations(
+    observations = ReflectorObservations(
         observations.visits,
         observations.visit[keep],
         observations.smr[keep],
@@ -133,7 +133,7 @@ def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
     return checks, shifts
 
 
-def between_good_checks(recording: Recording, next_check: int | None = None) -> NDArray[np.bool_]:
+def usable_readings(recording: Recording, next_check: int | None = None) -> NDArray[np.bool_]:
     """Readings that lie between two good nest checks (r,); those next to a failed closing check are not used.
 
     `nest_check` of a reading is the number of the last check before it; `next_check` is one that is still to come and
@@ -152,7 +152,7 @@ def between_good_checks(recording: Recording, next_check: int | None = None) -> 
     return np.where(is_nest, opened, opened & closed)
 
 
-def without_left_open(recording: Recording) -> Recording:
+def drop_unclosed_readings(recording: Recording) -> Recording:
     """A recording without the readings whose closing nest check was left out, though later ones were made.
 
     The station may have had other settings at them than it was given (`Runner.resume`): unlike those next to a failed
@@ -188,10 +188,10 @@ def _range_constant(recording: Recording) -> tuple[float, float]:
         rows = [np.flatnonzero((names == nest) & (nests["nest_check"] == c)) for c in common]
         mean.append(np.array([nests.positions_m[r].mean(axis=0) for r in rows]))
         cov.append(np.array([nests.covariances_m2[r].mean(axis=0) / len(r) for r in rows]))
-    return station.range_constant(mean[0], mean[1], cov[0], cov[1], length.certified(), prior)
+    return station_geometry.range_constant(mean[0], mean[1], cov[0], cov[1], length.to_certified_length(), prior)
 
 
-def _without_drift(recording: Recording, constant: float) -> tuple[Array, Array, int]:
+def _remove_drift(recording: Recording, constant: float) -> tuple[Array, Array, int]:
     raw = recording.positions_m
     position = raw - constant * raw / np.linalg.norm(raw, axis=1)[:, None]
     covariance = recording.covariances_m2
@@ -203,12 +203,12 @@ def _without_drift(recording: Recording, constant: float) -> tuple[Array, Array,
     rows = rows[np.argsort(t[rows], kind="stable")]
     _, nest = np.unique(np.asarray(recording["smr"])[rows], return_inverse=True)
     stated = recording.file.station.accuracy
-    drift = follow_drift(t[rows], nest, position[rows], covariance[rows], stated, t)
+    drift = estimate_drift(t[rows], nest, position[rows], covariance[rows], stated, t)
     position, covariance = drift.remove(position, covariance)
     return position, covariance, len(drift.rejected)
 
 
-def _observations(recording: Recording, position: Array, covariance: Array) -> tuple[Observations, VisitInfo]:
+def _observations(recording: Recording, position: Array, covariance: Array) -> tuple[ReflectorObservations, VisitInfo]:
     """Readings of poses, grouped by visit; several readings of one SMR in a visit stay apart."""
     names = [s.name for s in recording.machine.smrs]
     phase = np.asarray(recording["phase"])
@@ -233,7 +233,7 @@ def _observations(recording: Recording, position: Array, covariance: Array) -> t
         samples=recording["samples"][heads],
     )
     smr = np.array([names.index(str(s)) for s in np.asarray(recording["smr"])[rows]], dtype=np.intp)
-    return Observations(visits, visit.astype(np.intp), smr, position[rows], covariance[rows]), info
+    return ReflectorObservations(visits, visit.astype(np.intp), smr, position[rows], covariance[rows]), info
 
 
 def _mean_by(values: Array, group: NDArray[np.intp]) -> Array:
@@ -241,14 +241,14 @@ def _mean_by(values: Array, group: NDArray[np.intp]) -> Array:
     return mean
 
 
-def _robust_frame(recording: Recording, zero: Observations) -> ReportFrame:
+def _robust_frame(recording: Recording, zero: ReflectorObservations) -> ReportFrame:
     """Fit the frame, drop readings that lie far off, fit again."""
     report = fit_report_frame(recording.machine, zero, nominal_frame(recording))
     expected = report.points(zero.visits.target_m)
     on_platform = np.isin(zero.smr, report.smrs)
     column = np.searchsorted(report.smrs, zero.smr[on_platform])
     off = np.linalg.norm(zero.position_m[on_platform] - expected[zero.visit[on_platform], column], axis=1)
-    if np.median(off) > FARTHEST_M:
+    if np.median(off) > MAX_MISS_M:
         raise InputError(
             f"frame: reflectors lie {np.median(off) * 1e3:.0f} mm from where the commanded poses put them; check which "
             "reflector is which, and signs and offsets of the drives"
@@ -258,5 +258,7 @@ def _robust_frame(recording: Recording, zero: Observations) -> ReportFrame:
         return report
     keep = np.zeros(len(zero), dtype=bool)
     keep[np.flatnonzero(on_platform)[off <= limit]] = True
-    fewer = Observations(zero.visits, zero.visit[keep], zero.smr[keep], zero.position_m[keep], zero.covariance_m2[keep])
+    fewer = ReflectorObservations(
+        zero.visits, zero.visit[keep], zero.smr[keep], zero.position_m[keep], zero.covariance_m2[keep]
+    )
     return fit_report_frame(recording.machine, fewer, report.frame)

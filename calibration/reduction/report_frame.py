@@ -16,10 +16,10 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
-from calibration.instruments.smr_positions import Observations
+from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.machine.description import Machine
 
-FARTHEST = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
+MAX_MISS_TOLERANCES = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class ReportFrame:
             jac = self.jacobian(pose).reshape(len(pose), -1, 6)[:, :, dof]
             normal = jac.transpose(0, 2, 1)
             step = np.asarray(np.linalg.solve(normal @ jac, normal @ error)[:, :, 0], dtype=np.float64)
-            pose = compose(pose, step, dof)
+            pose = apply_increment(pose, step, dof)
             if np.max(np.abs(step), initial=0.0) < 1e-13:
                 break
         return pose
@@ -73,7 +73,7 @@ class ReportFrame:
         return position, rotation_vector(turn @ wanted.transpose(0, 2, 1))
 
 
-def compose(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> Array:
+def apply_increment(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> Array:
     """Poses (n, 6) after left increments (n, f) of the free coordinates."""
     full = np.zeros_like(coordinates)
     full[:, dof] = step
@@ -81,7 +81,7 @@ def compose(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> Array:
     return np.concatenate([coordinates[:, :3] + full[:, :3], rotation_vector(turned)], axis=1)
 
 
-def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> ReportFrame:
+def fit_report_frame(machine: Machine, seen: ReflectorObservations, start: Frame) -> ReportFrame:
     """Fit frame and mounting to readings against their visits' commanded poses.
 
     `seen` should hold zero payload only; readings of reflectors that are not on the platform are left out.
@@ -92,7 +92,7 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
     if len(smrs) < 3 or len(set(seen.visit.tolist())) < 4:
         raise InputError("frame: needs 3 platform SMRs measured at 4 or more poses at zero payload; measure more")
     nominal = np.array([machine.smrs[i].position_m for i in smrs])
-    _refuse_collinear(nominal)
+    _require_spread_points(nominal)
     rows = np.isin(seen.smr, smrs)
     column = np.searchsorted(smrs, seen.smr[rows])
     target = seen.visits.target_m[seen.visit[rows]]
@@ -104,7 +104,7 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
     sigma = machine.file.tolerances.smr_position_m / np.sqrt(3.0)
 
     def unpack(x: Array) -> tuple[Frame, Array]:
-        return start.moved(x[:6]), nominal + sigma * x[6:].reshape(-1, 3)
+        return start.with_increment(x[:6]), nominal + sigma * x[6:].reshape(-1, 3)
 
     def residual(x: Array) -> Array:
         frame, mounting = unpack(x)
@@ -129,7 +129,7 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
     )
     frame, mounting = unpack(answer.x)
     off = np.linalg.norm(mounting - nominal, axis=1)
-    if np.max(off) > FARTHEST * machine.file.tolerances.smr_position_m:
+    if np.max(off) > MAX_MISS_TOLERANCES * machine.file.tolerances.smr_position_m:
         raise InputError(
             f"frame: reflector {machine.smrs[smrs[int(np.argmax(off))]].name} seems to sit {np.max(off) * 1e3:.0f} mm "
             "from its place in the machine file; check which reflector is which and where it is mounted"
@@ -137,7 +137,7 @@ def fit_report_frame(machine: Machine, seen: Observations, start: Frame) -> Repo
     return ReportFrame(machine, frame, smrs, mounting)
 
 
-def _refuse_collinear(points: Array) -> None:
+def _require_spread_points(points: Array) -> None:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] < 0.01:
         raise InputError("frame: the platform SMRs lie on a line; move one at least 10 mm off it")

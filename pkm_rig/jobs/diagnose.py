@@ -14,7 +14,7 @@ from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.identification.calibration import calibration_part
 from calibration.recording.recording import Recording
-from calibration.reduction.reduction import without_left_open
+from calibration.reduction.reduction import drop_unclosed_readings
 from pkm_rig.jobs.campaign_file import write_candidates
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import by_gain, diagnosis_json, gap_json
@@ -27,7 +27,7 @@ PICTURES_FOLDER = "diagnosis"
 def attempt(recording: Recording) -> Attempt:
     """Diagnose the calibration's readings; whatever goes wrong is said and fails nothing else."""
     try:
-        return Attempt(diagnose(without_left_open(calibration_part(recording))))
+        return Attempt(diagnose(drop_unclosed_readings(calibration_part(recording))))
     except InputError as error:
         return Attempt(None, str(error))
     except Exception as error:  # the calibration of a machine must not end for what is said beside it
@@ -42,7 +42,7 @@ def run(
     `add`: the rig's twin is written too. Raises InputError.
     """
     catalogue = load_catalogue(tuple(effects))
-    part = without_left_open(calibration_part(recording))
+    part = drop_unclosed_readings(calibration_part(recording))
     found, added = _diagnosed(part, catalogue, effects, add=add)
     folder = out / part.file.campaign / PICTURES_FOLDER
     try:

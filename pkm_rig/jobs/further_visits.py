@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from calibration.reduction.figures import LEAST_VISITS
+from calibration.reduction.figures import MIN_VISITS
 from pkm_rig.rig.device_sections import StationConnection
 from pkm_rig.rig.schedule import Block
 from pkm_rig.rig.store import Store
@@ -64,4 +64,4 @@ def numbered_from(first: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
 def visited_thrice(blocks: Sequence[Block]) -> bool:
     """Whether some pose is visited three times from one side with one payload, as the noise floor needs."""
     counts = Counter((v.pose, v.direction, v.payload) for block in blocks for v in block.visits)
-    return max(counts.values(), default=0) >= LEAST_VISITS
+    return max(counts.values(), default=0) >= MIN_VISITS

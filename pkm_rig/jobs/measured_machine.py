@@ -13,8 +13,8 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.identification.estimators import Estimator, Fit, identify
-from calibration.identification.explanations import Explanation, alike, explanations
-from calibration.identification.leave_one_out import LeftOut, leave_one_out
+from calibration.identification.explanations import Explanation, explanations, group_indistinguishable
+from calibration.identification.leave_one_out import LeaveOneOutErrors, leave_one_out
 from calibration.identification.observability import Observability, observability_of
 from calibration.identification.step_size import check_step_size
 from calibration.instruments.readings import Readings
@@ -22,7 +22,7 @@ from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
-from calibration.recording.delta_printer import measured_printer
+from calibration.recording.delta_printer import machine_with_measurements
 from calibration.recording.klipper import read_printer
 from calibration.recording.measurement_folder import (
     MeasuredMachine,
@@ -30,7 +30,7 @@ from calibration.recording.measurement_folder import (
     read_measurements,
     write_measurements,
 )
-from calibration.reduction.data_checks import check_number
+from calibration.reduction.data_checks import require_enough_poses
 from pkm_rig.results.unknowns import in_words
 
 FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
@@ -52,7 +52,7 @@ def import_printer(path: Path, folder: Path) -> dict[str, Any]:
     """Write the calibration that a printer.cfg holds as a measurement folder; its summary (docs/reference/json.md)."""
     printer = read_printer(path)
     name = re.sub(r"[^A-Za-z0-9._-]", "-", path.stem).lstrip("._-")[:100] or "printer"
-    measured = measured_printer(printer, name, f"Klipper's delta_calibrate block in {path.name}"[:1000])
+    measured = machine_with_measurements(printer, name, f"Klipper's delta_calibrate block in {path.name}"[:1000])
     write_measurements(measured, folder)
     counted = {_what(r): len(r) for r in measured.readings()}
     return {"campaign": name, "readings": sum(counted.values()), **counted, "folder": str(folder)}
@@ -73,7 +73,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
             "measure more poses"
         )
     check_step_size(measured)
-    check_number(measured.machine, measured.visits.target_m)
+    require_enough_poses(measured.machine, measured.visits.target_m)
     model = Model(measured.parameters())
     fit = identify(model, measured.visits, readings, chosen)
     observed = observability_of(fit)
@@ -85,7 +85,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
         "parameters": _parameters(fit),
         "quantities": _quantities(measured, fit),
         **_figures(fit),
-        "rank": observed.decided,
+        "rank": observed.n_determined,
         "machine_parameters": len(model.parameters),
         "unknowns": fit.layout.size,
         "former": None,
@@ -97,7 +97,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
     if former is not None:
         before = _former_fit(measured)
         found = explanations(before, model, readings)
-        groups = alike(found, numbers)
+        groups = group_indistinguishable(found, numbers)
         out["former"] = {
             "parameters": former.parameters,
             "unknowns": list(former.unknowns),
@@ -168,7 +168,7 @@ def _in_si(readings: Readings, part: Array) -> list[tuple[str, str, Array]]:
     return [("distance", "m", part[:, 0] * readings.sigma_m)]  # type: ignore[attr-defined]
 
 
-def _by_kind(instruments: Sequence[Readings], left: Sequence[LeftOut], field: str) -> dict[str, float]:
+def _by_kind(instruments: Sequence[Readings], left: Sequence[LeaveOneOutErrors], field: str) -> dict[str, float]:
     return {
         f"{name}_rms_{unit}": float(np.sqrt(np.mean(values**2)))
         for readings, part in zip(instruments, left, strict=True)
@@ -176,7 +176,9 @@ def _by_kind(instruments: Sequence[Readings], left: Sequence[LeftOut], field: st
     }
 
 
-def _together(instruments: Sequence[Readings], left: Sequence[LeftOut], field: str) -> dict[str, float | None]:
+def _together(
+    instruments: Sequence[Readings], left: Sequence[LeaveOneOutErrors], field: str
+) -> dict[str, float | None]:
     """None where no such number was read."""
     found: dict[str, list[Array]] = {"m": [], "rad": []}
     for readings, part in zip(instruments, left, strict=True):
@@ -194,9 +196,9 @@ def _what(readings: Readings) -> str:
 
 def _short(observed: Observability) -> tuple[str, ...]:
     """Sentences on what stays open with few parameters in it, and how many others there are."""
-    few = tuple(c for c in observed.open if len(c.coefficients) <= PLAIN)
-    sentences = replace(observed, open=few).sentences
-    others = len(observed.open) - len(few)
+    few = tuple(c for c in observed.open_combinations if len(c.coefficients) <= PLAIN)
+    sentences = replace(observed, open_combinations=few).sentences
+    others = len(observed.open_combinations) - len(few)
     return (*sentences, f"{others} more combinations of many parameters") if others else sentences
 
 
@@ -206,7 +208,7 @@ def _explanation(found: Explanation) -> dict[str, Any]:
         "rms": found.size,
         "unit": found.unit,
         "share": found.share,
-        "prior_standard_deviations": found.tolerances,
+        "prior_standard_deviations": found.prior_deviations,
         "absorbed": found.absorbed,
     }
 

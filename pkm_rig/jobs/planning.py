@@ -12,22 +12,22 @@ from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
 from calibration.identification.observability import planned_observability
 from calibration.identification.pose_selection import (
+    CampaignForecast,
     Criterion,
     Instrument,
-    Load,
-    Prospect,
+    PlannedLoad,
     Selection,
     candidate_poses,
     grid_poses,
     visits_at,
     workspace_poses,
 )
-from calibration.instruments import station as station_geometry
+from calibration.instruments import station_geometry
 from calibration.instruments.readings import Readings
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, Machine
-from calibration.model.model import Model, Systematic
+from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from pkm_rig.rig.config import RigFile
@@ -45,16 +45,16 @@ class Planner:
 
     model: Model
     instrument: Instrument
-    loads: tuple[Load, ...]
+    loads: tuple[PlannedLoad, ...]
 
     @classmethod
     def of_rig(cls, file: RigFile, machine: Machine) -> Planner:
         """As the rig's campaign measures: without and with its payload, all reflectors of platform and drives."""
         payloads = (file.payloads[0], file.payloads[file.campaign.loaded_payload])
         return cls(
-            Model(ParameterSet.of(machine), Systematic.stated(file.payloads, machine)),
+            Model(ParameterSet.of(machine), SystematicUncertainties.from_declared(file.payloads, machine)),
             lambda visits: [_seen_by_station(file, machine, visits)],
-            tuple(Load(p.mass_kg, p.com_m) for p in payloads),
+            tuple(PlannedLoad(p.mass_kg, p.com_m) for p in payloads),
         )
 
     @classmethod
@@ -63,12 +63,14 @@ class Planner:
         cases = machine.load_cases
         sigma = np.where(machine.dof < 3, POSITION_SD_M, ORIENTATION_SD_RAD)
         shares = [c.u_mass_kg / c.mass_kg for c in cases if c.mass_kg > 0.0]
-        known = Systematic(max(shares, default=0.0), 0.0, machine.u_expansion_per_k)
+        known = SystematicUncertainties(max(shares, default=0.0), 0.0, machine.u_expansion_per_k)
 
         def instrument(visits: Visits) -> list[Readings]:
             return [ToolCoordinates.of(visits, tuple(machine.dof.tolist()), visits.target_m, sigma)]
 
-        loads = tuple(Load(c.mass_kg, c.centre_of_mass_m, c.force_n, c.force_point_m) for c in cases) or (Load(),)
+        loads = tuple(PlannedLoad(c.mass_kg, c.centre_of_mass_m, c.force_n, c.force_point_m) for c in cases) or (
+            PlannedLoad(),
+        )
         return cls(Model(ParameterSet.of(machine), known), instrument, loads)
 
     @property
@@ -95,9 +97,9 @@ class Planner:
     def plan(self, count: int, criterion: Criterion) -> dict[str, Any]:
         """Selected poses, beside a grid and evenly spread ones, and what stays open (docs/reference/json.md)."""
         sets = {
-            "selected": self.selection(candidate_poses(self.machine, CANDIDATES, SEED)).choose(count, criterion),
-            "grid": self.selection(self._filled_grid(count)).whole(),
-            "spread": self.selection(workspace_poses(self.machine, count, SEED + 2)).whole(),
+            "selected": self.selection(candidate_poses(self.machine, CANDIDATES, SEED)).select(count, criterion),
+            "grid": self.selection(self._filled_grid(count)).forecast_all(),
+            "spread": self.selection(workspace_poses(self.machine, count, SEED + 2)).forecast_all(),
         }
         chosen = sets["selected"]
         visits = visits_at(self.machine, chosen.tool, self.loads)
@@ -109,9 +111,10 @@ class Planner:
             "targets": np.round(chosen.tool[:, self.machine.commanded], 6).tolist(),
             "payloads_kg": [load.mass_kg for load in self.loads],
             "sets": {name: _summary(prospect) for name, prospect in sets.items()},
-            "decided": seen.decided,
+            "decided": seen.n_determined,
             "parameters": {
-                name: {"left": float(left)} for name, left in zip(seen.parameters.names, seen.left, strict=True)
+                name: {"left": float(left)}
+                for name, left in zip(seen.parameters.names, seen.remaining_share, strict=True)
             },
             "open": list(seen.sentences),
         }
@@ -131,7 +134,7 @@ def checked_count(count: int) -> int:
     return count
 
 
-def _summary(prospect: Prospect) -> dict[str, float | int]:
+def _summary(prospect: CampaignForecast) -> dict[str, float | int]:
     return {
         "poses": len(prospect.tool),
         "u_position_m": prospect.u_position_m,
@@ -144,14 +147,16 @@ def _seen_by_station(file: RigFile, machine: Machine, visits: Visits) -> SmrPosi
     smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on != "floor")
     frame = station_frame(file.station.position_m, file.station.heading_rad)
     accuracy = file.station.accuracy
-    station = Station(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
+    station = StationModel(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
     count = len(visits) * len(smrs)
     visit, smr = np.repeat(np.arange(len(visits)), len(smrs)), np.tile(smrs, len(visits))
-    blank = Observations(visits, visit, smr, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))
+    blank = ReflectorObservations(visits, visit, smr, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))
     model = Model(ParameterSet.of(machine))
     own = np.zeros(len(station.unknowns(machine)))
     poses = model.predict(np.zeros(len(model)), visits)
     point = SmrPositions(blank, station).compare(poses, visit[:, None], own, derivatives=False).residual
-    covariance = station_geometry.covariances(*station_geometry.angles(point), accuracy.stated())
+    covariance = station_geometry.point_covariances(
+        *station_geometry.points_to_polar(point), accuracy.to_station_accuracy()
+    )
     covariance /= file.campaign.readings_per_smr
-    return SmrPositions(Observations(visits, visit, smr, point, covariance), station)
+    return SmrPositions(ReflectorObservations(visits, visit, smr, point, covariance), station)

@@ -11,7 +11,7 @@ from calibration.base.errors import InputError
 from calibration.base.toml_file import Section, read_toml
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.payload import PayloadEntry
-from calibration.recording.header import LengthEntry, Name, NuisanceEntry
+from calibration.recording.header import DisturbanceLevels, LengthEntry, Name
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
@@ -25,8 +25,8 @@ class MockSection(Section):
     effects: tuple[str, ...] = Field(
         default=(), max_length=20, description="Unmodelled effects, written as for `pkm-rig mock --effect`."
     )
-    nuisance: NuisanceEntry = Field(
-        default=NuisanceEntry(), description="Disturbances that the mock really has, whatever the rig declares."
+    nuisance: DisturbanceLevels = Field(
+        default=DisturbanceLevels(), description="Disturbances that the mock really has, whatever the rig declares."
     )
     noise_tails: float = Field(
         ge=0.0, default=0.0, description="Degrees of freedom of Student's t of the noise, above 2; 0 is normal noise."
@@ -62,7 +62,7 @@ class RigFile(Section):
     payloads: tuple[PayloadEntry, ...] = Field(
         min_length=1, description="What may be mounted on the platform; number 0 is no payload."
     )
-    nuisance: NuisanceEntry = Field(default=NuisanceEntry(), description="Declared levels of disturbances.")
+    nuisance: DisturbanceLevels = Field(default=DisturbanceLevels(), description="Declared levels of disturbances.")
     campaign: CampaignSettings = Field(default=CampaignSettings(), description="What a campaign measures.")
     limits: Limits = Field(default=Limits(), description="When the rig is refused or stopped.")
     mock: MockSection | None = Field(default=None, description="Settings of the mock.")

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
-from calibration.instruments import station as station_geometry
+from calibration.instruments import station_geometry
 from calibration.recording.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
 from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.rig import Rig
@@ -262,7 +262,7 @@ class StationDevice:
         if self._context.aim.frame is None:
             self._context.aim.frame = self._rig.rough_frame()
         point = self._context.aim.frame.to_station(self._expected()[None])
-        hz, v, _ = station_geometry.angles(point)
+        hz, v, _ = station_geometry.points_to_polar(point)
         window = WINDOW_RAD if self._context.aim.learned else WINDOW_AT_FIRST_RAD
         self._rig.station.point_and_aim(float(hz[0]), float(v[0]), window)
 
@@ -280,10 +280,10 @@ class StationDevice:
         context.fresh_arrival = False
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
-        position = station_geometry.points(hz, v, distance)[0]
+        position = station_geometry.polar_to_points(hz, v, distance)[0]
         self._refuse_wrong_target(mean)
-        stated = rig.file.station.accuracy.stated()
-        covariance = station_geometry.covariances(hz, v, distance, stated)[0] / mean.n
+        stated = rig.file.station.accuracy.to_station_accuracy()
+        covariance = station_geometry.point_covariances(hz, v, distance, stated)[0] / mean.n
         state = rig.supervisor.state()
         first = readings[0]
         row = rig.context_row(state)

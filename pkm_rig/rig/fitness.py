@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.frame import station_frame
-from calibration.instruments import station as station_geometry
+from calibration.instruments import station_geometry
 from calibration.machine.description import Machine
 from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.rig.config import RigFile
@@ -43,10 +43,10 @@ def in_plane_u_m(rig_file: RigFile, machine: Machine) -> float:
     corners[:, :2] = [(x, y) for x in machine.workspace[0] for y in machine.workspace[1]]
     points = report.points(corners)
     jac = report.jacobian(corners)[..., machine.dof]
-    stated = rig_file.station.accuracy.stated()
+    stated = rig_file.station.accuracy.to_station_accuracy()
     worst = 0.0
     for i in range(len(corners)):
-        cov = station_geometry.covariances(*station_geometry.angles(points[i]), stated)
+        cov = station_geometry.point_covariances(*station_geometry.points_to_polar(points[i]), stated)
         cov /= rig_file.campaign.readings_per_smr
         information = sum(jac[i, k].T @ np.linalg.inv(cov[k]) @ jac[i, k] for k in range(len(smrs)))
         pose_cov = np.linalg.inv(information)

@@ -210,7 +210,7 @@ class Rig:
                 TableImage(
                     node_id=drive.node_id,
                     generation=generation,
-                    payload_kg=table.load.payload_kg,
+                    payload_kg=table.conditions.payload_kg,
                     temperature_c=table.temperature_c,
                     machine_id=machine_id_of(self.machine.name),
                     own_start_m=float(table.start_m[own]),

@@ -18,7 +18,7 @@ from bluesky import RunEngine
 import pkm_rig
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
-from calibration.reduction.reduction import CALIBRATION, between_good_checks
+from calibration.reduction.reduction import CALIBRATION, usable_readings
 from drivers.errors import DeviceError, SettingsChanged
 from pkm_rig.rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
 from pkm_rig.rig.plans import CampaignRefused, Plan, Stage
@@ -77,7 +77,7 @@ class Runner:
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
             self.stage.first_nests.setdefault(str(name), position)
-        done = between_good_checks(recording, context.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
+        done = usable_readings(recording, context.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
         for pose, pass_, smr in zip(*(recording[name][done] for name in ("pose", "pass", "smr")), strict=True):
             self.stage.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
 

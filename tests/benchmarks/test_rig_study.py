@@ -16,7 +16,7 @@ from benchmarks.rig_table import ratio, within
 from benchmarks.rig_truth import Payload, ReferencePlant, deviations, draw_errors, generator, plant_of
 from calibration.identification.estimators import identify
 from calibration.instruments.tool_coordinates import ToolCoordinates
-from calibration.model.model import Model, Systematic
+from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from tests.calibration.reference_model import ReferenceModel
 
@@ -68,9 +68,9 @@ def test_both_sources_of_truth_agree():
 
 def test_the_bound_is_the_covariance_of_a_fit_where_it_is_linearised():
     rig = Rig.drawn(PLANAR, 6)
-    model = Model(ParameterSet.of(rig.machine), Systematic(1e-3, 2e-3))
+    model = Model(ParameterSet.of(rig.machine), SystematicUncertainties(1e-3, 2e-3))
     target = measured_targets(rig.machine, 16)
-    visits = rig.visits(target, 0.0).joined(rig.visits(target, 400.0))
+    visits = rig.visits(target, 0.0).concatenate(rig.visits(target, 400.0))
     value = rig.measured(rig.truth(visits, {}), generator("noise", 6))
     readings = ToolCoordinates.of(visits, rig.coordinates, value, rig.sigma)
     fit = identify(model, visits, [readings])

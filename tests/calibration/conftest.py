@@ -10,21 +10,23 @@ from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix
 from calibration.identification.estimators import Estimator, Fit, identify
 from calibration.identification.problem import Layout
-from calibration.instruments import station
-from calibration.instruments.smr_positions import Observations, SmrPositions, Station
+from calibration.instruments import station_geometry
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives
-from calibration.model.model import Model, Systematic
+from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 
 TEMPERATURES_C = {"struts": 21.0, "columns": 20.7, "base": 20.5, "platform": 22.0}
-STATED = station.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
+STATED = station_geometry.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
 LOOKING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 PLACE = np.array([0.0, 0.3, 3.2])
 PLATE_COM_M = (0.0, -0.2, 0.0)
 SMRS = (0, 1, 2, 3, 4)
-KNOWN = Systematic(payload_mass=1e-3, expansion_per_k=dict.fromkeys(("struts", "drives", "base", "platform"), 0.3e-6))
+KNOWN = SystematicUncertainties(
+    payload_mass=1e-3, expansion_per_k=dict.fromkeys(("struts", "drives", "base", "platform"), 0.3e-6)
+)
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +39,7 @@ class Synthetic:
     """A machine with known errors, seen by a station with known noise; drawn from one seed."""
 
     model: Model
-    station: Station  # its start is the true frame
+    station: StationModel  # its start is the true frame
     layout: Layout
     truth: Array
     rough: Frame
@@ -59,9 +61,9 @@ class Synthetic:
         drives = nominal_drives(self.machine, target)
         return Visits(drives, target, payload_kg, np.tile(PLATE_COM_M, (n, 1)), temperatures)
 
-    def see(self, visits: Visits, *, noise: bool = True) -> Observations:
+    def see(self, visits: Visits, *, noise: bool = True) -> ReflectorObservations:
         count = len(SMRS)
-        blank = Observations(
+        blank = ReflectorObservations(
             visits,
             np.repeat(np.arange(len(visits)), count),
             np.tile(np.array(SMRS), len(visits)),
@@ -69,19 +71,21 @@ class Synthetic:
             np.tile(np.eye(3), (count * len(visits), 1, 1)),
         )
         poses = self.model.predict(self.truth[: len(self.model)], visits)
-        own = self.truth[self.layout.own[0]]
+        own = self.truth[self.layout.instrument_slices[0]]
         position = SmrPositions(blank, self.station).compare(poses, blank.visit[:, None], own).residual
-        hz, v, d = station.angles(position)
-        covariance = station.covariances(hz, v, d, STATED)
+        hz, v, d = station_geometry.points_to_polar(position)
+        covariance = station_geometry.point_covariances(hz, v, d, STATED)
         if noise:
             hz = hz + self.rng.normal(0.0, STATED.angle_sd_rad, hz.size)
             v = v + self.rng.normal(0.0, STATED.angle_sd_rad, hz.size)
             d = d + self.rng.normal(0.0, STATED.range_sd_m, hz.size)
-            position = station.points(hz, v, d)
-        return Observations(visits, blank.visit, blank.smr, position, covariance)
+            position = station_geometry.polar_to_points(hz, v, d)
+        return ReflectorObservations(visits, blank.visit, blank.smr, position, covariance)
 
-    def fit(self, seen: Observations, start: Frame, estimator: Estimator = "map", *, robust: bool = False) -> Fit:
-        instrument = Station(start, SMRS, 1e-5, 1e-6, 5e-7)
+    def fit(
+        self, seen: ReflectorObservations, start: Frame, estimator: Estimator = "map", *, robust: bool = False
+    ) -> Fit:
+        instrument = StationModel(start, SMRS, 1e-5, 1e-6, 5e-7)
         return identify(self.model, seen.visits, [SmrPositions(seen, instrument)], estimator, robust=robust)
 
     def workspace(self, count: int) -> Array:
@@ -96,15 +100,15 @@ def synthetic(machine):
         model = Model(ParameterSet.of(machine), KNOWN)
         rough = Frame(LOOKING, -LOOKING @ PLACE)
         turn = rotation_matrix(rng.normal(0.0, 1e-3, 3)) @ LOOKING
-        seer = Station(Frame(turn, -turn @ PLACE + rng.normal(0.0, 3e-3, 3)), SMRS, 1e-5, 1e-6, 5e-7)
-        blank = Observations(None, *[np.zeros(0, dtype=int)] * 2, np.zeros((0, 3)), np.zeros((0, 3, 3)))
+        seer = StationModel(Frame(turn, -turn @ PLACE + rng.normal(0.0, 3e-3, 3)), SMRS, 1e-5, 1e-6, 5e-7)
+        blank = ReflectorObservations(None, *[np.zeros(0, dtype=int)] * 2, np.zeros((0, 3)), np.zeros((0, 3, 3)))
         layout = Layout.of(model, [SmrPositions(blank, seer)])
         truth = np.zeros(layout.size)
         tolerance = np.array([p.tolerance for p in model.parameters.parameters])
         truth[: len(tolerance)] = rng.uniform(-1.0, 1.0, len(tolerance)) * tolerance
         if not stiffness_spread:
             truth[model.parameters.rows("ln_stiffness")] = 0.0
-        mounting = layout.own[0].start + np.arange(3 * len(SMRS))
+        mounting = layout.instrument_slices[0].start + np.arange(3 * len(SMRS))
         truth[mounting] = rng.uniform(-5e-4, 5e-4, mounting.size)
         return Synthetic(model, seer, layout, truth, rough, rng)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.compensation.tables import CompensationTable
-from calibration.model.load import Load
+from calibration.model.operating_conditions import OperatingConditions
 from calibration.recording.recording import Recording
 from drivers.errors import DeviceError
 from mock_devices.faults import Fault, FaultPlan
@@ -102,7 +102,7 @@ def flat_table() -> CompensationTable:
         start_m=np.array([0.5, 0.5]),
         step_m=np.array([0.4, 0.4]),
         correction_m=np.full((2, 3, 3), 20e-6),
-        load=Load(0.0, (0.0, 0.0, 0.0), {"struts": 20.0}),
+        conditions=OperatingConditions(0.0, (0.0, 0.0, 0.0), {"struts": 20.0}),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.instruments import station
+from calibration.instruments import station_geometry
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording, column_names, make_recording
 from mock_devices.plant.plant import Plant
@@ -52,7 +52,7 @@ def record(seed: int, *, bump_m: float = 0.0, bump_at_check: int = 10**6, spoil=
     file, machine = load_rig(embedded_rig_path())
     settings = file.campaign.model_copy(update={**SHORT, **changes})
     rng = np.random.default_rng([seed, 99])
-    stated = file.station.accuracy.stated()
+    stated = file.station.accuracy.to_station_accuracy()
     rows: list[dict[str, float | str]] = []
     state = {"t": 3600.0, "check": -1, "visit": -1}
 
@@ -60,11 +60,11 @@ def record(seed: int, *, bump_m: float = 0.0, bump_at_check: int = 10**6, spoil=
         truth = plant.truth.smr_positions(drives, payload, state["t"])[smr]
         seen = plant.view.polar(tuple(truth), state["t"])
         hz, v, d = (np.array([x]) for x in (seen.hz_rad, seen.v_rad, seen.distance_m))
-        covariance = station.covariances(hz, v, d, stated)[0]
+        covariance = station_geometry.point_covariances(hz, v, d, stated)[0]
         hz = hz + rng.normal(0.0, stated.angle_sd_rad)
         v = v + rng.normal(0.0, stated.angle_sd_rad)
         d = d + plant.view.range_constant_m + rng.normal(0.0, stated.range_sd_m)
-        point = station.points(hz, v, d)[0]
+        point = station_geometry.polar_to_points(hz, v, d)[0]
         point[0] += bump_m if state["check"] >= bump_at_check else 0.0
         row: dict[str, float | str] = dict.fromkeys(column_names(header.drives, header.sensors), 0.0)
         row |= {"uid": f"{len(rows)}", "phase": phase, "smr": smr, "sequence": float(len(rows))}

@@ -14,7 +14,7 @@ from calibration.effects.catalogue import load_catalogue
 from calibration.identification.calibration import calibration_part, identify_recording
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
-from calibration.reduction.reduction import without_left_open
+from calibration.reduction.reduction import drop_unclosed_readings
 from pkm_rig.jobs.session import STORE_NAME, open_store
 from pkm_rig.jobs.verdict import stored_outcome
 from pkm_rig.rig.config import load_rig
@@ -69,7 +69,7 @@ def test_the_rig_file_is_read() -> None:
 
 def test_the_effect_file_joins_the_catalogue_and_takes_part_in_a_diagnosis(folder: Recording) -> None:
     catalogue = load_catalogue((DATA / "effect.py",))
-    found = diagnose(without_left_open(calibration_part(folder)), catalogue)
+    found = diagnose(drop_unclosed_readings(calibration_part(folder)), catalogue)
     assert found.verdict == EXPECTED["verdict"]
     assert found.ranking == pytest.approx(EXPECTED["ranking"], abs=1e-4)
     assert "roller_creep" in found.ranking

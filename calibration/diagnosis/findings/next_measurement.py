@@ -250,7 +250,7 @@ class _Hypotheses:
     def _both(self, after: Moments, seen: Seen) -> Seen:
         """One row a moment, old and new: what forms are built over."""
         known = self._known
-        visits = known.poses.visits.joined(seen.poses.visits)
+        visits = known.poses.visits.concatenate(seen.poses.visits)
         poses = known.poses.model.predict(known.poses.values, visits)
         count = len(known.poses.visits)
         of_old = np.where(known.visit >= 0, known.visit, 0)

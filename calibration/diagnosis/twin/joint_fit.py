@@ -21,7 +21,7 @@ from calibration.diagnosis.evidence import Readout
 from calibration.diagnosis.linear_model import NEST_PRIOR_M, Baseline
 from calibration.diagnosis.search import Cause
 from calibration.diagnosis.twin.twin_model import Fit, whole_model
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, Observations, SmrPositions, Station
+from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
 
 MOST_STEPS = 12
 HALVINGS = 6
@@ -70,7 +70,7 @@ class Joint:
         accuracy = known.recording.file.station.accuracy
         smrs = tuple(sorted(set(known.smr[self._on_pose].tolist())))
         # The frame's unknowns count from the one where the baseline is linear, not from where its fit began.
-        self._station = Station(
+        self._station = StationModel(
             known.frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M
         )
         self._before = np.zeros(count)
@@ -80,7 +80,8 @@ class Joint:
         covariances = spread @ spread.transpose(0, 2, 1)  # the baseline's weights among them
         visits = known.poses.visits
         self._readings = SmrPositions(
-            Observations(visits, known.visit[rows], known.smr[rows], known.position_m[rows], covariances), self._station
+            ReflectorObservations(visits, known.visit[rows], known.smr[rows], known.position_m[rows], covariances),
+            self._station,
         )
 
     @cached_property
@@ -101,7 +102,7 @@ class Joint:
         known, count = self._known, self._known.sigma.size
         z = np.zeros(known.columns.shape[2])
         z[:count] = known.values / known.sigma
-        return _Linear(z, known.columns, known.residual - known.columns @ z, known.poses.rest.coordinates())
+        return _Linear(z, known.columns, known.residual - known.columns @ z, known.poses.equilibrium.coordinates())
 
     @cached_property
     def _at_solution(self) -> _Linear:
@@ -146,14 +147,14 @@ class Joint:
         model = known.poses.model
         with np.errstate(all="ignore"):
             poses = model.predict(values[: len(model)], known.poses.visits, start)
-        if not np.all(poses.rest.converged):
+        if not np.all(poses.equilibrium.converged):
             return _Linear(z, known.columns, np.full_like(known.residual, 1e9), start)
         compared = self._readings.compare(poses, known.visit[rows, None], (values - self._before)[len(model) :])
         columns = known.columns.copy()
         columns[rows, :, :count] = np.concatenate([compared.by_model, compared.by_own], axis=2) * known.sigma
         missed = known.residual - known.columns @ z
         missed[rows] = -compared.residual - columns[rows][:, :, count:] @ z[count:]
-        return _Linear(z, columns, missed, poses.rest.coordinates())
+        return _Linear(z, columns, missed, poses.equilibrium.coordinates())
 
     def _solution(self, z: Array, c: Array) -> Solution:
         known, count, names = self._known, self._known.sigma.size, self._known.names
@@ -204,6 +205,6 @@ def stated_m(known: Baseline, solution: Solution, places_m: Array) -> Array:
 def _stated_m(known: Baseline, frame: Frame, ranges: dict[str, float], places_m: Array) -> Array:
     accuracy = known.recording.file.station.accuracy
     constant_u_m, scale_u = accuracy.range_constant_u_m, accuracy.range_scale_u
-    station = Station(frame, (), constant_u_m, scale_u, REFRACTION_U_PER_M, known_frame=True)
+    station = StationModel(frame, (), constant_u_m, scale_u, REFRACTION_U_PER_M, known_frame=True)
     own = np.array([ranges.get(u.name, 0.0) for u in station.unknowns(known.machine)])
-    return station.see(known.machine, own, places_m)[0]
+    return station.observe(known.machine, own, places_m)[0]

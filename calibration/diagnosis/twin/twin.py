@@ -97,7 +97,7 @@ class Twin:
             poses = self.campaign.poses(self.fit, visits)
             out = places_m(self.machine, poses, self.fit.mounted_m, smr, row)
             if self.added:
-                before = replace(visits, target_m=poses.rest.coordinates())
+                before = replace(visits, target_m=poses.equilibrium.coordinates())
                 out += self._shift_m(moments, before, rows, smr, row)
         if not np.all(np.isfinite(out)):
             raise InputError("twin: a place is not a finite number; make it again with diagnose --add")
@@ -109,7 +109,7 @@ class Twin:
         """What the effects add to the places (n, 3)."""
         own = held(self.campaign.moments, moments)
         poses = self.campaign.model.predict(self.campaign.at.values, visits)
-        if not np.all(poses.rest.converged):
+        if not np.all(poses.equilibrium.converged):
             poses = self.campaign.poses(self.campaign.at, visits)
         channels, setting = self.campaign.linear_at(poses, own, smr, row)
         memory = remembered(own, moments)
@@ -178,6 +178,6 @@ class Twin:
 
 def _campaign(baseline: Baseline) -> Campaign:
     return Campaign(
-        baseline.machine, baseline.moments, baseline.smr, baseline.visit, baseline.poses.rest.coordinates(),
+        baseline.machine, baseline.moments, baseline.smr, baseline.visit, baseline.poses.equilibrium.coordinates(),
         fit_before(baseline),
     )  # fmt: skip

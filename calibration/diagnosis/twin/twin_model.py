@@ -20,13 +20,13 @@ from calibration.effects.api import OnCurve, Setting
 from calibration.effects.context import Moments, Remembered
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine
-from calibration.model.model import Model, Poses, Systematic
+from calibration.model.model import Model, Poses, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 
 NEIGHBOURS = 4  # poses of the campaign from which a search starts, the nearest first
 SEARCHED = 4096  # rows at once
-EVERYTHING = Systematic(1.0, 1.0, dict.fromkeys(PARTS, 1.0), dict.fromkeys(PARTS, 1.0))
+EVERYTHING = SystematicUncertainties(1.0, 1.0, dict.fromkeys(PARTS, 1.0), dict.fromkeys(PARTS, 1.0))
 
 
 class Asked:
@@ -98,7 +98,7 @@ def visits_of(machine: Machine, moments: Moments) -> Visits:
 
 def places_m(machine: Machine, poses: Poses, mounted_m: Array, smr: NDArray[np.intp], row: NDArray[np.intp]) -> Array:
     """Places (n, 3) of reflectors smr (n,) at poses row (n,), machine's frame, by the model alone."""
-    carriers = equilibrium.carriers_of(machine, poses.geometry, poses.visits.drives, poses.at)
+    carriers = equilibrium.carriers_of(machine, poses.geometry, poses.visits.drives, poses.conditions)
     out = np.empty((len(smr), 3))
     for i, reflector in enumerate(machine.smrs):
         rows = np.flatnonzero(smr == i)
@@ -106,10 +106,10 @@ def places_m(machine: Machine, poses: Poses, mounted_m: Array, smr: NDArray[np.i
         if reflector.on == "floor":
             out[rows] = mounted_m[i]
         elif reflector.on == "platform":
-            lever = poses.rest.rotation[at] @ mounted_m[i]
-            out[rows] = poses.rest.position_m[at] + lever * poses.at.factors["platform"][at, None]
+            lever = poses.equilibrium.rotation[at] @ mounted_m[i]
+            out[rows] = poses.equilibrium.position_m[at] + lever * poses.conditions.factors["platform"][at, None]
         else:
-            out[rows] = carriers[reflector.drive].place(mounted_m[i]).T[at]
+            out[rows] = carriers[reflector.drive].position(mounted_m[i]).T[at]
     return out
 
 
@@ -160,11 +160,11 @@ class Campaign:
             start, *others = self._starts(visits)
             poses = self.model.predict(fit.values, visits, start)
             for other in others:
-                if np.all(poses.rest.converged):
+                if np.all(poses.equilibrium.converged):
                     break
-                start = np.where(poses.rest.converged[:, None], start, other)
+                start = np.where(poses.equilibrium.converged[:, None], start, other)
                 poses = self.model.predict(fit.values, visits, start)
-        if np.all(poses.rest.converged):
+        if np.all(poses.equilibrium.converged):
             return poses
         raise InputError("twin: the model finds no equilibrium for a moment; check the drive coordinates")
 

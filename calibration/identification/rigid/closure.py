@@ -12,12 +12,12 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.identification.linear_system import Folding, regularised_step
+from calibration.identification.linear_system import QrAccumulator, regularised_step
 from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine
 from calibration.machine.equilibrium import Conditions
-from calibration.machine.mechanics import State
-from calibration.model.parameters import Parameter, ParameterSet
+from calibration.machine.mechanics import MechanicalState
+from calibration.model.parameters import MachineParameter, ParameterSet
 from calibration.model.visits import Visits
 
 STEPS = 6
@@ -35,7 +35,7 @@ class MeasuredPoses:
 def close_loops(parameters: ParameterSet, measured: MeasuredPoses) -> Array:
     """Parameters (p,) that close every loop at the measured poses, tolerances as priors, struts independent."""
     machine = parameters.machine
-    at = equilibrium.conditions(machine, len(measured.visits), measured.visits.temperatures_c).unloaded()
+    at = equilibrium.make_conditions(machine, len(measured.visits), measured.visits.temperatures_c).without_loads()
     rotation = rotation_matrix(measured.coordinates[:, 3:])
     sigma, prior = parameters.sigma, np.ones(len(parameters))
     z = np.zeros(len(parameters))
@@ -46,11 +46,11 @@ def close_loops(parameters: ParameterSet, measured: MeasuredPoses) -> Array:
         )
         variance = np.einsum("fcn,nfg,gcn->cn", state.wrench, measured.covariance, state.wrench)
         by_parameter = _closure_jacobian(parameters, geometry, measured.visits.drives, at, state) * sigma[:, None, None]
-        folding = Folding(len(parameters))
+        folding = QrAccumulator(len(parameters))
         for c in range(len(variance)):
             white = 1.0 / np.sqrt(variance[c])
             folding.add((by_parameter[:, c] * white).T, state.residual[c] * white)
-        step = regularised_step(folding.done(), z, prior)
+        step = regularised_step(folding.result(), z, prior)
         z = z + step
         if np.max(np.abs(step)) < 1e-9:
             break
@@ -58,7 +58,7 @@ def close_loops(parameters: ParameterSet, measured: MeasuredPoses) -> Array:
 
 
 def _closure_jacobian(
-    parameters: ParameterSet, geometry: Geometry, drives: Array, at: Conditions, state: State
+    parameters: ParameterSet, geometry: Geometry, drives: Array, at: Conditions, state: MechanicalState
 ) -> Array:
     """Derivatives (p, c, n) of the residuals with the parameters, the poses held."""
     machine = parameters.machine
@@ -68,7 +68,7 @@ def _closure_jacobian(
     def shift(c: int, base_end: Array) -> Array:
         return -np.einsum("in,in->n", state.direction[:, c], base_end)
 
-    def carried(p: Parameter, row: Array) -> None:
+    def carried(p: MachineParameter, row: Array) -> None:
         carrier = carriers[p.part]
         for i in map(int, np.flatnonzero(machine.strut_drive == p.part)):
             joint = geometry.base_joint_m[i]
@@ -97,7 +97,7 @@ def _closure_jacobian(
             case "guide_tilt":
                 c = struts + p.part
                 turned = np.cross(np.array(p.about), geometry.guide_normal[p.part])
-                row[c] = turned @ (state.lever[:, c] + state.position - state.setting.base_ends[:, c])
+                row[c] = turned @ (state.lever[:, c] + state.position - state.structure.base_ends[:, c])
             case "ln_stiffness":
                 pass
             case _:

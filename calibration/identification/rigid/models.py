@@ -21,7 +21,7 @@ from calibration.base.rotation import rotation_matrix
 from calibration.identification.estimators import Fit
 from calibration.identification.rigid.closure import MeasuredPoses, close_loops, equal_weights
 from calibration.machine.description import Machine
-from calibration.machine.equilibrium import conditions, solve, state_at, workspace_middle
+from calibration.machine.equilibrium import make_conditions, solve, state_at, workspace_middle
 from calibration.machine.inverse import rigid_drives
 from calibration.model.model import Model
 from calibration.model.parameters import KINDS, ParameterSet
@@ -35,18 +35,18 @@ Stated = Callable[[Fit, Visits], Array]
 
 
 @dataclass(frozen=True)
-class Baseline:
+class RigidIdentification:
     """A rigid identification: what it predicts, once, or for each payload (kg, ascending)."""
 
     name: str
-    members: tuple[tuple[float, Predictor], ...]
+    by_payload: tuple[tuple[float, Predictor], ...]
 
     def predict(self, visits: Visits) -> Array:
         """Predicted poses (v, 6), interpolated in the payload where there are several members."""
-        poses = [predict(visits) for _, predict in self.members]
+        poses = [predict(visits) for _, predict in self.by_payload]
         if len(poses) == 1:
             return poses[0]
-        loads = np.array([kg for kg, _ in self.members])
+        loads = np.array([kg for kg, _ in self.by_payload])
         out = np.empty_like(poses[0])
         for row, kg in enumerate(visits.payload_kg):
             right = int(np.clip(np.searchsorted(loads, kg), 1, len(loads) - 1))
@@ -89,14 +89,14 @@ def minimal_subsets(machine: Machine) -> list[tuple[int, ...]]:
         fewer = without_struts(machine, drop)
         pose = workspace_middle(machine)[None]
         drives = rigid_drives(machine, machine.nominal, pose)
-        rest = solve(fewer, fewer.nominal, drives, conditions(fewer, 1).unloaded(), pose)
-        if rest.converged.all() and _regular(machine, fewer):
+        rest = solve(fewer, fewer.nominal, drives, make_conditions(fewer, 1).without_loads(), pose)
+        if rest.converged.all() and _nonsingular_in_workspace(machine, fewer):
             found.append(tuple(sorted(drop)))
     step = max(1, -(-len(found) // MOST_SUBSETS))
     return found[::step]
 
 
-def _regular(machine: Machine, fewer: Machine) -> bool:
+def _nonsingular_in_workspace(machine: Machine, fewer: Machine) -> bool:
     """Whether as many constraints as free coordinates hold the nominal platform without a singularity in between.
 
     The determinant of their wrenches must have one sign in the middle and at all corners of the workspace.
@@ -105,19 +105,19 @@ def _regular(machine: Machine, fewer: Machine) -> bool:
     corners[:, :3] -= rotation_matrix(corners[:, 3:]) @ machine.tool_point_m
     poses = np.vstack([workspace_middle(machine), corners])
     drives = rigid_drives(machine, machine.nominal, poses)
-    at = conditions(fewer, len(poses)).unloaded()
+    at = make_conditions(fewer, len(poses)).without_loads()
     state = state_at(fewer, fewer.nominal, drives, at, poses[:, :3], rotation_matrix(poses[:, 3:]))
     sign = np.sign(np.linalg.det(state.wrench.transpose(2, 0, 1)))
     return bool(np.all(sign == sign[0]))
 
 
-def fit_baselines(
+def fit_rigid_identifications(
     machine: Machine,
     visits: Visits,
     fit_readings: Callable[[Model, NDArray[np.bool_]], Fit],
     stated: Stated,
     measured: MeasuredPoses | None = None,
-) -> tuple[Baseline, ...]:
+) -> tuple[RigidIdentification, ...]:
     """All rigid baselines of the same readings.
 
     fit_readings: identifies a model from the readings of some visits (v,); stated: a fit's poses in the frame of
@@ -127,14 +127,14 @@ def fit_baselines(
     groups: list[tuple[float, NDArray[np.bool_]]] = [(float(kg), visits.payload_kg == kg) for kg in loads]
     everything = np.ones(len(visits), dtype=bool)
     out = []
-    for name, make in _methods(machine, fit_readings, stated, measured).items():
-        out.append(Baseline(name, ((0.0, make(everything)),)))
+    for name, make in _rigid_methods(machine, fit_readings, stated, measured).items():
+        out.append(RigidIdentification(name, ((0.0, make(everything)),)))
         if len(groups) > 1:
-            out.append(Baseline(f"{name}_per_payload", tuple((kg, make(rows)) for kg, rows in groups)))
+            out.append(RigidIdentification(f"{name}_per_payload", tuple((kg, make(rows)) for kg, rows in groups)))
     return tuple(out)
 
 
-def _methods(
+def _rigid_methods(
     machine: Machine,
     fit_readings: Callable[[Model, NDArray[np.bool_]], Fit],
     stated: Stated,
@@ -145,7 +145,7 @@ def _methods(
 
     def by_fit(machines: Sequence[Machine]) -> Callable[[NDArray[np.bool_]], Predictor]:
         def make(rows: NDArray[np.bool_]) -> Predictor:
-            fits = [fit_readings(rigid(m), rows) for m in machines]
+            fits = [fit_readings(rigid_model(m), rows) for m in machines]
             return lambda visits: np.mean([stated(fit, visits) for fit in fits], axis=0)
 
         return make
@@ -158,15 +158,15 @@ def _methods(
     if measured is not None:
 
         def closed(rows: NDArray[np.bool_]) -> Predictor:
-            model = rigid(equal)
+            model = rigid_model(equal)
             some = MeasuredPoses(measured.visits.take(rows), measured.coordinates[rows], measured.covariance[rows])
             theta = close_loops(model.parameters, some)
-            return lambda visits: model.predict(theta, visits).rest.coordinates()
+            return lambda visits: model.predict(theta, visits).equilibrium.coordinates()
 
         methods["per_leg_closure"] = closed
     return methods
 
 
-def rigid(machine: Machine) -> Model:
+def rigid_model(machine: Machine) -> Model:
     """The rigid model of a machine: no stiffness to be found, no loads."""
-    return Model(ParameterSet.of(machine, RIGID_KINDS), loads=False)
+    return Model(ParameterSet.of(machine, RIGID_KINDS), with_loads=False)

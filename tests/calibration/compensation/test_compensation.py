@@ -8,7 +8,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from calibration.compensation.tables import build_table, corrected_drives, drive_box
 from calibration.identification.prediction import predict_poses
-from calibration.model.load import Load
+from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.visits import Visits
 from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import PLATE_COM_M, TEMPERATURES_C
@@ -26,16 +26,16 @@ def known(synthetic):
 
 def test_corrected_drives_bring_the_predicted_tool_onto_its_target(known):
     rig, report, fit = known
-    load = Load(200.0, PLATE_COM_M, TEMPERATURES_C)
+    load = OperatingConditions(200.0, PLATE_COM_M, TEMPERATURES_C)
     visits = rig.visits(rig.workspace(50), np.full(50, 200.0))
     drives = corrected_drives(fit, report, visits.target_m, load)
-    error, _ = report.tool_error(predict_poses(fit, report, load.visits(drives, visits.target_m)), visits.target_m)
+    error, _ = report.tool_error(predict_poses(fit, report, load.at_poses(drives, visits.target_m)), visits.target_m)
     assert np.abs(error[:, :2]).max() < 1e-9
 
 
 def test_table_brings_the_true_tool_within_microns(known):
     rig, report, fit = known
-    load = Load(200.0, PLATE_COM_M, TEMPERATURES_C)
+    load = OperatingConditions(200.0, PLATE_COM_M, TEMPERATURES_C)
     table = build_table(fit, report, load)
     visits = rig.visits(rig.workspace(200), np.full(200, 200.0))
     axes = [table.start_m[a] + table.step_m[a] * np.arange(17) for a in range(2)]
@@ -59,7 +59,7 @@ def test_table_brings_the_true_tool_within_microns(known):
 
 def test_interpolation_between_nodes_is_below_two_microns(known):
     rig, report, fit = known
-    load = Load(0.0, (0.0, 0.0, 0.0), TEMPERATURES_C)
+    load = OperatingConditions(0.0, (0.0, 0.0, 0.0), TEMPERATURES_C)
     table = build_table(fit, report, load)
     visits = rig.visits(rig.workspace(100), np.zeros(100))
     exact = corrected_drives(fit, report, visits.target_m, load) - visits.drives
@@ -71,7 +71,7 @@ def test_interpolation_between_nodes_is_below_two_microns(known):
 
 def test_grid_covers_the_workspace_with_a_margin_and_every_node_is_a_number(known):
     rig, report, fit = known
-    table = build_table(fit, report, Load(0.0, (0.0, 0.0, 0.0), TEMPERATURES_C))
+    table = build_table(fit, report, OperatingConditions(0.0, (0.0, 0.0, 0.0), TEMPERATURES_C))
     assert table.correction_m.shape == (2, 17, 17)
     assert np.isfinite(table.correction_m).all()
     box = drive_box(rig.machine)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.base.frame import Frame, station_frame
-from calibration.instruments.station import StationAccuracy, angles, covariances
+from calibration.instruments.station_geometry import StationAccuracy, point_covariances, points_to_polar
 from calibration.machine import equilibrium
 from calibration.machine.description import Geometry, Machine, load_machine, shipped_machine
 from calibration.machine.equilibrium import Conditions
@@ -91,7 +91,7 @@ class Rest:
                 lever = self.rest.rotation @ point * self.at.factors["platform"][:, None]
                 out[:, i] = self.rest.position_m + lever
             else:
-                out[:, i] = carriers[smr.drive].place(point).T if smr.on == "slider" else point
+                out[:, i] = carriers[smr.drive].position(point).T if smr.on == "slider" else point
         return out
 
 
@@ -140,7 +140,7 @@ def simulated(
     arrivals = Arrivals(drives, sides, way, dwell, speed)
     off = np.zeros_like(drives) if travel_m is None else travel_m(arrivals)
     temperatures = {s: np.full(visits, machine.reference_temperature_c) for s in machine.sensors.values()}
-    at = equilibrium.conditions(machine, visits, temperatures, np.zeros(visits), np.zeros((visits, 3)))
+    at = equilibrium.make_conditions(machine, visits, temperatures, np.zeros(visits), np.zeros((visits, 3)))
     true = Rest.of(machine, drawn_geometry(machine, rng), drives + off, at, target)
     mounted = np.array([s.position_m for s in machine.smrs]) + 1e-4 * rng.standard_normal((len(machine.smrs), 3))
     mounted[:, 2] -= 0.0 if not machine.planar else mounted[:, 2] - [s.position_m[2] for s in machine.smrs]
@@ -169,9 +169,9 @@ def simulated(
 
 def _reading(frame: Frame, place_m: np.ndarray, rng: np.random.Generator, noise: float) -> dict[str, float]:
     point = frame.to_station(place_m[None])
-    covariance = covariances(*angles(point), STATED)[0]
+    covariance = point_covariances(*points_to_polar(point), STATED)[0]
     point = point[0] + noise * np.linalg.cholesky(covariance) @ rng.standard_normal(3)
-    hz, v, distance = (float(x[0]) for x in angles(point[None]))
+    hz, v, distance = (float(x[0]) for x in points_to_polar(point[None]))
     upper = {f"cov_{'xyz'[i]}{'xyz'[j]}_m2": covariance[i, j] for i in range(3) for j in range(i, 3)}
     return dict(zip(("x_m", "y_m", "z_m"), point, strict=True)) | upper | {
         "hz_rad": hz, "v_rad": v, "slope_distance_m": distance,

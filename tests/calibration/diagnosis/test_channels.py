@@ -12,10 +12,10 @@ from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import AXES, Channels
 from calibration.diagnosis.linear_model import Seen
 from calibration.effects.context import History, Moments
-from calibration.instruments.station import angles, points
+from calibration.instruments.station_geometry import points_to_polar, polar_to_points
 from calibration.machine import equilibrium
 from calibration.machine.description import COORDINATES, load_machine, shipped_machine
-from calibration.model.model import Model, Systematic
+from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from tests.calibration.diagnosis.campaigns import Rest, drawn_poses
@@ -63,9 +63,9 @@ def case(request) -> Case:
     target, drives = drawn_poses(machine, rng, VISITS)
     warm = {s: machine.reference_temperature_c + np.linspace(1.0, 4.0, VISITS) for s in machine.sensors.values()}
     load, com = np.full(VISITS, 50.0), np.zeros((VISITS, 3))
-    poses = Model(parameters, Systematic()).predict(theta, Visits(drives, target, load, com, warm))
-    assert np.all(poses.rest.converged)
-    at = equilibrium.conditions(machine, VISITS, warm, load, com)
+    poses = Model(parameters, SystematicUncertainties()).predict(theta, Visits(drives, target, load, com, warm))
+    assert np.all(poses.equilibrium.converged)
+    at = equilibrium.make_conditions(machine, VISITS, warm, load, com)
     rest = Rest.of(machine, parameters.geometry(theta), drives, at, target)
     smrs = len(machine.smrs)
     mounted = np.array([s.position_m for s in machine.smrs]) + 1e-3
@@ -208,10 +208,10 @@ def test_station(case):
 
 
 def test_light(case):
-    hz, v, distance = angles(case.seen.position_m)
+    hz, v, distance = points_to_polar(case.seen.position_m)
     for name, turned in (
-        ("light.hz", lambda h: points(hz + h * distance, v, distance)),
-        ("light.v", lambda h: points(hz, v + h * distance, distance)),
+        ("light.hz", lambda h: polar_to_points(hz + h * distance, v, distance)),
+        ("light.v", lambda h: polar_to_points(hz, v + h * distance, distance)),
     ):
         expected = (turned(STEP) - turned(-STEP)) / (2.0 * STEP)
         np.testing.assert_allclose(station_shift(case, name), expected, atol=1e-6 * np.abs(expected).max())

@@ -69,7 +69,7 @@ def test_the_structure_around_a_strut_is_linear_enough(name):
     law, geometry = LAWS[name](), drawn_geometry(machine, rng)
     target, drives = drawn_poses(machine, rng, 6)
     cold = {sensor: np.full(6, machine.reference_temperature_c) for sensor in machine.sensors.values()}
-    at = equilibrium.conditions(machine, 6, cold, np.full(6, 200.0), np.zeros((6, 3)))
+    at = equilibrium.make_conditions(machine, 6, cold, np.full(6, 200.0), np.zeros((6, 3)))
     linear = Rest.of(machine, geometry, drives, at, target)
     answers = []
     for h in (-1e-6, 1e-6):
@@ -110,14 +110,18 @@ def test_answers_of_the_setting_are_those_of_the_model(known):
     """Tension after a strut grew, by the model solved again."""
     readout, s = known
     baseline, poses = readout.baseline, readout.baseline.poses
-    geometry, rest = poses.geometry, poses.rest
+    geometry, rest = poses.geometry, poses.equilibrium
     for j in range(4):
         forces = []
         for h in (-1e-6, 1e-6):
             length = geometry.length_m.copy()
             length[j] += h
             solved = equilibrium.solve(
-                baseline.machine, replace(geometry, length_m=length), poses.visits.drives, poses.at, rest.coordinates()
+                baseline.machine,
+                replace(geometry, length_m=length),
+                poses.visits.drives,
+                poses.conditions,
+                rest.coordinates(),
             )
             forces.append(solved.force_n[:, :4])
         expected = ((forces[1] - forces[0]) / 2e-6)[np.maximum(baseline.visit, 0)]

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from calibration.base.errors import InputError
 from calibration.identification.prediction import predict_poses
-from calibration.instruments.smr_positions import Observations, SmrPositions
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions
 from calibration.reduction.report_frame import fit_report_frame
 
 RIGS = 12
@@ -106,7 +106,7 @@ def test_jacobian_agrees_with_differences(synthetic):
 
     def predict(unknowns):
         poses = rig.model.predict(unknowns[:count], visits)
-        return seen.compare(poses, seen.visits_of(), unknowns[count:])
+        return seen.compare(poses, seen.visit_indices(), unknowns[count:])
 
     at = predict(rig.truth)
     exact = np.concatenate([at.by_model, at.by_own], axis=2)
@@ -122,6 +122,6 @@ def test_jacobian_agrees_with_differences(synthetic):
 def test_too_few_readings_are_refused(synthetic):
     rig = synthetic(42)
     seen = rig.see(rig.visits(rig.workspace(3), np.zeros(3)))
-    few = Observations(seen.visits, seen.visit[:5], seen.smr[:5], seen.position_m[:5], seen.covariance_m2[:5])
+    few = ReflectorObservations(seen.visits, seen.visit[:5], seen.smr[:5], seen.position_m[:5], seen.covariance_m2[:5])
     with pytest.raises(InputError, match="measure more poses"):
         rig.fit(few, rig.rough)

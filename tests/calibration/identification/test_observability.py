@@ -8,8 +8,8 @@ from scipy.linalg import orth, subspace_angles
 
 from calibration.base.frame import Frame
 from calibration.identification.observability import observability_of, planned_observability
-from calibration.identification.problem import Problem
-from calibration.instruments.smr_positions import Observations, SmrPositions, Station
+from calibration.identification.problem import LeastSquaresProblem
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
 from calibration.machine.inverse import drives_for
@@ -26,7 +26,9 @@ def campaign(name, payload_kg=0.0, loads=False):
     target = rng.uniform(*machine.workspace.T, (POSES, 6))
     drives, pose = drives_for(machine, machine.nominal, target)
     payload = np.where(np.arange(POSES) % 2 == 0, 0.0, payload_kg)
-    return Model(ParameterSet.of(machine), loads=loads), Visits.at(machine, drives, pose, payload)
+    return Model(ParameterSet.of(machine), with_loads=loads), Visits.at_reference_temperature(
+        machine, drives, pose, payload
+    )
 
 
 def full_pose(model, visits):
@@ -38,23 +40,23 @@ def full_pose(model, visits):
 def reflectors(model, visits):
     smrs = tuple(i for i, s in enumerate(model.machine.smrs) if s.on == "platform")
     count = len(visits) * len(smrs)
-    seen = Observations(
+    seen = ReflectorObservations(
         visits,
         np.repeat(np.arange(len(visits)), len(smrs)),
         np.tile(smrs, len(visits)),
         np.zeros((count, 3)),
         np.tile(np.eye(3) * 1e-10, (count, 1, 1)),
     )
-    return SmrPositions(seen, Station(Frame(np.eye(3), np.array([0.3, 0.2, 4.0])), smrs))
+    return SmrPositions(seen, StationModel(Frame(np.eye(3), np.array([0.3, 0.2, 4.0])), smrs))
 
 
 def dense_null_space(model, visits, readings, tolerance):
     """Null space of the parameters, others projected out densely, the frame without any prior."""
     count = len(model.parameters)
-    problem = Problem(model, visits, (readings,))
+    problem = LeastSquaresProblem(model, visits, (readings,))
     z = np.zeros(problem.layout.size)
     rows = []
-    for _, _, found in problem._compared(z, derivatives=True):
+    for _, _, found in problem._compare_blocks(z, derivatives=True):
         rows.append(np.concatenate([found.by_model, found.by_own], axis=2).reshape(-1, z.size))
     jacobian = np.vstack(rows) * problem.layout.sigma
     mounted = [i for i, name in enumerate(problem.layout.names) if name.startswith("mounting.")]
@@ -74,13 +76,13 @@ def test_named_combinations_span_the_null_space_of_every_machine(name, readings)
     model, visits = campaign(name)
     seen = readings(model, visits)
     found = planned_observability(model, visits, [seen], threshold=1e-3 if readings is reflectors else 1e-6)
-    named = np.array([[c.coefficients.get(n, 0.0) for n in model.parameters.names] for c in found.open]).T
+    named = np.array([[c.coefficients.get(n, 0.0) for n in model.parameters.names] for c in found.open_combinations]).T
     named = named / model.parameters.sigma[:, None]
     null = dense_null_space(model, visits, seen, 1e-6)
-    assert null.shape[1] == len(found.open)
+    assert null.shape[1] == len(found.open_combinations)
     assert np.max(subspace_angles(named, null)) < 1e-3
     assert found.gap_rad < 1e-3
-    assert all(c.words for c in found.open)
+    assert all(c.words for c in found.open_combinations)
 
 
 def test_the_words_for_the_default_machine():
@@ -99,7 +101,7 @@ def test_a_known_load_difference_makes_stiffness_observable():
     for payload_kg in (0.0, 400.0):
         model, visits = campaign("planar4", payload_kg, loads=True)
         rows = model.parameters.rows("ln_stiffness")
-        left.append(planned_observability(model, visits, [full_pose(model, visits)]).left[rows])
+        left.append(planned_observability(model, visits, [full_pose(model, visits)]).remaining_share[rows])
     assert np.all(left[0] > 0.9)
     assert np.all(left[1] < 0.8)
 
@@ -111,5 +113,5 @@ def test_a_planned_campaign_promises_what_the_fit_then_has(synthetic):
     fit = rig.fit(seen, rig.rough)
     promised = planned_observability(rig.model, seen.visits, fit.instruments, rig.truth[: len(rig.model.parameters)])
     found = observability_of(fit)
-    np.testing.assert_allclose(found.left, promised.left, rtol=0.05)
-    np.testing.assert_allclose(found.left, fit.theta_u / rig.model.parameters.sigma, rtol=1e-9)
+    np.testing.assert_allclose(found.remaining_share, promised.remaining_share, rtol=0.05)
+    np.testing.assert_allclose(found.remaining_share, fit.theta_u / rig.model.parameters.sigma, rtol=1e-9)

@@ -9,7 +9,7 @@ from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
 from calibration.identification.estimators import identify
 from calibration.identification.pose_selection import (
-    Load,
+    PlannedLoad,
     Selection,
     candidate_poses,
     grid_poses,
@@ -24,7 +24,7 @@ from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 
 SIGMA_M, SIGMA_RAD = 7e-6, 3e-5
-UNLOADED = (Load(),)
+UNLOADED = (PlannedLoad(),)
 
 
 def full_pose(machine):
@@ -82,7 +82,7 @@ def held_out(machine, tool, held, seed):
     truth = rng.normal(size=len(model.parameters)) * model.parameters.sigma
     visits = visits_at(machine, tool, UNLOADED)
     true = model.predict(truth, visits)
-    value = np.concatenate([true.tool_m(), rotation_vector(true.rest.rotation)], axis=1)
+    value = np.concatenate([true.tool_m(), rotation_vector(true.equilibrium.rotation)], axis=1)
     sigma = np.where(machine.dof < 3, SIGMA_M, SIGMA_RAD)
     value[:, machine.dof] += rng.normal(size=(len(visits), 3)) * sigma
     fit = identify(model, visits, [ToolCoordinates.of(visits, tuple(machine.dof.tolist()), value, sigma)])
@@ -114,7 +114,7 @@ def test_greedy_gain_is_the_true_gain(machine):
 
 def test_load_cases_are_part_of_the_plan(machine):
     tool = candidate_poses(machine, 32, 2)
-    loads = (Load(), Load(400.0, (0.0, -0.2, 0.0)))
+    loads = (PlannedLoad(), PlannedLoad(400.0, (0.0, -0.2, 0.0)))
     one, two = selection(machine, tool).choose(12), selection(machine, tool, loads).choose(12)
     assert two.u_position_m < one.u_position_m
 

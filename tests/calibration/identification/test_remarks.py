@@ -9,8 +9,8 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.identification.remarks import remarks
-from calibration.instruments.smr_positions import Observations
-from calibration.reduction.data_checks import check_cover
+from calibration.instruments.smr_positions import ReflectorObservations
+from calibration.reduction.data_checks import require_spread_poses
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,9 @@ def test_outliers_and_wrong_covariances_are_said(seen):
 def test_an_offset_of_a_drive_shows_in_parameters_far_outside_their_tolerances(seen):
     rig, good = seen
     drives = good.visits.drives + np.array([5e-3, 0.0])
-    moved = Observations(replace(good.visits, drives=drives), good.visit, good.smr, good.position_m, good.covariance_m2)
+    moved = ReflectorObservations(
+        replace(good.visits, drives=drives), good.visit, good.smr, good.position_m, good.covariance_m2
+    )
     assert any(r.startswith("far outside their tolerances") for r in remarks(rig.fit(moved, rig.rough)))
 
 
@@ -53,9 +55,9 @@ def test_too_few_poses_and_poses_in_one_corner_are_refused(machine):
     low, high = machine.commanded_limits.T
     target = np.zeros((6, 6))
     target[:, :2] = rng.uniform(low, high, (6, 2))
-    check_cover(machine, target)
+    require_spread_poses(machine, target)
     with pytest.raises(InputError, match=r"5 different poses are too few .* measure 6 or more"):
-        check_cover(machine, np.vstack([target[:5], target[:5]]))
+        require_spread_poses(machine, np.vstack([target[:5], target[:5]]))
     target[:, 0] *= 0.1
     with pytest.raises(InputError, match="all poses lie in one corner: x"):
-        check_cover(machine, target)
+        require_spread_poses(machine, target)

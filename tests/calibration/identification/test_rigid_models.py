@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from calibration.identification.estimators import identify
-from calibration.identification.pose_selection import Load, visits_at, workspace_poses
+from calibration.identification.pose_selection import PlannedLoad, visits_at, workspace_poses
 from calibration.identification.prediction import predict_poses
 from calibration.identification.rigid.closure import MeasuredPoses
-from calibration.identification.rigid.models import fit_baselines, minimal_subsets, without_struts
-from calibration.instruments.smr_positions import SmrPositions, Station
+from calibration.identification.rigid.models import fit_rigid_identifications, minimal_subsets, without_struts
+from calibration.instruments.smr_positions import SmrPositions, StationModel
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.machine.equilibrium import conditions, solve
+from calibration.machine.equilibrium import make_conditions, solve
 from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import SMRS
 
@@ -23,7 +23,7 @@ def fitted(synthetic):
     seen = rig.see(visits)
     report = fit_report_frame(rig.machine, seen.of_visits(visits.payload_kg == 0.0), rig.rough)
     ours = rig.fit(seen, report.frame)
-    instrument = Station(report.frame, SMRS, 1e-5)
+    instrument = StationModel(report.frame, SMRS, 1e-5)
 
     def fit(model, rows):
         some = seen.of_visits(rows)
@@ -33,7 +33,7 @@ def fitted(synthetic):
     sigma = np.diag([8e-6, 8e-6, 3e-5]) ** 2
     measured = MeasuredPoses(visits, report.poses(points, visits.target_m), np.tile(sigma, (len(visits), 1, 1)))
     stated = lambda found, at: predict_poses(found, report, at)  # noqa: E731
-    return rig, report, ours, fit_baselines(rig.machine, visits, fit, stated, measured)
+    return rig, report, ours, fit_rigid_identifications(rig.machine, visits, fit, stated, measured)
 
 
 def error(rig, report, predicted, visits):
@@ -77,10 +77,10 @@ def test_leaving_out_a_strut_keeps_the_others(machine):
 @pytest.mark.parametrize("name", ["rrr4", "delta8", "gough8"])
 def test_what_may_be_left_out_holds_the_platform_everywhere(name):
     machine = load_machine(shipped_machine(name))
-    pose = visits_at(machine, workspace_poses(machine, 60, 2), [Load()])
+    pose = visits_at(machine, workspace_poses(machine, 60, 2), [PlannedLoad()])
     subsets = minimal_subsets(machine)
     assert 1 <= len(subsets) <= 8
     for drop in subsets:
         fewer = without_struts(machine, drop)
-        at = conditions(fewer, len(pose)).unloaded()
+        at = make_conditions(fewer, len(pose)).without_loads()
         assert solve(fewer, fewer.nominal, pose.drives, at, pose.target_m).converged.all(), drop

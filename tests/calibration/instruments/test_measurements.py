@@ -10,19 +10,21 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
 from calibration.identification.estimators import identify
-from calibration.identification.pose_selection import Load, visits_at, workspace_poses
+from calibration.identification.pose_selection import PlannedLoad, visits_at, workspace_poses
 from calibration.identification.prediction import monte_carlo, predict_tool
 from calibration.identification.problem import Layout
 from calibration.instruments.distances import Distances
-from calibration.instruments.readings import parts
+from calibration.instruments.readings import split_by_visits
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.model.model import Model, Systematic
+from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 
-LOADS = (Load(), Load(40.0, (0.01, 0.02, 0.05)))
+LOADS = (PlannedLoad(), PlannedLoad(40.0, (0.01, 0.02, 0.05)))
 SIGMA_M, SIGMA_RAD = 7e-6, 3e-5
-KNOWN = Systematic(1e-3, 1e-3, dict.fromkeys(("struts", "drives", "base", "platform"), 3e-7), {"struts": 0.1})
+KNOWN = SystematicUncertainties(
+    1e-3, 1e-3, dict.fromkeys(("struts", "drives", "base", "platform"), 3e-7), {"struts": 0.1}
+)
 
 
 def rig(name, poses=30, seed=0):
@@ -157,7 +159,7 @@ def test_blocks_of_visits_give_the_same_fit(monkeypatch):
     seen = [with_noise(readings_of(k, model, visits, value), rng) for k in ("full pose", "calliper")]
     whole = identify(model, visits, seen)
     monkeypatch.setattr("calibration.identification.problem.VISITS_AT_ONCE", 7)
-    assert len(list(parts(seen[1], 7))) > 10
+    assert len(list(split_by_visits(seen[1], 7))) > 10
     cut = identify(model, visits, seen)
     u = np.sqrt(np.diag(whole.covariance))
     assert np.max(np.abs(cut.unknowns - whole.unknowns) / u) < 1e-5

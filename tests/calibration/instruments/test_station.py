@@ -5,32 +5,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.instruments import station
+from calibration.instruments import station_geometry
 
-STATED = station.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
+STATED = station_geometry.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
 
 
 def test_axes_are_those_of_geocom():
     hz, v = np.array([0.0, np.pi / 2, 0.0]), np.array([np.pi / 2, np.pi / 2, 0.0])
-    np.testing.assert_allclose(station.points(hz, v, np.full(3, 2.0)), [[0, 2, 0], [2, 0, 0], [0, 0, 2]], atol=1e-15)
+    np.testing.assert_allclose(
+        station_geometry.polar_to_points(hz, v, np.full(3, 2.0)), [[0, 2, 0], [2, 0, 0], [0, 0, 2]], atol=1e-15
+    )
 
 
 @given(st.floats(-5, 5), st.floats(0.5, 5), st.floats(-3, 3))
 def test_angles_invert_points(e, n, h):
     point = np.array([[e, n, h]])
-    np.testing.assert_allclose(station.points(*station.angles(point)), point, atol=1e-12)
+    np.testing.assert_allclose(
+        station_geometry.polar_to_points(*station_geometry.points_to_polar(point)), point, atol=1e-12
+    )
 
 
 def test_covariance_agrees_with_the_scatter_of_noisy_readings():
     rng = np.random.default_rng(11)
     hz, v, d = 0.3, 1.9, 3.4
     n = 40_000
-    cloud = station.points(
+    cloud = station_geometry.polar_to_points(
         rng.normal(hz, STATED.angle_sd_rad, n),
         rng.normal(v, STATED.angle_sd_rad, n),
         rng.normal(d, STATED.range_sd_m, n),
     )
-    stated = station.covariances(np.array([hz]), np.array([v]), np.array([d]), STATED)[0]
+    stated = station_geometry.point_covariances(np.array([hz]), np.array([v]), np.array([d]), STATED)[0]
     found = np.cov(cloud.T)
     # Whitened, the sample covariance is the identity within some 1 / sqrt(n).
     white = np.linalg.inv(np.linalg.cholesky(stated))
@@ -43,13 +47,13 @@ def test_a_certified_length_ties_the_range_constant():
     rng = np.random.default_rng(2)
     found = []
     for _ in range(300):
-        hz, v, d = (np.tile(x, 40) for x in station.angles(nests))
-        cov = station.covariances(hz, v, d, STATED)
+        hz, v, d = (np.tile(x, 40) for x in station_geometry.points_to_polar(nests))
+        cov = station_geometry.point_covariances(hz, v, d, STATED)
         d = d + constant + rng.normal(0.0, STATED.range_sd_m, d.size)
         hz = hz + rng.normal(0.0, STATED.angle_sd_rad, d.size)
-        point = station.points(hz, v, d)
-        length = station.CertifiedLength(("N1", "N2"), 1.6, 2e-6)
-        found.append(station.range_constant(point[0::2], point[1::2], cov[0::2], cov[1::2], length, 1e-4))
+        point = station_geometry.polar_to_points(hz, v, d)
+        length = station_geometry.CertifiedLength(("N1", "N2"), 1.6, 2e-6)
+        found.append(station_geometry.range_constant(point[0::2], point[1::2], cov[0::2], cov[1::2], length, 1e-4))
     estimates, u = np.array(found).T
     shrunk = constant * (1.0 - (u[0] / 1e-4) ** 2)
     assert np.mean(estimates) == pytest.approx(shrunk, abs=4e-6)

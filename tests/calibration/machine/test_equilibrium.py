@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from calibration.base.rotation import rotation_matrix, rotation_vector, turns
+from calibration.base.rotation import rotation_matrix, rotation_vector, rotations_poses_last
 from calibration.machine import equilibrium
 from calibration.machine.description import load_machine, parse_machine, shipped_machine, shipped_machines
-from calibration.machine.equilibrium import Status, conditions, solve, state_at
+from calibration.machine.equilibrium import PoseStatus, make_conditions, solve, state_at
 from calibration.machine.inverse import drives_for, nominal_drives
 from calibration.model.parameters import ParameterSet
 
@@ -41,7 +41,7 @@ def test_golden_poses_of_the_machine_document(machine, pose, left_m, right_m):
     target = np.array([[*pose, 0.0, 0.0, 0.0, 0.0]])
     drives = nominal_drives(machine, target)
     np.testing.assert_allclose(drives[0], [left_m, right_m], atol=1e-14)
-    rest = solve(machine, machine.nominal, drives, conditions(replace(machine, moving_mass_kg=0.0), 1))
+    rest = solve(machine, machine.nominal, drives, make_conditions(replace(machine, moving_mass_kg=0.0), 1))
     np.testing.assert_allclose(rest.position_m[0], [*pose, 0.0], atol=1e-13)
     assert rest.converged.all()
 
@@ -66,7 +66,7 @@ def test_rest_is_the_minimum_of_the_energy(machine):
     target, drives, parameters, theta = poses(machine, 6, seed=3)
     geometry = parameters.geometry(theta)
     com = (0.02, -0.2, 0.0)
-    at = conditions(machine, 6, payload_kg=400.0, payload_com_m=com)
+    at = make_conditions(machine, 6, payload_kg=400.0, payload_com_m=com)
     rest = solve(machine, geometry, drives, at, target)
     for i in range(6):
         found = minimize(
@@ -87,7 +87,7 @@ def _simplex(target):
 def test_residual_force_vanishes_and_stiffness_is_symmetric(any_machine):
     pose, drives, parameters, theta = poses(any_machine, 40, seed=4)
     geometry = parameters.geometry(theta)
-    at = conditions(any_machine, 40, payload_kg=40.0, payload_com_m=(0.02, 0.01, 0.03))
+    at = make_conditions(any_machine, 40, payload_kg=40.0, payload_com_m=(0.02, 0.01, 0.03))
     rest = solve(any_machine, geometry, drives, at, pose)
     assert rest.converged.all()
     state = state_at(any_machine, geometry, drives, at, rest.position_m, rest.rotation)
@@ -100,7 +100,7 @@ def test_drives_for_wanted_poses_and_back(any_machine):
     pose, _, parameters, theta = poses(any_machine, 25, seed=8)
     geometry = parameters.geometry(0.5 * theta)
     warm = {sensor: np.full(25, 24.0) for sensor in any_machine.sensors.values()}
-    at = conditions(any_machine, 25, warm, payload_kg=30.0)
+    at = make_conditions(any_machine, 25, warm, payload_kg=30.0)
     wanted = pose.copy()
     wanted[:, :3] += rotation_matrix(pose[:, 3:]) @ any_machine.tool_point_m
     drives, found = drives_for(any_machine, geometry, wanted, at)
@@ -115,14 +115,14 @@ def test_drives_for_wanted_poses_and_back(any_machine):
 
 def test_the_middle_of_the_workspace_is_start_enough(any_machine):
     pose, drives, parameters, theta = poses(any_machine, 50, seed=9)
-    geometry, at = parameters.geometry(theta), conditions(any_machine, 50)
+    geometry, at = parameters.geometry(theta), make_conditions(any_machine, 50)
     from_pose, from_middle = solve(any_machine, geometry, drives, at, pose), solve(any_machine, geometry, drives, at)
     np.testing.assert_allclose(from_middle.coordinates(), from_pose.coordinates(), atol=1e-12)
 
 
 def test_blocks_do_not_change_a_pose(machine):
     pose, drives, parameters, theta = poses(machine, 2 * equilibrium.BLOCK + 7, seed=10)
-    geometry, at = parameters.geometry(theta), conditions(machine, len(pose))
+    geometry, at = parameters.geometry(theta), make_conditions(machine, len(pose))
     every = solve(machine, geometry, drives, at, pose)
     rows = np.arange(0, len(pose), 97)
     some = solve(machine, geometry, drives[rows], at.take(rows), pose[rows])
@@ -133,8 +133,8 @@ def test_the_other_assembly_is_not_taken_for_the_machine(machine):
     """Sliders that stand below the platform close every strut as well."""
     target = np.zeros((1, 6))
     below = -nominal_drives(machine, target)
-    rest = solve(machine, machine.nominal, below, conditions(machine, 1).unloaded(), target)
-    assert rest.status.tolist() == [Status.OTHER_BRANCH]
+    rest = solve(machine, machine.nominal, below, make_conditions(machine, 1).without_loads(), target)
+    assert rest.status.tolist() == [PoseStatus.OTHER_BRANCH]
     assert np.isnan(rest.position_m).all()
 
 
@@ -144,14 +144,14 @@ def test_a_machine_that_nothing_holds_is_singular():
     upright = text.replace("1.2, 0.125", "0.2, 0.125").replace("1.2, -0.125", "0.2, -0.125")
     machine = parse_machine(upright, "upright.toml")
     drives = np.full((2, 2), 1.5)
-    rest = solve(machine, machine.nominal, drives, conditions(machine, 2).unloaded(), np.zeros((2, 6)))
-    assert rest.status.tolist() == [Status.SINGULAR] * 2
+    rest = solve(machine, machine.nominal, drives, make_conditions(machine, 2).without_loads(), np.zeros((2, 6)))
+    assert rest.status.tolist() == [PoseStatus.SINGULAR] * 2
     assert np.isnan(rest.force_n).all()
 
 
 def test_an_unreachable_pose_is_reported_and_never_a_number(machine):
     drives = np.array([[1.1, 1.1], [0.0, 50.0]])
-    rest = solve(machine, machine.nominal, drives, conditions(machine, 2))
+    rest = solve(machine, machine.nominal, drives, make_conditions(machine, 2))
     assert rest.converged.tolist() == [True, False]
     assert np.isnan(rest.position_m[1]).all()
     assert np.isfinite(rest.position_m[0]).all()
@@ -163,7 +163,7 @@ def test_rotation_vector_inverts_rotation_matrix():
     vectors[0] = 0.0
     vectors[1] = 1e-10
     np.testing.assert_allclose(rotation_vector(rotation_matrix(vectors)), vectors, atol=1e-14)
-    np.testing.assert_allclose(turns(vectors.T).transpose(2, 0, 1), rotation_matrix(vectors), atol=1e-15)
+    np.testing.assert_allclose(rotations_poses_last(vectors.T).transpose(2, 0, 1), rotation_matrix(vectors), atol=1e-15)
 
 
 def test_heat_lengthens_every_part_as_documented(machine):
@@ -174,6 +174,6 @@ def test_heat_lengthens_every_part_as_documented(machine):
         expansion_per_k=dict.fromkeys(machine.expansion_per_k, 1e-5),
     )
     target, drives, _, _ = poses(machine, 5, seed=6)
-    hot = conditions(same, 5, {name: np.full(5, 30.0) for name in machine.sensors.values()})
+    hot = make_conditions(same, 5, {name: np.full(5, 30.0) for name in machine.sensors.values()})
     rest = solve(same, machine.nominal, drives, hot, target)
     np.testing.assert_allclose(rest.position_m, target[:, :3] * (1.0 + 1e-4), atol=1e-12)

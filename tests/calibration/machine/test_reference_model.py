@@ -279,7 +279,7 @@ def test_what_a_drive_carries_is_in_the_same_place(name):
     point = [0.11, -0.23, 0.05]
     for a, drive in enumerate(t.machine.drive_names):
         places = [t.reference.carried_point(trial.theta, case, drive, point) for case in trial.cases]
-        np.testing.assert_allclose(carriers[a].place(np.array(point)).T, places, atol=1e-15)
+        np.testing.assert_allclose(carriers[a].position(np.array(point)).T, places, atol=1e-15)
 
 
 def test_a_quaternion_and_its_rotation_vector_are_inverse():

@@ -33,7 +33,7 @@ class AtRest:
         self.rest = pair.solve(trial)
         assert self.rest.converged.all()
         self.at = at
-        self.ours = Sensitivity.of(pair.machine, geometry, drives, at, self.rest)
+        self.ours = Sensitivity.at_equilibrium(pair.machine, geometry, drives, at, self.rest)
         self.poses = [pair.reference.rest(trial.theta, c, s) for c, s in zip(trial.cases, trial.starts, strict=True)]
 
     def reference(self, changed: Changed) -> Array:
@@ -99,7 +99,7 @@ def with_push(force: Array, point: Array) -> Changed:
 def test_derivatives_with_every_parameter(make):
     s = at_rest(make())
     names = np.array([name.partition(".")[0] for name in s.pair.parameters.names])
-    ours = s.ours.respond(s.pair.parameters.gradient_columns(s.ours))
+    ours = s.ours.pose_derivatives(s.pair.parameters.gradient_columns(s.ours))
     reference = np.stack([s.reference(with_parameter(name)) for name in s.pair.parameters.names], axis=2)
     sigma = s.pair.parameters.sigma
     worst = {
@@ -135,7 +135,7 @@ def test_derivatives_with_masses_centres_of_mass_and_forces(make):
         "force": [s.reference(with_push(f, p)) for f, p in pushes],
     }
     for kind, columns in (("mass", masses), ("centre", centres), ("force", forces)):
-        ours, other = s.ours.respond(columns), np.stack(reference[kind], axis=2)
+        ours, other = s.ours.pose_derivatives(columns), np.stack(reference[kind], axis=2)
         if np.abs(other).max() == 0.0:  # the weight of a horizontal planar machine is across its plane
             assert kind in {"mass", "centre"}
             assert s.pair.machine.name in {"rrr3", "rrr4"}
@@ -152,7 +152,7 @@ def test_derivatives_with_masses_centres_of_mass_and_forces(make):
 @pytest.mark.parametrize("part", PARTS)
 def test_derivatives_with_the_growth_of_a_part(make, part):
     s = at_rest(make())
-    ours = s.ours.respond([s.ours.growth(part)])
+    ours = s.ours.pose_derivatives([s.ours.growth(part)])
     share = s.worst(ours, s.reference(with_growth(part))[:, :, None])
     print(f"\n{s.pair.machine.name}: growth of {part} {share:.0e}")
     assert share < AGREEMENT
@@ -165,7 +165,9 @@ def test_stiffness_is_without_effect_where_nothing_is_strained(name):
     An over-constrained one is strained by its errors and the columns are not zero.
     """
     s = at_rest(twin(name), loaded=False)
-    columns = s.ours.respond([s.ours.ln_stiffness(c) for c in range(len(s.pair.machine.nominal.stiffness_n_per_m))])
+    columns = s.ours.pose_derivatives(
+        [s.ours.ln_stiffness(c) for c in range(len(s.pair.machine.nominal.stiffness_n_per_m))]
+    )
     reference = [s.reference(with_parameter(n)) for n in s.pair.reference.names if n.startswith("ln_stiffness")]
     assert np.abs(columns - np.stack(reference, axis=2)).max() < 1e-14
     if s.pair.machine.redundancy == 0:
@@ -196,7 +198,7 @@ def test_derivatives_of_what_a_drive_carries(name):
     s = at_rest(TWINS[name]())
     point = np.array([0.11, -0.23, 0.05])
     for a, drive in enumerate(s.pair.machine.drive_names):
-        ours = s.pair.parameters.carried_shift(s.ours, a, point)
+        ours = s.pair.parameters.shift_of_carried_point(s.ours, a, point)
         for j, parameter in enumerate(s.pair.parameters.names):
             theta = s.trial.theta | {parameter: s.trial.theta[parameter] + STEP}
             places = [s.pair.reference.carried_point(theta, case, drive, list(point)) for case in s.trial.cases]
@@ -220,7 +222,7 @@ def test_derivatives_with_a_soft_spring_far_from_its_free_length():
     s = at_rest(Twin.of(text.replace("\n[tolerances]", COUNTERBALANCE, 1)))
     name = "strut_length.left_upper"
     column = s.pair.parameters.gradient_columns(s.ours)[s.pair.parameters.names.index(name)]
-    assert s.worst(s.ours.respond([column]), s.reference(with_parameter(name))[:, :, None]) < AGREEMENT
+    assert s.worst(s.ours.pose_derivatives([column]), s.reference(with_parameter(name))[:, :, None]) < AGREEMENT
 
 
 def test_every_shipped_machine_is_among_those_tested():

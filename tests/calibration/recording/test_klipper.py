@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.recording.delta_printer import measured_printer
+from calibration.recording.delta_printer import machine_with_measurements
 from calibration.recording.klipper import parse_printer, read_printer
 from tests.calibration.delta_reference import STORED, misses, own_printer, printer_cfg
 
@@ -48,7 +48,7 @@ def test_stored_parameters_and_readings_are_read(text):
 
 def test_the_nominal_machine_predicts_what_the_classical_forward_kinematics_does():
     delta, rows = own_printer()
-    measured = measured_printer(parse(printer_cfg(delta, rows)), "own", "test")
+    measured = machine_with_measurements(parse(printer_cfg(delta, rows)), "own", "test")
     heights = len(rows.heights)
     expected = misses(delta, rows)
     tool = measured.visits.target_m[:, :3] * 1e3
@@ -61,7 +61,7 @@ def test_the_nominal_machine_predicts_what_the_classical_forward_kinematics_does
 def test_the_quantities_are_derivatives_of_the_owners_parameters(text):
     """Move each joint a little: radius, angles and endstops follow as the circle through three points says."""
     printer = parse(text)
-    measured = measured_printer(printer, "own", "test")
+    measured = machine_with_measurements(printer, "own", "test")
     nominal = measured.machine.nominal
     rng = np.random.default_rng(3)
     places = rng.normal(0.0, 1e-6, (3, 3))
@@ -180,7 +180,7 @@ def test_too_many_readings_are_refused(text):
 def complaint_about(text):
     """The one line about a text, empty if it is a printer; any other exception fails the test."""
     try:
-        measured_printer(parse(text), "any", "any")
+        machine_with_measurements(parse(text), "any", "any")
     except InputError as error:
         return str(error)
     return ""

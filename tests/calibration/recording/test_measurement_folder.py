@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.identification.estimators import identify
-from calibration.identification.explanations import alike, explanations
+from calibration.identification.explanations import explanations, group_indistinguishable
 from calibration.identification.leave_one_out import leave_one_out
 from calibration.identification.step_size import check_step_size
 from calibration.machine.description import load_machine, shipped_machine
@@ -20,7 +20,7 @@ from calibration.machine.inverse import rigid_drives
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from calibration.recording.delta_printer import measured_printer
+from calibration.recording.delta_printer import machine_with_measurements
 from calibration.recording.klipper import parse_printer
 from calibration.recording.measurement_folder import MeasuredMachine, read_measurements, write_measurements
 from calibration.recording.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
@@ -30,7 +30,7 @@ COLUMNS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 
 def printer(delta, rows):
-    return measured_printer(parse_printer(printer_cfg(delta, rows), "printer.cfg"), "own", "made for a test")
+    return machine_with_measurements(parse_printer(printer_cfg(delta, rows), "printer.cfg"), "own", "made for a test")
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +57,11 @@ def hexapod(seed):
     model = Model(ParameterSet.of(machine, ("strut_length", "base_joint")))
     low, high = machine.workspace.T
     target = rng.uniform(low, high, (12, 6))
-    visits = Visits.at(machine, rigid_drives(machine, machine.nominal, target), target)
+    visits = Visits.at_reference_temperature(machine, rigid_drives(machine, machine.nominal, target), target)
     visits = replace(visits, temperatures_c={name: np.full(12, 20.5) for name in visits.temperatures_c})
     truth = model.parameters.sigma * rng.normal(0.0, 1.0, len(model))
     poses = model.predict(truth, visits)
-    seen = np.concatenate([poses.tool_m(), poses.rest.coordinates()[:, 3:]], axis=1)
+    seen = np.concatenate([poses.tool_m(), poses.equilibrium.coordinates()[:, 3:]], axis=1)
     seen[:10] += rng.normal(0.0, 1e-5, (10, 6))
     seen[10:] = np.nan
     centre = np.array([0.3, -0.2, 0.1])
@@ -226,12 +226,12 @@ def test_leave_one_out_is_what_refits_without_the_reading_say(which, own):
             alone = instrument.take(np.array([row]))
             visits = alone.visits_of()
             poses = refit.predict(measured.visits.take(visits[0]))
-            own_unknowns = refit.unknowns[refit.layout.own[which_one]]
+            own_unknowns = refit.unknowns[refit.layout.instrument_slices[which_one]]
             local = np.arange(visits.size).reshape(visits.shape)
             compared = alone.compare(poses, local, own_unknowns)
             np.testing.assert_allclose(found[which_one].error[row], compared.residual[0], rtol=5e-3, atol=5e-3)
             by_model = np.concatenate([compared.by_model, compared.by_own], axis=2)[0]
-            own_slice = refit.layout.own[which_one]
+            own_slice = refit.layout.instrument_slices[which_one]
             columns = np.r_[np.arange(len(model)), np.arange(own_slice.start, own_slice.stop)]
             u = np.sqrt(np.diag(by_model @ refit.covariance[np.ix_(columns, columns)] @ by_model.T))
             np.testing.assert_allclose(found[which_one].u[row], u, rtol=2e-2)
@@ -300,7 +300,7 @@ def test_longer_arms_leaning_rails_and_drive_scale_are_one_class():
     for one in found:
         assert one.share == pytest.approx(1.0, abs=1e-6), one.kind
         assert one.absorbed > 0.99, one.kind
-    assert [len(group) for group in alike(found, 7)] == [3]
+    assert [len(group) for group in group_indistinguishable(found, 7)] == [3]
 
 
 def exact_rows(scale):
@@ -316,7 +316,7 @@ def test_scale_of_the_calliper_and_of_the_drives_are_one_class():
     by_kind = {e.kind: e for e in found}
     assert by_kind["bar.scale"].value == pytest.approx(0.01, rel=0.01)
     np.testing.assert_allclose(by_kind["drive_scale"].value, 0.01, rtol=0.1)
-    together = [{e.kind for e in group} for group in alike(found, 19)]
+    together = [{e.kind for e in group} for group in group_indistinguishable(found, 19)]
     assert any({"bar.scale", "drive_scale"} <= group for group in together)
 
 
@@ -326,4 +326,4 @@ def test_an_outlier_is_explained_by_nothing_and_kinds_differ_on_it():
     rows.heights[8] = (height + 0.5, steps)
     found = explained(printer(TRUE, rows))
     assert found[0].share < 0.9
-    assert len(alike(found, 19)) > 1
+    assert len(group_indistinguishable(found, 19)) > 1

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.recording.header import AccuracyEntry
-from calibration.reduction.pose_filter import follow_drift, innovation_gate
+from calibration.reduction.pose_filter import estimate_drift, innovation_gate
 
 STATED = AccuracyEntry(angle_sd_rad=2.4e-6, range_sd_m=1e-4, range_constant_u_m=1e-4, range_scale_u=1e-6)
 NESTS = np.array([[-0.8, 3.1, -1.4], [0.8, 3.1, -1.4]])
@@ -30,7 +30,7 @@ def test_drift_is_followed_within_its_covariance():
     squares, count, rejected = 0.0, 0, 0
     for seed in range(20):
         t, times, nest, position, covariance, state = walk(seed)
-        drift = follow_drift(times, nest, position, covariance, STATED, t + 1e-3)
+        drift = estimate_drift(times, nest, position, covariance, STATED, t + 1e-3)
         rejected += drift.rejected.size
         points = np.tile([0.1, 3.1, 0.0], (len(t), 1))
         wanted = state[:, :3] + np.cross(state[:, 3:], points)
@@ -46,10 +46,10 @@ def test_drift_is_followed_within_its_covariance():
 
 def test_a_wild_nest_reading_is_gated_and_does_no_harm():
     t, times, nest, position, covariance, _ = walk(3)
-    clean = follow_drift(times, nest, position, covariance, STATED, t)
+    clean = estimate_drift(times, nest, position, covariance, STATED, t)
     spoilt = position.copy()
     spoilt[31] += [3e-4, 0.0, 0.0]
-    found = follow_drift(times, nest, spoilt, covariance, STATED, t)
+    found = estimate_drift(times, nest, spoilt, covariance, STATED, t)
     assert found.rejected.tolist() == [31]
     shift = np.abs(found.state - clean.state)
     assert shift[:, :3].max() < 10e-6
@@ -59,8 +59,8 @@ def test_later_nest_readings_do_not_move_the_frame_of_earlier_ones():
     t, times, nest, position, covariance, _ = walk(5)
     half = len(times) // 2
     early = t[: half // 4]
-    whole = follow_drift(times, nest, position, covariance, STATED, early)
-    part = follow_drift(times[:half], nest[:half], position[:half], covariance[:half], STATED, early)
+    whole = estimate_drift(times, nest, position, covariance, STATED, early)
+    part = estimate_drift(times[:half], nest[:half], position[:half], covariance[:half], STATED, early)
     assert np.abs(whole.state - part.state)[:, :3].max() < 3e-6
 
 

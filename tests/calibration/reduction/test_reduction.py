@@ -11,7 +11,7 @@ from calibration.base.errors import InputError
 from calibration.identification.calibration import identify_recording
 from calibration.identification.model_comparison import model_comparison
 from calibration.reduction.figures import noise_floor
-from calibration.reduction.reduction import between_good_checks, nest_shift, reduce, without_left_open
+from calibration.reduction.reduction import drop_unclosed_readings, nest_shift, reduce, usable_readings
 from tests.pkm_rig.plant_recording import plant_of, record
 
 SIZE = {"calibration_poses": 24, "nest_every_visits": 6}
@@ -56,7 +56,7 @@ def test_a_bumped_station_takes_out_the_readings_since_the_last_good_check(recor
     _, shifts = nest_shift(bumped)
     assert shifts[-1] > 2.5e-4
     assert (shifts[:-1] < bumped.file.nest_limit_m).all()
-    keep = between_good_checks(bumped)
+    keep = usable_readings(bumped)
     last_good = bumped["nest_check"] == total - 1
     nests = np.asarray(bumped["phase"]) == "nests"
     assert not keep[last_good & ~nests].any()
@@ -70,11 +70,11 @@ def test_readings_whose_closing_check_was_left_out_are_none_of_a_diagnosis(recor
     open_ = (recording["nest_check"] == 2) & ~nests
     kept = ~(nests & (recording["nest_check"] == 3))
     broken = recording.take(kept)
-    left = without_left_open(broken)
+    left = drop_unclosed_readings(broken)
     assert open_.any()
     assert len(broken) - len(left) == np.count_nonzero(open_)
     assert not set(recording["uid"][open_]) & set(left["uid"])
-    assert len(without_left_open(recording)) == len(recording)
+    assert len(drop_unclosed_readings(recording)) == len(recording)
 
 
 def test_one_wild_reading_is_gated_wherever_it_stands_in_its_visit():

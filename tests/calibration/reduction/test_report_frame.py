@@ -5,8 +5,8 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
-from calibration.instruments.smr_positions import Observations
-from calibration.reduction.report_frame import compose, fit_report_frame
+from calibration.instruments.smr_positions import ReflectorObservations
+from calibration.reduction.report_frame import apply_increment, fit_report_frame
 
 SHIFT_M = np.array([1e-3, 0.0, 0.0])
 
@@ -17,7 +17,7 @@ def test_poses_are_found_back_from_the_points_they_give(synthetic):
     report = fit_report_frame(rig.machine, seen, rig.rough)
     rng = np.random.default_rng(0)
     start = seen.visits.target_m
-    moved = compose(start, rng.normal(0.0, 1e-3, (20, 3)), rig.machine.dof)
+    moved = apply_increment(start, rng.normal(0.0, 1e-3, (20, 3)), rig.machine.dof)
     np.testing.assert_allclose(report.poses(report.points(moved), start), moved, atol=1e-12)
 
 
@@ -30,7 +30,7 @@ def test_jacobian_agrees_with_differences(synthetic):
     for c in range(6):
         step = np.zeros((8, 6))
         step[:, c] = 1e-6
-        ahead, behind = (report.points(compose(pose, s, every)) for s in (step, -step))
+        ahead, behind = (report.points(apply_increment(pose, s, every)) for s in (step, -step))
         np.testing.assert_allclose(exact[..., c], (ahead - behind) / 2e-6, atol=1e-9)
 
 
@@ -50,7 +50,7 @@ def test_a_constant_shift_of_all_poses_is_no_error(synthetic):
     rig = synthetic(3)
     seen = rig.see(rig.visits(rig.workspace(30), np.zeros(30)))
     report = fit_report_frame(rig.machine, seen, rig.rough)
-    moved = Observations(seen.visits, seen.visit, seen.smr, seen.position_m + SHIFT_M, seen.covariance_m2)
+    moved = ReflectorObservations(seen.visits, seen.visit, seen.smr, seen.position_m + SHIFT_M, seen.covariance_m2)
     again = fit_report_frame(rig.machine, moved, rig.rough)
     points = seen.position_m.reshape(30, 5, 3)[:, :3]
     target = seen.visits.target_m

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.instruments.station import covariances as expected_covariances
+from calibration.instruments.station_geometry import point_covariances as expected_covariances
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import column_names as expected_columns
 from mock_devices.effects import EffectChoice
@@ -34,7 +34,7 @@ def test_the_reader_takes_what_is_written_digit_for_digit(tmp_path):
     assert read.file.nuisance.reseat_m == 2e-6
     for name, column in made.columns.items():
         assert np.array_equal(read[name], column), name
-    stated = read.file.station.accuracy.stated()
+    stated = read.file.station.accuracy.to_station_accuracy()
     single = expected_covariances(read["hz_rad"], read["v_rad"], read["slope_distance_m"], stated)
     assert read.covariances_m2 == pytest.approx(single / read["samples"][:, None, None], rel=1e-9, abs=1e-20)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.reduction.reduction import between_good_checks
+from calibration.reduction.reduction import usable_readings
 from drivers.errors import DeviceError
 from pkm_rig.jobs import calibrate as job
 from pkm_rig.jobs.further_visits import same_rig
@@ -49,7 +49,7 @@ def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, wh
         rig.station.connect()
         job.measure(rig, store, silent, silent, resume=campaign)
         after = store.recording(campaign)
-    usable = between_good_checks(after)
+    usable = usable_readings(after)
     calibration = np.asarray(after["phase"]) == "calibration"
     assert sorted(keys_of(after, calibration & usable)) == sorted(set(keys_of(after, calibration)))
     assert len(keys_of(after, calibration & usable)) == 12 * 4 * 5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.compensation.tables import CompensationTable
-from calibration.model.load import Load
+from calibration.model.operating_conditions import OperatingConditions
 from drivers.errors import ConnectionFailed, DeviceError, IdentityMismatch, InterlockOpen, SdoRefused, TableError
 from pkm_rig.rig.fitness import in_plane_u_m
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
@@ -19,7 +19,7 @@ def flat_table(payload_kg: float, correction_m: float = 50e-6) -> CompensationTa
         start_m=np.array([0.5, 0.5]),
         step_m=np.array([0.05, 0.05]),
         correction_m=np.full((2, 17, 17), correction_m),
-        load=Load(payload_kg, (0.0, 0.0, 0.0), {"struts": 20.0}),
+        conditions=OperatingConditions(payload_kg, (0.0, 0.0, 0.0), {"struts": 20.0}),
     )
 
 

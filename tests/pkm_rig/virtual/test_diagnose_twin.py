@@ -22,7 +22,7 @@ class Nominal:
         model = Model(ParameterSet.of(MACHINE))
         target = np.zeros((len(moments), 6))
         visits = Visits(moments.drives, target, moments.payload_kg, moments.payload_com_m, moments.temperatures_c)
-        rest = model.predict(np.zeros(len(model)), visits).rest
+        rest = model.predict(np.zeros(len(model)), visits).equilibrium
         places = np.stack([rest.position_m + rest.rotation @ s.position_m for s in MACHINE.smrs], axis=1)
         return places[rows]
 

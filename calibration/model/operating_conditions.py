@@ -11,14 +11,14 @@ from calibration.model.visits import Visits
 
 
 @dataclass(frozen=True)
-class Load:
+class OperatingConditions:
     """The payload and the temperatures (sensor to degC) that a prediction or a table is for."""
 
     payload_kg: float
     payload_com_m: tuple[float, float, float]
     temperatures_c: dict[str, float]
 
-    def visits(self, drives: Array, target_m: Array) -> Visits:
+    def at_poses(self, drives: Array, target_m: Array) -> Visits:
         """The same load for n poses."""
         n = len(drives)
         return Visits(

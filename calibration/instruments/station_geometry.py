@@ -22,7 +22,7 @@ class StationAccuracy:
     range_scale_u: float
 
 
-def points(hz_rad: Array, v_rad: Array, distance_m: Array) -> Array:
+def polar_to_points(hz_rad: Array, v_rad: Array, distance_m: Array) -> Array:
     """Points (n, 3) in the station's frame from angles and slope distances (n,)."""
     return np.asarray(distance_m)[:, None] * lines_of_sight(hz_rad, v_rad)
 
@@ -33,14 +33,14 @@ def lines_of_sight(hz_rad: Array, v_rad: Array) -> Array:
     return np.stack([sin_v * np.sin(hz_rad), sin_v * np.cos(hz_rad), np.cos(v_rad)], axis=1)
 
 
-def angles(point_m: Array) -> tuple[Array, Array, Array]:
+def points_to_polar(point_m: Array) -> tuple[Array, Array, Array]:
     """Horizontal angle [0, 2 pi), zenith angle and slope distance of points (n, 3)."""
     distance = np.linalg.norm(point_m, axis=1)
     hz = np.mod(np.arctan2(point_m[:, 0], point_m[:, 1]), 2.0 * np.pi)
     return hz, np.arccos(point_m[:, 2] / distance), distance
 
 
-def covariances(hz_rad: Array, v_rad: Array, distance_m: Array, stated: StationAccuracy) -> Array:
+def point_covariances(hz_rad: Array, v_rad: Array, distance_m: Array, stated: StationAccuracy) -> Array:
     """Covariances (n, 3, 3) in m^2 of single readings from the stated random accuracy.
 
     The range constant and scale are common to all readings: they are unknowns of the fit, not part of this.

@@ -83,7 +83,7 @@ def test_the_model_is_at_the_same_poses(case):
     on_machine = case.seen.visit >= 0
     places = case.places()
     assert (case.seen.position_m - case.seen.frame.translation_m) @ case.seen.frame.rotation == pytest.approx(places)
-    assert case.seen.poses.rest.position_m == pytest.approx(case.rest.rest.position_m, abs=1e-10)
+    assert case.seen.poses.equilibrium.position_m == pytest.approx(case.rest.rest.position_m, abs=1e-10)
     assert np.any(on_machine)
 
 

@@ -41,7 +41,7 @@ def rig(name, poses=30, seed=0):
 
 def pose_of(model, truth, visits):
     found = model.predict(truth, visits)
-    return np.concatenate([found.tool_m(), rotation_vector(found.rest.rotation)], axis=1)
+    return np.concatenate([found.tool_m(), rotation_vector(found.equilibrium.rotation)], axis=1)
 
 
 def readings_of(kind, model, visits, value):
@@ -84,7 +84,7 @@ def test_derivatives_agree_with_differences(kind, name):
     count = len(model)
 
     def predict(at):
-        return readings.compare(model.predict(at[:count], visits), readings.visits_of(), at[count:])
+        return readings.compare(model.predict(at[:count], visits), readings.visit_indices(), at[count:])
 
     found = predict(values)
     exact = np.concatenate([found.by_model, found.by_own], axis=2)
@@ -115,7 +115,7 @@ def test_every_kind_of_reading_identifies_what_it_sees(kind):
 
 
 def with_noise(readings, rng):
-    return readings.moved(rng.normal(size=(len(readings), readings.width)))
+    return readings.with_noise(rng.normal(size=(len(readings), readings.width)))
 
 
 def test_with_x_and_y_only_the_orientation_stays_open():

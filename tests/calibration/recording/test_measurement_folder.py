@@ -224,7 +224,7 @@ def test_leave_one_out_is_what_refits_without_the_reading_say(which, own):
             part = [r.take(others) if k == which_one else r for k, r in enumerate(readings)]
             refit = identify(model, measured.visits, part)
             alone = instrument.take(np.array([row]))
-            visits = alone.visits_of()
+            visits = alone.visit_indices()
             poses = refit.predict(measured.visits.take(visits[0]))
             own_unknowns = refit.unknowns[refit.layout.instrument_slices[which_one]]
             local = np.arange(visits.size).reshape(visits.shape)

@@ -26,12 +26,13 @@ from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
-from pkm_rig.jobs import calibrate as job
-from pkm_rig.jobs.session import one_core, open_store
-from pkm_rig.results.outcome import Outcome
+from pkm_rig.jobs.calibrate import calibrate
+from pkm_rig.jobs.session import pin_to_one_core
+from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connected
-from pkm_rig.virtual.mock_rig import embedded
+from pkm_rig.rig.connection import connect_rig
+from pkm_rig.rig.store import open_store
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 SEEDS = tuple(range(1, 21))
 
@@ -45,11 +46,11 @@ def run_seed(seed: int, out: Path) -> dict[str, Any]:
     started = time.monotonic()
     with (
         open_store(out / f"seed-{seed}") as store,
-        embedded(file, path) as mock,
+        embedded_mock_rig(file, path) as mock,
         mock.clock.activity(),
-        connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):
-        outcome = job.calibrate(rig, store, lambda _line: None, lambda _n, _total, _what: None)
+        outcome = calibrate(rig, store, lambda _line: None, lambda _n, _total, _what: None)
         polls = rig.supervisor.polls
         rig_time_s = mock.clock.now_s()
         truth = score(outcome, mock.mock)
@@ -76,7 +77,7 @@ def run_seed(seed: int, out: Path) -> dict[str, Any]:
     }
 
 
-def score(outcome: Outcome, mock: MockRig) -> dict[int, dict[str, Any]]:
+def score(outcome: CampaignOutcome, mock: MockRig) -> dict[int, dict[str, Any]]:
     """Noise-free before, after and predictions at the verification poses, by payload."""
     reduction = outcome.reduction
     zero = reduction.rows("calibration", 0)
@@ -208,7 +209,7 @@ def line_of(row: dict[str, Any]) -> str:
 
 def _quiet_run(seed: int, out: Path) -> dict[str, Any]:
     worker = multiprocessing.current_process()._identity[0]  # type: ignore[attr-defined]
-    with one_core(worker), contextlib.redirect_stdout(io.StringIO()):
+    with pin_to_one_core(worker), contextlib.redirect_stdout(io.StringIO()):
         return run_seed(seed, out)
 
 

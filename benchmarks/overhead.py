@@ -16,15 +16,15 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pkm_rig.jobs.session import one_core
+from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.rig.campaign_sections import CampaignSettings
 from pkm_rig.rig.config import RigFile, embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connected
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.plans import visits
-from pkm_rig.rig.runner import describe_campaign, running
+from pkm_rig.rig.runner import describe_campaign, open_runner
 from pkm_rig.rig.schedule import Block, calibration_blocks
 from pkm_rig.rig.store import Store, now_text
-from pkm_rig.virtual.mock_rig import embedded
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 LIMIT = 0.02
 SHORT_POSES = 20
@@ -74,20 +74,20 @@ def campaign(poses: int, *, real_time: bool) -> Cost:
     file, machine = load_rig(path)
     with (
         tempfile.TemporaryDirectory() as folder,
-        nullcontext() if real_time else one_core(os.getpid()),
-        embedded(file, path, real_time=real_time) as mock,
+        nullcontext() if real_time else pin_to_one_core(os.getpid()),
+        embedded_mock_rig(file, path, real_time=real_time) as mock,
         mock.clock.activity(),
-        connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):
         store = Store(Path(folder) / "store.sqlite")
         store.add_campaign(describe_campaign(rig, "overhead", now_text()), rig.machine.text)
-        with running(rig, store, "overhead", lambda _n, _what: None) as runner:
+        with open_runner(rig, store, "overhead", lambda _n, _what: None) as runner:
             rig.enable()
             rig.compensate(None)
             rig.refresh_atmosphere()
-            smrs = runner.stage.smrs("platform", "slider")
+            smrs = runner.devices.smrs("platform", "slider")
             rig_s, host_s, cpu_s = rig.clock.now_s(), time.monotonic(), time.process_time()
-            runner.run(visits(runner.stage, plan(file, poses, machine), "calibration", smrs), "overhead")
+            runner.run(visits(runner.devices, plan(file, poses, machine), "calibration", smrs), "overhead")
             spent = (rig.clock.now_s() - rig_s, time.monotonic() - host_s, time.process_time() - cpu_s)
         readings = len(store.recording("overhead"))
         store.close()

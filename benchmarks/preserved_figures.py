@@ -39,8 +39,9 @@ from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
 from mock_devices.recordings.maker import make_recording
 from mock_devices.settings import MockSettings
-from pkm_rig.jobs.session import one_core, open_store
+from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.report.diagnosis_json import diagnosis_json
+from pkm_rig.rig.store import open_store
 
 FILE = Path(__file__).parent / "preserved" / "figures.npz"
 RELATIVE = 1e-9
@@ -241,7 +242,7 @@ def main() -> int:
         return 2
     now = of_recordings()
     if not options.without_rigs:
-        with tempfile.TemporaryDirectory() as folder, one_core(), contextlib.redirect_stderr(io.StringIO()):
+        with tempfile.TemporaryDirectory() as folder, pin_to_one_core(), contextlib.redirect_stderr(io.StringIO()):
             now |= of_rigs(Path(folder))
     if options.write:
         write(now)

@@ -25,9 +25,9 @@ from drivers.drives.cia402 import QUICK_STOP
 from drivers.errors import DeviceError
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
-from pkm_rig.rig.connection import connected
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
-from pkm_rig.virtual.mock_rig import served
+from pkm_rig.virtual.mock_rig import serve_mock_rig
 
 LIMIT_MS = 20.0
 EXAMPLE = Path(__file__).parents[1] / "examples" / "mock-rig.toml"
@@ -81,7 +81,7 @@ def serve(path: Path, seed: int) -> None:
     """The mock's process: for each line on stdin open the guard at some time, say when it was polled and obeyed."""
     file, _ = load_rig(path)
     random = np.random.default_rng(seed)
-    with served(file, path) as mock:
+    with serve_mock_rig(file, path) as mock:
         stops: dict[int, float] = {}
         polls: list[float] = []
         stopped = threading.Event()
@@ -142,7 +142,7 @@ def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
         assert mock.stdout is not None
         mock.stdout.readline()
         clock = ScaledClock(1.0)
-        with connected(file, machine, clock, rig_path=path) as rig, working(rig):
+        with connect_rig(file, machine, clock, rig_path=path) as rig, working(rig):
             for number in range(trips + trips // 4):
                 start_again(rig)
                 mover = threading.Thread(target=move, args=(rig,))

@@ -26,9 +26,9 @@ from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.recordings.timeline import Timeline
 from mock_devices.rig import MockRig
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
-from pkm_rig.rig.connection import connected
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
-from pkm_rig.virtual.mock_rig import embedded
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 Array = NDArray[np.float64]
 
@@ -106,9 +106,9 @@ def _rig(effect: str) -> Iterator[tuple[MockRig, Rig]]:
     assert file.mock is not None
     file = file.model_copy(update={"mock": file.mock.model_copy(update={"effects": (effect,), "seed": 5})})
     with (
-        embedded(file, embedded_rig_path()) as mock,
+        embedded_mock_rig(file, embedded_rig_path()) as mock,
         mock.clock.activity(),
-        connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):
         yield mock.mock, rig
 

@@ -36,7 +36,7 @@ def campaign_text(candidate: Candidate, machine: Machine, payloads: tuple[Payloa
     return head + to_toml(CampaignFile(campaign=VisitsSection(visits=visits)))
 
 
-def write_candidates(
+def write_campaign_files(
     candidates: list[Candidate], machine: Machine, payloads: tuple[PayloadEntry, ...], campaign: str, folder: Path
 ) -> dict[str, str | None]:
     """Write one file a candidate that has visits, in the order given; name to path, None without visits.

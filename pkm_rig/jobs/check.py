@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from pkm_rig.rig.fitness import check_rig, in_plane_u_m
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.rig_checks import check_rig, in_plane_u_m
 
 
 def check_devices(rig: Rig) -> dict[str, Any]:

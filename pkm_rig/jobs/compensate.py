@@ -18,9 +18,9 @@ def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[
     """Compute the tables for a payload at the campaign's last temperatures and save one CSV a drive."""
     if not 0 <= payload < len(recording.file.payloads):
         raise InputError(f"payload {payload}: the recording lists 0 to {len(recording.file.payloads) - 1}")
-    identified = identify_recording(recording, baselines=False)
+    identification = identify_recording(recording, baselines=False)
     temperatures = {n: float(t[-1]) for n, t in recording.temperatures_c().items()}
-    table = table_for_payload(identified, payload, temperatures)
+    table = table_for_payload(identification, payload, temperatures)
     folder = out / recording.file.campaign / f"tables-payload-{payload}"
     folder.mkdir(parents=True, exist_ok=True)
     count = table.correction_m.shape[1]

@@ -9,8 +9,8 @@ from drivers.drives.homing import HomingParameters
 from pkm_rig.rig.rig import Rig
 
 
-def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
-    """Home the drives that are not referenced, or all with `again`; where each then stands (docs/reference/json.md).
+def home_drives(rig: Rig, *, again: bool = False) -> dict[str, Any]:
+    """Home the drives that are not referenced, or all with `again`; where each is then (docs/reference/json.md).
 
     One after the other, the others under their brakes; compensation is switched off and stays off. InputError, before
     anything moves, where the rig file does not say how; raises what a motion raises.
@@ -21,7 +21,7 @@ def run(rig: Rig, *, again: bool = False) -> dict[str, Any]:
     ]
     if any(homings):
         rig.switch_compensation(None)
-        with rig.supervisor.motion():
+        with rig.supervisor.during_motion():
             rig.drives.home(homings)
     positions_m = rig.positions_m()
     return {

@@ -22,12 +22,12 @@ def identify_with_checks(
     chosen: Estimator = estimator  # type: ignore[assignment]
     if draws != 0 and not 2 <= draws <= MOST_DRAWS:
         raise InputError(f"monte carlo: {draws} draws; choose 0 (none) or 2 to {MOST_DRAWS}")
-    identified = identify_recording(recording, chosen, baselines=False, robust=robust)
-    held_out, bound = held_out_error(identified, chosen, robust=robust)
+    identification = identify_recording(recording, chosen, baselines=False, robust=robust)
+    held_out, bound = held_out_error(identification, chosen, robust=robust)
     return {
         "calibration": recording.file.campaign,
-        **identified_summary(identified),
+        **identified_summary(identification),
         "held_out": held_out,
         "bound": bound,
-        **({"monte_carlo": cross_check(identified, draws)} if draws else {}),
+        **({"monte_carlo": cross_check(identification, draws)} if draws else {}),
     }

@@ -5,11 +5,11 @@ from __future__ import annotations
 from calibration.base.errors import InputError
 from drivers.station.coordinates import StatedAccuracy
 from drivers.station.interim_test import InterimLimits, InterimTest, KnownDistance, interim_test
-from pkm_rig.rig.devices import WRONG_TARGET_AT_FIRST_M
+from pkm_rig.rig.devices import INITIAL_TARGET_TOLERANCE_M
 from pkm_rig.rig.rig import Rig
 
 
-def run(rig: Rig) -> InterimTest:
+def run_interim_test(rig: Rig) -> InterimTest:
     """Measure the floor nests and compare; nothing moves but the telescope. InputError without nests."""
     frame, file = rig.rough_frame(), rig.file
     places_m: dict[str, tuple[float, float, float]] = {}
@@ -20,10 +20,14 @@ def run(rig: Rig) -> InterimTest:
     if not places_m:
         raise InputError("machine file: no floor nest; the interim test needs at least one")
     length = file.nest_length
-    known = [] if length is None else [KnownDistance((length.nests[0], length.nests[1]), length.value_m, length.u_m)]
+    known_distances = (
+        [] if length is None else [KnownDistance((length.nests[0], length.nests[1]), length.value_m, length.u_m)]
+    )
     accuracy = file.station.accuracy
     stated = StatedAccuracy(accuracy.angle_sd_rad, accuracy.range_sd_m, 1e6 * accuracy.range_scale_u)
     rig.refresh_atmosphere()
-    found = interim_test(rig.station, places_m, known, stated, InterimLimits(tolerance_m=WRONG_TARGET_AT_FIRST_M))
+    test_result = interim_test(
+        rig.station, places_m, known_distances, stated, InterimLimits(tolerance_m=INITIAL_TARGET_TOLERANCE_M)
+    )
     rig.station.require_settings()
-    return found
+    return test_result

@@ -31,16 +31,16 @@ from calibration.recording.measurement_folder import (
     write_measurements,
 )
 from calibration.reduction.data_checks import require_enough_poses
-from pkm_rig.results.unknowns import in_words
+from pkm_rig.results.unknowns import kind_in_words
 
-FEW = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
-SHARE = 0.8  # of the readings' numbers; with less left over the fit follows its readings
-PLAIN = 4  # parameters of a combination that people can take in
-SCATTER = 2.0  # times the stated deviations, from which on it is said
-HIDDEN = 0.01  # share of an effect that is left after the owner's fit, below which it is called aliased with it
+MIN_DOF = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
+MIN_REMAINING_SHARE = 0.8  # of the readings' numbers; with less left over the fit follows its readings
+MAX_TERMS = 4  # largest number of parameters in a combination that is listed
+HIGH_SCATTER = 2.0  # ratio to the stated deviations above which it is reported
+ALIASED_SHARE = 0.01  # share of an effect that is left after the owner's fit, below which it is called aliased with it
 
 
-def find_measurements(what: str, out: Path) -> MeasuredMachine | None:
+def find_measurement_folder(what: str, out: Path) -> MeasuredMachine | None:
     """A measurement folder by its path or its name in `out`; None if it is none."""
     for folder in (Path(what), out / what):
         if is_measurement_folder(folder):
@@ -54,11 +54,11 @@ def import_printer(path: Path, folder: Path) -> dict[str, Any]:
     name = re.sub(r"[^A-Za-z0-9._-]", "-", path.stem).lstrip("._-")[:100] or "printer"
     measured = machine_with_measurements(printer, name, f"Klipper's delta_calibrate block in {path.name}"[:1000])
     write_measurements(measured, folder)
-    counted = {_what(r): len(r) for r in measured.readings()}
+    counted = {_reading_kind(r): len(r) for r in measured.readings()}
     return {"campaign": name, "readings": sum(counted.values()), **counted, "folder": str(folder)}
 
 
-def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, Any]:
+def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str, Any]:
     """Identification of a measurement folder (docs/reference/json.md). InputError where nothing can be said of it."""
     if estimator not in get_args(Estimator) or estimator == "truncated_svd":
         known = ", ".join(e for e in get_args(Estimator) if e != "truncated_svd")
@@ -69,7 +69,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
     former = measured.file.former
     if former is not None and numbers <= former.parameters:
         raise InputError(
-            f"{measured.file.name}: {numbers} numbers read leave nothing to judge {former.parameters} parameters by; "
+            f"{measured.file.name}: {numbers} readings leave no degrees of freedom for {former.parameters} parameters; "
             "measure more poses"
         )
     check_step_size(measured)
@@ -81,7 +81,7 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
         "calibration": measured.file.name,
         "source": measured.file.source,
         "estimator": chosen,
-        "readings": {_what(r): len(r) for r in readings},
+        "readings": {_reading_kind(r): len(r) for r in readings},
         "parameters": _parameters(fit),
         "quantities": _quantities(measured, fit),
         **_figures(fit),
@@ -92,10 +92,10 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
         "explanations": [],
         "alike": [],
         "aliased": list(observed.sentences),
-        "aliased_in_short": list(_short(observed)),
+        "aliased_in_short": list(_short_sentences(observed)),
     }
     if former is not None:
-        before = _former_fit(measured)
+        before = _fit_as_owner_did(measured)
         found = explanations(before, model, readings)
         groups = group_indistinguishable(found, numbers)
         out["former"] = {
@@ -111,8 +111,8 @@ def identify_measured(measured: MeasuredMachine, estimator: str) -> dict[str, An
     return out
 
 
-def _former_fit(measured: MeasuredMachine) -> Fit:
-    """The owner's kinds of unknowns by least squares, every instrument taken at its word."""
+def _fit_as_owner_did(measured: MeasuredMachine) -> Fit:
+    """The owner's kinds of unknowns by least squares, without unknowns for the instruments."""
     assert measured.file.former is not None
     model = Model(ParameterSet.of(measured.machine, measured.file.former.unknowns))
     return identify(model, measured.visits, measured.readings(nuisances=False), "least_squares")
@@ -150,8 +150,8 @@ def _figures(fit: Fit) -> dict[str, Any]:
     return {
         "residual": _by_kind(fit.instruments, left, "residual"),
         "leave_one_out": _by_kind(fit.instruments, left, "error"),
-        "held_out": _together(fit.instruments, left, "error"),
-        "bound": _together(fit.instruments, left, "u"),
+        "held_out": _rms_by_unit(fit.instruments, left, "error"),
+        "bound": _rms_by_unit(fit.instruments, left, "u"),
         "effective_unknowns": sum(r.residual.size for r in left) - fit.degrees_of_freedom,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "chi2_per_dof": fit.chi2_per_dof,
@@ -176,7 +176,7 @@ def _by_kind(instruments: Sequence[Readings], left: Sequence[LeaveOneOutErrors],
     }
 
 
-def _together(
+def _rms_by_unit(
     instruments: Sequence[Readings], left: Sequence[LeaveOneOutErrors], field: str
 ) -> dict[str, float | None]:
     """None where no such number was read."""
@@ -188,15 +188,15 @@ def _together(
     return {"position_rms_m": rms["m"], "orientation_rms_rad": rms["rad"]}
 
 
-def _what(readings: Readings) -> str:
+def _reading_kind(readings: Readings) -> str:
     if isinstance(readings, ToolCoordinates):
         return "heights" if readings.coordinates == (2,) else "coordinates"
     return "distances"
 
 
-def _short(observed: Observability) -> tuple[str, ...]:
+def _short_sentences(observed: Observability) -> tuple[str, ...]:
     """Sentences on what stays open with few parameters in it, and how many others there are."""
-    few = tuple(c for c in observed.open_combinations if len(c.coefficients) <= PLAIN)
+    few = tuple(c for c in observed.open_combinations if len(c.coefficients) <= MAX_TERMS)
     sentences = replace(observed, open_combinations=few).sentences
     others = len(observed.open_combinations) - len(few)
     return (*sentences, f"{others} more combinations of many parameters") if others else sentences
@@ -218,24 +218,24 @@ def _remarks(found: dict[str, Any], numbers: int) -> list[str]:
     out = []
     shown = found if found["former"] is None else found["former"]
     dof, scatter = shown["degrees_of_freedom"], float(np.sqrt(shown["chi2_per_dof"]))
-    if dof < FEW or dof < SHARE * numbers:
+    if dof < MIN_DOF or dof < MIN_REMAINING_SHARE * numbers:
         out.append(
             f"the residual is no accuracy: {shown['effective_unknowns']:.3g} unknowns followed {numbers} numbers read "
             f"(degrees of freedom left: {dof:.2g}); the leave-one-out error is what a new reading would show"
         )
-    if scatter > SCATTER:
+    if scatter > HIGH_SCATTER:
         out.append(
             f"the readings scatter {scatter:.1f} times as much as is stated of them: the model leaves something out, "
             "or the stated deviations are too small; every U here is too small by about as much"
         )
-    if hidden := [in_words(e["kind"]) for e in found["explanations"] if 1.0 - e["absorbed"] < HIDDEN]:
+    if hidden := [kind_in_words(e["kind"]) for e in found["explanations"] if 1.0 - e["absorbed"] < ALIASED_SHARE]:
         out.append(
-            f"aliased with what the owner fitted (less than {HIDDEN:.0%} of what they do to the readings is left): "
-            f"{', '.join(hidden)}"
+            f"aliased with what the owner fitted (less than {ALIASED_SHARE:.0%} of what they do to the readings is "
+            f"left): {', '.join(hidden)}"
         )
     for group in found["alike"]:
         out.append(
-            f"not told apart by these readings: {', '.join(in_words(kind) for kind in group)}; each explains the "
+            f"not told apart by these readings: {', '.join(kind_in_words(kind) for kind in group)}; each explains the "
             "residual as well as the others, and sag and play, which no parameter stands for, may too"
         )
     return out

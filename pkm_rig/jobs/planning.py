@@ -32,9 +32,9 @@ from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from pkm_rig.rig.config import RigFile
 
-CANDIDATES = 256
-OVER = 200
-MOST_POSES = 500
+CANDIDATE_POSES = 256
+EVALUATION_POSES = 200
+MAX_POSES = 500
 SEED = 1
 POSITION_SD_M, ORIENTATION_SD_RAD = 7e-6, 3e-5  # of a full-pose instrument, where no rig says better
 
@@ -53,7 +53,7 @@ class Planner:
         payloads = (file.payloads[0], file.payloads[file.campaign.loaded_payload])
         return cls(
             Model(ParameterSet.of(machine), SystematicUncertainties.from_declared(file.payloads, machine)),
-            lambda visits: [_seen_by_station(file, machine, visits)],
+            lambda visits: [_station_observations(file, machine, visits)],
             tuple(PlannedLoad(p.mass_kg, p.com_m) for p in payloads),
         )
 
@@ -85,10 +85,10 @@ class Planner:
 
     def selection(self, tool: Array) -> Selection:
         """What measuring some of the tool poses (n, 6) would tell."""
-        over = visits_at(self.machine, workspace_poses(self.machine, OVER, SEED + 1), self.loads[:1])
+        over = visits_at(self.machine, workspace_poses(self.machine, EVALUATION_POSES, SEED + 1), self.loads[:1])
         return Selection.of(self.model, tool, self.loads, self.instrument, over, self.typical_errors())
 
-    def _filled_grid(self, count: int) -> Array:
+    def _fill_grid(self, count: int) -> Array:
         """The largest grid of at most `count` tool poses, filled up to that number with evenly spread ones."""
         grid = grid_poses(self.machine, count)
         missing = count - len(grid)
@@ -97,8 +97,8 @@ class Planner:
     def plan(self, count: int, criterion: Criterion) -> dict[str, Any]:
         """Selected poses, beside a grid and evenly spread ones, and what stays open (docs/reference/json.md)."""
         sets = {
-            "selected": self.selection(candidate_poses(self.machine, CANDIDATES, SEED)).select(count, criterion),
-            "grid": self.selection(self._filled_grid(count)).forecast_all(),
+            "selected": self.selection(candidate_poses(self.machine, CANDIDATE_POSES, SEED)).select(count, criterion),
+            "grid": self.selection(self._fill_grid(count)).forecast_all(),
             "spread": self.selection(workspace_poses(self.machine, count, SEED + 2)).forecast_all(),
         }
         chosen = sets["selected"]
@@ -120,17 +120,17 @@ class Planner:
         }
 
 
-def checked_criterion(name: str) -> Criterion:
+def parse_criterion(name: str) -> Criterion:
     """The criterion of that name; InputError if there is none."""
     if name not in get_args(Criterion):
         raise InputError(f"criterion '{name}' is unknown; use {' or '.join(get_args(Criterion))}")
     return name  # type: ignore[return-value]
 
 
-def checked_count(count: int) -> int:
+def parse_count(count: int) -> int:
     """A number of poses that can be planned; InputError if not."""
-    if not 1 <= count <= MOST_POSES:
-        raise InputError(f"poses: {count} poses cannot be planned; choose 1 to {MOST_POSES}")
+    if not 1 <= count <= MAX_POSES:
+        raise InputError(f"poses: {count} poses cannot be planned; choose 1 to {MAX_POSES}")
     return count
 
 
@@ -142,7 +142,7 @@ def _summary(prospect: CampaignForecast) -> dict[str, float | int]:
     }
 
 
-def _seen_by_station(file: RigFile, machine: Machine, visits: Visits) -> SmrPositions:
+def _station_observations(file: RigFile, machine: Machine, visits: Visits) -> SmrPositions:
     """Readings of all reflectors that move, with the covariance that the station states; their values do not matter."""
     smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on != "floor")
     frame = station_frame(file.station.position_m, file.station.heading_rad)

@@ -1,4 +1,4 @@
-"""Opening things for a command: the rig (embedded or real), the store, a recording by id or folder."""
+"""Connect the rig of a rig file, real or embedded, for as long as a job runs."""
 
 from __future__ import annotations
 
@@ -7,21 +7,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from calibration.base.errors import InputError
-from calibration.recording.folder import read_folder
-from calibration.recording.recording import Recording
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connected
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.store import Store
-from pkm_rig.virtual.mock_rig import embedded
-
-STORE_NAME = "pkm-rig.sqlite"
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 
 @contextmanager
-def one_core(choice: int = 0) -> Iterator[None]:
+def pin_to_one_core(choice: int = 0) -> Iterator[None]:
     """Keep this thread, and those it starts, on one core.
 
     In virtual time one thread acts at a time. Spread over cores, they spend a third of the run waking one
@@ -52,37 +46,16 @@ def open_rig(
         if seed is not None and file.mock is not None:
             file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
         with (
-            nullcontext() if real_time else one_core(os.getpid()),
-            embedded(file, path, real_time=real_time) as mock,
+            nullcontext() if real_time else pin_to_one_core(os.getpid()),
+            embedded_mock_rig(file, path, real_time=real_time) as mock,
             mock.clock.activity(),
-            connected(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path, homing=homing) as rig,
+            connect_rig(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path, homing=homing) as rig,
         ):
             yield rig
         return
     clock = ScaledClock(file.time_scale or 1.0)
     try:
-        with connected(file, machine, clock, rig_path=path, homing=homing) as rig:
+        with connect_rig(file, machine, clock, rig_path=path, homing=homing) as rig:
             yield rig
     finally:
         clock.close()
-
-
-@contextmanager
-def open_store(out: Path) -> Iterator[Store]:
-    """The store in a folder, made if it is not there."""
-    store = Store(out / STORE_NAME)
-    try:
-        yield store
-    finally:
-        store.close()
-
-
-def find_recording(what: str, out: Path) -> Recording:
-    """A recording by its folder, or by its campaign id in the store; InputError if it is neither."""
-    folder = Path(what)
-    if folder.is_dir():
-        return read_folder(folder)
-    if not (out / STORE_NAME).is_file():
-        raise InputError(f"'{what}' is no recording folder, and there is no store in {out}; give --out")
-    with open_store(out) as store:
-        return store.recording(what)

@@ -11,33 +11,33 @@ from calibration.identification.model_comparison import model_comparison, orient
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import decide, noise_floor, visit_figures
 from calibration.reduction.reduction import Reduction, reduce
-from pkm_rig.jobs.diagnose import attempt
-from pkm_rig.results.attempt import Attempt
-from pkm_rig.results.outcome import Outcome, Verified, Written
+from pkm_rig.jobs.diagnose import try_diagnosis
+from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
+from pkm_rig.results.outcome import CampaignOutcome, VerificationResult, WrittenTable
 from pkm_rig.rig.store import Store
 
 
-def stored_outcome(store: Store, campaign: str) -> Outcome:
+def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
     """Rebuild the outcome of a verified campaign from the store."""
-    recording = last_attempt(store, campaign)
+    recording = last_verification_attempt(store, campaign)
     activated = store.events(campaign, "activated")
     verdicts = store.events(campaign, "accepted") + store.events(campaign, "refused")
     if not activated or not verdicts:
         raise InputError(f"campaign {campaign} was not verified; run `pkm-rig verify` first")
-    identified = identify_recording(recording)
+    identification = identify_recording(recording)
     written = tuple(
-        Written(
-            table_for_payload(identified, event.data["payload"], event.data["temperatures_c"]),
+        WrittenTable(
+            table_for_payload(identification, event.data["payload"], event.data["temperatures_c"]),
             event.data["payload"],
             event.data["tables"],
         )
         for event in activated[-len({e.data["payload"] for e in activated}) :]
     )
-    former = verdicts[-1].data.get("restored") or "the former tables"
-    return judge(campaign, identified, recording, written, attempt(recording), former)
+    previous_tables = verdicts[-1].data.get("restored") or "the former tables"
+    return evaluate_campaign(campaign, identification, recording, written, try_diagnosis(recording), previous_tables)
 
 
-def last_attempt(store: Store, campaign: str) -> Recording:
+def last_verification_attempt(store: Store, campaign: str) -> Recording:
     """A campaign's recording without the readings of a verification that was begun before and broke off."""
     recording = store.recording(campaign)
     attempts = store.events(campaign, "verifying")
@@ -47,47 +47,47 @@ def last_attempt(store: Store, campaign: str) -> Recording:
     return recording.take(keep)
 
 
-def judge(
+def evaluate_campaign(
     campaign: str,
-    identified: Calibration,
+    identification: Calibration,
     recording: Recording,
-    written: tuple[Written, ...],
-    diagnosis: Attempt,
-    former: str,
-) -> Outcome:
+    written: tuple[WrittenTable, ...],
+    diagnosis: DiagnosisAttempt,
+    previous_tables: str,
+) -> CampaignOutcome:
     """Figures and verdict of a campaign that was verified: a function of what is stored."""
-    reduction = reduce(recording, identified.reduction)
+    reduction = reduce(recording, identification.reduction)
     floor = noise_floor(reduction)
     if floor is None:
         raise InputError(f"campaign {campaign}: no pose was visited three times, so there is no noise floor")
-    verified = tuple(verify_payload(identified, reduction, w.payload) for w in written)
+    verified = tuple(verify_payload(identification, reduction, w.payload) for w in written)
     accepted = bool(verified) and all(v.decision.accepted for v in verified)
-    return Outcome(
+    return CampaignOutcome(
         campaign=campaign,
-        calibration=identified,
+        calibration=identification,
         reduction=reduction,
         floor=floor,
         verified=verified,
         written=written,
         accepted=accepted,
         diagnosis=diagnosis,
-        restored=None if accepted else former,
+        restored=None if accepted else previous_tables,
     )
 
 
-def verify_payload(identified: Calibration, reduction: Reduction, payload: int) -> Verified:
+def verify_payload(identification: Calibration, reduction: Reduction, payload: int) -> VerificationResult:
     """Figures and decision at one payload; InputError if it was not verified."""
     before = visit_figures(reduction, "verification_before", payload)
     after = visit_figures(reduction, "verification_after", payload)
-    predicted = orientation_prediction(identified, reduction, "verification_before", payload)
+    predicted = orientation_prediction(identification, reduction, "verification_before", payload)
     if before is None or after is None or predicted is None:
         raise InputError(f"payload {payload} was not verified before and after; measure both")
-    return Verified(
+    return VerificationResult(
         payload=payload,
         payload_kg=reduction.recording.file.payloads[payload].mass_kg,
         before=before,
         after=after,
         decision=decide(before, after),
         orientation_prediction_rad=predicted,
-        models=model_comparison(identified, reduction, payload),
+        models=model_comparison(identification, reduction, payload),
     )

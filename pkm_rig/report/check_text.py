@@ -7,16 +7,16 @@ from typing import Any
 from pkm_rig.report.terminal import results
 
 
-def print_check(found: dict[str, Any]) -> None:
+def print_check(check_result: dict[str, Any]) -> None:
     """The same for people."""
-    results.print(f"station: {found['station']}")
-    for name, drive in found["drives"].items():
+    results.print(f"station: {check_result['station']}")
+    for name, drive in check_result["drives"].items():
         results.print(
             f"drive {name}: node {drive['node_id']}, serial {drive['serial']}, "
             f"{drive['metres_per_increment'] * 1e9:g} nm an increment, heartbeat {drive['heartbeat']}"
         )
-    for name, good in found["interlocks"].items():
+    for name, good in check_result["interlocks"].items():
         results.print(f"interlock {name}: {'good' if good else 'OPEN'}")
-    results.print(f"payload: {found['payload']}")
-    results.print(f"predicted in-plane uncertainty of a visit: {found['in_plane_u_m'] * 1e6:.1f} um")
-    results.print("fit for a campaign" if not found["problems"] else "not fit")
+    results.print(f"payload: {check_result['payload']}")
+    results.print(f"predicted in-plane uncertainty of a visit: {check_result['in_plane_u_m'] * 1e6:.1f} um")
+    results.print("fit for a campaign" if not check_result["problems"] else "not fit")

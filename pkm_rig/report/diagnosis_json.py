@@ -7,26 +7,26 @@ from collections.abc import Mapping
 from typing import Any
 
 from calibration.diagnosis.result import KINDS, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
-from pkm_rig.results.attempt import Attempt
+from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
 MOST_SHARES = 10
 
 
-def diagnosis_json(found: Diagnosis, files: Mapping[str, str | None] | None = None) -> dict[str, Any]:
+def diagnosis_json(diagnosis: Diagnosis, files: Mapping[str, str | None] | None = None) -> dict[str, Any]:
     """One object; a figure that is not finite is null. files: candidate's name to its campaign file."""
     files = files or {}
     where: dict[str, dict[str, Any]] = {kind: {} for kind in KINDS}
-    for share in found.where:
+    for share in diagnosis.where:
         where.setdefault(share.kind, {})[share.name] = _numbers(share=share.share, low=share.low, high=share.high)
     return {
-        "campaign": found.campaign,
-        "verdict": found.verdict,
-        "equivalent": list(found.equivalent),
-        "matters_m": _number(found.matters_m),
-        "effects": [_effect_json(effect) for effect in found.effects],
-        "ranking": {name: _number(p) for name, p in ranked(found)},
+        "campaign": diagnosis.campaign,
+        "verdict": diagnosis.verdict,
+        "equivalent": list(diagnosis.equivalent),
+        "matters_m": _number(diagnosis.matters_m),
+        "effects": [_effect_json(effect) for effect in diagnosis.effects],
+        "ranking": {name: _number(p) for name, p in ranking_by_probability(diagnosis)},
         "where": where,
-        "gap": gap_json(found.gap),
+        "gap": gap_json(diagnosis.gap),
         "next_measurement": [
             {
                 "name": c.name,
@@ -36,13 +36,15 @@ def diagnosis_json(found: Diagnosis, files: Mapping[str, str | None] | None = No
                 "visits": len(c.visits),
                 "file": files.get(c.name),
             }
-            for c in by_gain(found)
+            for c in additions_by_gain(diagnosis)
         ],
-        "not_tested": dict(found.not_tested),
-        "hidden_m": _number(found.hidden_m),
-        "inside_geometry": _numbers(**found.inside_geometry),
-        "clues": [{"channel": c.channel, "coordinate": c.coordinate, **_numbers(share=c.share)} for c in found.clues],
-        "remarks": list(found.remarks),
+        "not_tested": dict(diagnosis.not_tested),
+        "hidden_m": _number(diagnosis.hidden_m),
+        "inside_geometry": _numbers(**diagnosis.inside_geometry),
+        "clues": [
+            {"channel": c.channel, "coordinate": c.coordinate, **_numbers(share=c.share)} for c in diagnosis.clues
+        ],
+        "remarks": list(diagnosis.remarks),
         "pictures": {},
         "twin": None,
     }
@@ -85,21 +87,21 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def ranked(found: Diagnosis) -> list[tuple[str, float]]:
+def ranking_by_probability(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     """Names with their probability, the most probable first."""
-    return sorted(found.ranking.items(), key=lambda item: -item[1])
+    return sorted(diagnosis.ranking.items(), key=lambda item: -item[1])
 
 
-def strongest_shares(found: Diagnosis) -> list[Share]:
+def largest_shares(diagnosis: Diagnosis) -> list[Share]:
     """The largest shares, largest first."""
-    return sorted(found.where, key=lambda s: -s.share)[:MOST_SHARES]
+    return sorted(diagnosis.where, key=lambda s: -s.share)[:MOST_SHARES]
 
 
-def by_gain(found: Diagnosis) -> list[Candidate]:
+def additions_by_gain(diagnosis: Diagnosis) -> list[Candidate]:
     """Candidates, the most telling a minute first."""
-    return sorted(found.next_measurement, key=lambda c: -c.gain_bit_per_min)
+    return sorted(diagnosis.next_measurement, key=lambda c: -c.gain_bit_per_min)
 
 
-def attempt_json(attempt: Attempt) -> dict[str, Any]:
+def diagnosis_attempt_json(attempt: DiagnosisAttempt) -> dict[str, Any]:
     """The diagnosis within a calibration, or why there is none."""
     return {"failure": attempt.failure} if attempt.diagnosis is None else diagnosis_json(attempt.diagnosis)

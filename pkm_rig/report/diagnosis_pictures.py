@@ -16,8 +16,8 @@ from calibration.machine.description import Machine
 from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, round_scale
 
 PANELS, BINS, LEAST_IN_BIN, LEAST_SHARE = 4, 12, 3, 0.02
-FEW = 4  # values of a coordinate that are written out at the axis
-CLEAR = 4.0  # times the power of noise, and of the rest of the spectrum: a peak above is marked with its period
+MAX_VALUES_AS_TICKS = 4  # values of a coordinate that are written out at the axis
+CLEAR_PEAK = 4.0  # times the power of noise, and of the rest of the spectrum: a peak above is marked with its period
 ARROW_SHARE = 0.09  # of the map's width, of an arrow as long as the scale
 
 
@@ -30,21 +30,21 @@ class Coordinate(NamedTuple):
     share: str = ""
 
 
-def figures(found: Diagnosis, machine: Machine) -> dict[str, Figure]:
+def draw_all(diagnosis: Diagnosis, machine: Machine) -> dict[str, Figure]:
     """All pictures by file name; those that there is nothing to draw for are left out."""
-    out = {"error-map": error_map(found, machine)} if len(found.visits.tool_m) else {}
-    if len(found.visits.tool_m):
-        out["coordinates"] = coordinates(found, machine)
-        out["time-line"] = time_line(found, machine)
-    if found.spectra:
-        out["spectrum"] = spectrum(found)
+    out = {"error-map": error_map(diagnosis, machine)} if len(diagnosis.visits.tool_m) else {}
+    if len(diagnosis.visits.tool_m):
+        out["coordinates"] = coordinates(diagnosis, machine)
+        out["time-line"] = time_line(diagnosis, machine)
+    if diagnosis.spectra:
+        out["spectrum"] = spectrum(diagnosis)
     return out
 
 
-def save(drawn: Mapping[str, Figure], folder: Path) -> dict[str, str]:
+def save(figures: Mapping[str, Figure], folder: Path) -> dict[str, str]:
     """Write figures as PNG files into a folder that is there; name to path. Raises OSError."""
     paths = {}
-    for name, figure in drawn.items():
+    for name, figure in figures.items():
         path = folder / f"{name}.png"
         figure.savefig(path, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
         paths[name] = str(path)
@@ -65,17 +65,17 @@ def plane(machine: Machine) -> tuple[int, int]:
     return first, second
 
 
-def error_map(found: Diagnosis, machine: Machine) -> Figure:
+def error_map(diagnosis: Diagnosis, machine: Machine) -> Figure:
     """The platform's gap at every visit over the workspace, before and after with one arrow scale."""
-    visits, axes_of = found.visits, plane(machine)
+    visits, axes_of = diagnosis.visits, plane(machine)
     names = "xyz"
     spans = np.ptp(visits.tool_m[:, axes_of], axis=0)
     largest = float(np.percentile(np.linalg.norm(visits.before_m[:, axes_of], axis=1), 95.0))
     key_m = round_scale(largest)
-    drawn = series(visits)
-    figure = Figure(figsize=(5.0 * len(drawn) + 0.5, 4.6))
-    for place, (gaps, name, colour) in enumerate(drawn, start=1):
-        axes = figure.add_subplot(1, len(drawn), place)
+    panels = series(visits)
+    figure = Figure(figsize=(5.0 * len(panels) + 0.5, 4.6))
+    for place, (gaps, name, colour) in enumerate(panels, start=1):
+        axes = figure.add_subplot(1, len(panels), place)
         arrows = axes.quiver(
             *visits.tool_m[:, axes_of].T, *gaps[:, axes_of].T,
             color=colour, angles="xy", scale_units="xy", width=0.003,
@@ -88,27 +88,29 @@ def error_map(found: Diagnosis, machine: Machine) -> Figure:
         axes.set_ylabel(f"{names[axes_of[1]]} / m")
         axes.set_aspect("equal")
         axes.margins(0.14)
-    figure.suptitle(f"Measured minus model, noise taken off, an arrow a visit\nverdict: {found.verdict}", fontsize=11)
+    figure.suptitle(
+        f"Measured minus model, noise taken off, an arrow a visit\nverdict: {diagnosis.verdict}", fontsize=11
+    )
     figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
     return figure
 
 
-def coordinates(found: Diagnosis, machine: Machine) -> Figure:
+def coordinates(diagnosis: Diagnosis, machine: Machine) -> Figure:
     """The gap against the coordinates that have the largest shares of it, with means (bars: k = 2)."""
-    chosen = strongest(found, machine)
+    chosen = largest_coordinates(diagnosis, machine)
     figure = Figure(figsize=(10.0, 3.4 * ((len(chosen) + 1) // 2)))
     for place, coordinate in enumerate(chosen, start=1):
         axes = figure.add_subplot((len(chosen) + 1) // 2, 2, place)
         turned = coordinate.side[:, None]
-        along = _telling_direction(coordinate.values, found.visits.before_m * turned)
-        for gaps, name, colour in series(found.visits):
+        along = _most_varying_direction(coordinate.values, diagnosis.visits.before_m * turned)
+        for gaps, name, colour in series(diagnosis.visits):
             value = (gaps * turned) @ along * 1e6
             axes.plot(coordinate.values, value, ".", color=colour, markersize=3, alpha=0.35)
-            at, mean, error = binned(coordinate.values, value)
+            at, mean, error = bin_means(coordinate.values, value)
             axes.errorbar(at, mean, 2.0 * error, fmt="o-", color=colour, markersize=4, linewidth=1.2, label=name)
         axes.axhline(0.0, color="0.8", linewidth=0.8, zorder=0)
         distinct = np.unique(coordinate.values)
-        if len(distinct) <= FEW:
+        if len(distinct) <= MAX_VALUES_AS_TICKS:
             axes.set_xticks(distinct, [f"{value:g}" for value in distinct])
             axes.margins(x=0.2)
         axes.set_xlabel(coordinate.label)
@@ -120,15 +122,15 @@ def coordinates(found: Diagnosis, machine: Machine) -> Figure:
     return figure
 
 
-def strongest(found: Diagnosis, machine: Machine) -> list[Coordinate]:
+def largest_coordinates(diagnosis: Diagnosis, machine: Machine) -> list[Coordinate]:
     """The coordinates of the visits with the largest shares; where there are fewer than two, places too."""
-    known = visit_coordinates(found.visits, machine)
-    varied = {key: c for key, c in known.items() if len(np.unique(c.values)) > 1}
+    by_kind_and_name = visit_coordinates(diagnosis.visits, machine)
+    varied = {key: c for key, c in by_kind_and_name.items() if len(np.unique(c.values)) > 1}
     out: dict[str, Coordinate] = {}
-    for share in sorted(found.where, key=lambda s: -s.share):
+    for share in sorted(diagnosis.where, key=lambda s: -s.share):
         coordinate = varied.get((share.kind, share.name)) or varied.get((share.kind, ""))
-        told = share.share >= LEAST_SHARE or len(out) < 2
-        if coordinate is not None and told and coordinate.label not in out and len(out) < PANELS:
+        is_shown = share.share >= LEAST_SHARE or len(out) < 2
+        if coordinate is not None and is_shown and coordinate.label not in out and len(out) < PANELS:
             words = " ".join(part for part in (share.kind, share.name) if part)
             words += f": {share.share:.0%} of the gap ({share.low:.0%} to {share.high:.0%})"
             out[coordinate.label] = coordinate._replace(share=words)
@@ -157,9 +159,9 @@ def visit_coordinates(visits: VisitGaps, machine: Machine) -> dict[tuple[str, st
     return out
 
 
-def time_line(found: Diagnosis, machine: Machine) -> Figure:
+def time_line(diagnosis: Diagnosis, machine: Machine) -> Figure:
     """The gap over rig time in the two coordinates of the map, before and after; grey: payload on."""
-    visits = found.visits
+    visits = diagnosis.visits
     order = np.argsort(visits.t_rig_s)
     hours = visits.t_rig_s[order] / 3600.0
     figure = Figure(figsize=(10.0, 4.8))
@@ -168,7 +170,7 @@ def time_line(found: Diagnosis, machine: Machine) -> Figure:
         for gaps, name, colour in series(visits):
             value = gaps[order, axis] * 1e6
             axes.plot(hours, value, ".", color=colour, markersize=3, alpha=0.4)
-            at, mean, _ = binned(hours, value, bins=24)
+            at, mean, _ = bin_means(hours, value, bins=24)
             axes.plot(at, mean, "-", color=colour, linewidth=1.5, label=f"{name} (dots: visits, line: mean)")
         axes.axhline(0.0, color="0.8", linewidth=0.8, zorder=0)
         _shade_loads(axes, hours, visits.payload_kg[order])
@@ -181,13 +183,13 @@ def time_line(found: Diagnosis, machine: Machine) -> Figure:
     return figure
 
 
-def spectrum(found: Diagnosis) -> Figure:
+def spectrum(diagnosis: Diagnosis) -> Figure:
     """Power of the gap along each drive by spatial period, over the power of noise."""
     figure = Figure(figsize=(10.0, 3.8))
     axes = figure.add_subplot()
-    for number, line in enumerate(found.spectra):
+    for number, line in enumerate(diagnosis.spectra):
         axes.plot(line.period_m * 1e3, line.power, "-", linewidth=1.0, color=f"C{number}", label=f"drive {line.drive}")
-        if np.max(line.power, initial=0.0) > CLEAR * max(float(np.median(line.power)), 1.0):
+        if np.max(line.power, initial=0.0) > CLEAR_PEAK * max(float(np.median(line.power)), 1.0):
             top = int(np.argmax(line.power))
             axes.annotate(
                 f"{line.period_m[top] * 1e3:.3g} mm",
@@ -198,7 +200,7 @@ def spectrum(found: Diagnosis) -> Figure:
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_yscale("log")
-    axes.set_ylim(0.5, max(1.5 * axes.get_ylim()[1], 2.0 * CLEAR))
+    axes.set_ylim(0.5, max(1.5 * axes.get_ylim()[1], 2.0 * CLEAR_PEAK))
     axes.set_xlabel("spatial period / mm")
     axes.set_ylabel("power over that of noise, highest of each stretch")
     axes.legend(frameon=False, fontsize=8)
@@ -207,7 +209,7 @@ def spectrum(found: Diagnosis) -> Figure:
     return figure
 
 
-def binned(at: Array, value: Array, bins: int = BINS) -> tuple[Array, Array, Array]:
+def bin_means(at: Array, value: Array, bins: int = BINS) -> tuple[Array, Array, Array]:
     """Means (k,) of values over a coordinate: where, mean, standard error; distinct values are bins if they are few."""
     distinct = np.unique(at)
     if len(distinct) <= bins:
@@ -222,9 +224,9 @@ def binned(at: Array, value: Array, bins: int = BINS) -> tuple[Array, Array, Arr
     return where, mean, error
 
 
-def _telling_direction(at: Array, gaps: Array) -> Array:
+def _most_varying_direction(at: Array, gaps: Array) -> Array:
     """Unit vector (3,) along which the gap changes most over a coordinate."""
-    means = np.stack([binned(at, gaps[:, axis])[1] for axis in range(3)], axis=1)
+    means = np.stack([bin_means(at, gaps[:, axis])[1] for axis in range(3)], axis=1)
     if len(means) < 2 or not np.any(means - means.mean(axis=0)):
         return np.array([1.0, 0.0, 0.0])
     along = np.linalg.svd(means - means.mean(axis=0))[2][0]

@@ -13,69 +13,76 @@ from rich.text import Text
 
 from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
 from calibration.reduction.figures import COVERAGE_FACTOR
-from pkm_rig.report.diagnosis_json import by_gain, ranked, strongest_shares
-from pkm_rig.results.attempt import Attempt
+from pkm_rig.report.diagnosis_json import additions_by_gain, largest_shares, ranking_by_probability
+from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED = ("m", "rad", "s")
 MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
 
 
-def summary(found: Diagnosis) -> str:
-    """The diagnosis in one line."""
-    gap = found.gap
+def one_line_summary(diagnosis: Diagnosis) -> str:
+    """The verdict, its size and how far the gap shrinks, in one line."""
+    gap = diagnosis.gap
     fall = f"gap {length(gap.before_m)} on withheld data (noise floor {length(gap.noise_floor_m)})"
-    if found.verdict == NONE:
-        return f"no effect beyond the model; what hides is below {length(found.hidden_m)} RMS; {fall}"
-    if found.verdict == UNKNOWN:
-        clue = f", strongest over {found.clues[0].coordinate} ({found.clues[0].channel})" if found.clues else ""
-        return f"unknown effect: structured, but nothing in the catalogue explains it{clue}; {fall}"
-    alike = f" (or {', '.join(found.equivalent)}: not told apart)" if found.equivalent else ""
-    named = " and ".join(described(effect) for effect in found.effects) or found.verdict
-    low, high = found.gap.shrink_interval
+    if diagnosis.verdict == NONE:
+        return f"no effect beyond the model; detection limit {length(diagnosis.hidden_m)} RMS; {fall}"
+    if diagnosis.verdict == UNKNOWN:
+        clue = (
+            f", strongest over {diagnosis.clues[0].coordinate} ({diagnosis.clues[0].channel})"
+            if diagnosis.clues
+            else ""
+        )
+        return f"unknown effect: the gap has structure that no effect of the catalogue explains{clue}; {fall}"
+    alike = f" (or {', '.join(diagnosis.equivalent)}: not told apart)" if diagnosis.equivalent else ""
+    causes = " and ".join(describe_effect(effect) for effect in diagnosis.effects) or diagnosis.verdict
+    low, high = diagnosis.gap.shrink_interval
     falls = f"gap {length(gap.before_m)} to {length(gap.after_m)} on withheld data, shrink {percent(gap.shrink)}"
-    return f"{named}{alike}; {falls} (95 %: {percent(low)} to {percent(high)})"
+    return f"{causes}{alike}; {falls} (95 %: {percent(low)} to {percent(high)})"
 
 
-def described(effect: FoundEffect) -> str:
+def describe_effect(effect: FoundEffect) -> str:
     """An effect in words: name, place, size with U, probability."""
     place = f" at {effect.place}" if effect.place else ""
-    return f"{effect.effect}{place}, {sized(effect.size)}, probability {probability(effect.probability)}"
+    return f"{effect.effect}{place}, {format_quantity(effect.size)}, probability {probability(effect.probability)}"
 
 
-def text(found: Diagnosis, result: Mapping[str, Any]) -> RenderableType:
+def describe_diagnosis(diagnosis: Diagnosis, result: Mapping[str, Any]) -> RenderableType:
     """The diagnosis for people; `result` is its JSON object with pictures and campaign files."""
     parts: list[RenderableType] = [
-        _line(f"campaign {found.campaign}"),
-        _line(f"verdict: {found.verdict}"),
-        _line(summary(found)),
+        _line(f"campaign {diagnosis.campaign}"),
+        _line(f"verdict: {diagnosis.verdict}"),
+        _line(one_line_summary(diagnosis)),
     ]
-    if found.equivalent:
-        together = " = ".join((found.verdict, *found.equivalent))
+    if diagnosis.equivalent:
+        together = " = ".join((diagnosis.verdict, *diagnosis.equivalent))
         parts.append(
-            _line(f"equivalent: {together}; which one it is matters {length(found.matters_m)} RMS for the prediction")
+            _line(f"equivalent: {together}; their predictions differ by at most {length(diagnosis.matters_m)} RMS")
         )
-    if found.effects:
+    if diagnosis.effects:
         what = "raw, visible: RMS change of a coordinate in sigma, before and after the geometry is fitted again"
-        parts += [_title(f"effects ({what})"), _effects(found.effects)]
-    likely = [(n, p) for n, p in ranked(found)[:MOST_RANKED] if p >= LEAST_PROBABILITY]
+        parts += [_title(f"effects ({what})"), _effects(diagnosis.effects)]
+    likely = [(n, p) for n, p in ranking_by_probability(diagnosis)[:MOST_RANKED] if p >= LEAST_PROBABILITY]
     parts.append(_line(f"\nranking: {', '.join(f'{name} {probability(p)}' for name, p in likely)}"))
-    parts += [_title("the gap, RMS on withheld data, noise floor removed"), *_gap(found.gap)]
-    if found.where:
-        parts += [_title("where: share of the gap's variance (they need not add up)"), _shares(strongest_shares(found))]
-    if found.clues:
+    parts += [_title("the gap, RMS on withheld data, noise floor removed"), *_gap(diagnosis.gap)]
+    if diagnosis.where:
+        parts += [
+            _title("where: share of the gap's variance (they need not add up)"),
+            _shares(largest_shares(diagnosis)),
+        ]
+    if diagnosis.clues:
         parts.append(_title("clues to the unknown effect"))
-        parts += [_line(f"- {c.channel} over {c.coordinate}: {percent(c.share)} of the gap") for c in found.clues]
-    if found.inside_geometry:
-        inside = ", ".join(f"{name} {length(rms)}" for name, rms in found.inside_geometry.items())
-        parts.append(_line(f"\ninside the geometry, not causes: {inside}"))
-    parts.append(_line(f"an effect could hide {length(found.hidden_m)} RMS (95 %)"))
-    if found.not_tested:
+        parts += [_line(f"- {c.channel} over {c.coordinate}: {percent(c.share)} of the gap") for c in diagnosis.clues]
+    if diagnosis.inside_geometry:
+        inside = ", ".join(f"{name} {length(rms)}" for name, rms in diagnosis.inside_geometry.items())
+        parts.append(_line(f"\nabsorbed by the geometry, not causes: {inside}"))
+    parts.append(_line(f"undetected effects are below {length(diagnosis.hidden_m)} RMS (95 %)"))
+    if diagnosis.not_tested:
         parts.append(_title("not tested: this campaign's design cannot show"))
-        parts += [_line(f"- {name}: {reason}") for name, reason in found.not_tested.items()]
-    parts += [_line(f"note: {remark}") for remark in found.remarks]
-    if found.next_measurement:
-        parts += [_title("measure next, by expected information"), _candidates(by_gain(found))]
+        parts += [_line(f"- {name}: {reason}") for name, reason in diagnosis.not_tested.items()]
+    parts += [_line(f"note: {remark}") for remark in diagnosis.remarks]
+    if diagnosis.next_measurement:
+        parts += [_title("measure next, by expected information"), _candidates(additions_by_gain(diagnosis))]
         files = [(c["name"], c["file"]) for c in result["next_measurement"] if c["file"]]
         parts += [_line(f"- {name}: {file}") for name, file in files]
         if files:
@@ -110,8 +117,10 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
     for e in effects:
         sizes = (f"{e.raw_sigma:.1f}", f"{e.visible_sigma:.1f}")
         sure = (probability(e.probability), probability(e.place_probability) if e.place else "")
-        rows.append((e.effect, e.place or "whole rig", f"{named(e.size)} = {sized(e.size)}", *sure, *sizes))
-        rows += [("", "", f"{named(q)} = {sized(q)}", "", "", "", "") for q in e.others]
+        rows.append(
+            (e.effect, e.place or "whole rig", f"{quantity_name(e.size)} = {format_quantity(e.size)}", *sure, *sizes)
+        )
+        rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in e.others]
     columns = (
         "effect",
         "place",
@@ -133,12 +142,12 @@ def _gap(gap: GapFigures) -> list[RenderableType]:
 
 
 def _twin(twin: Mapping[str, Any]) -> list[RenderableType]:
-    """How the campaign comes out when it is simulated on the twin."""
+    """Comparison of the campaign with its simulation on the twin."""
     added = " and ".join(twin["effects"]) or "no effect: none was found"
     shrink = twin["shrink"]
     lines = [
         f"twin: the identified model with {added}: {twin['folder']}",
-        f"the campaign simulated on twins made without each region's readings, held against the {twin['readings']} "
+        f"campaign simulated on twins built without each region's readings, compared with the {twin['readings']} "
         f"that were recorded there: missed by {_length(twin['after_m'])} RMS, without the effect by "
         f"{_length(twin['before_m'])}, shrink {'not known' if shrink is None else percent(shrink)} (noise included: "
         f"{twin['after_sigma']:.2f} and {twin['before_sigma']:.2f} sigma)",
@@ -181,12 +190,12 @@ def length(value_m: float) -> str:
     return f"{value_m * 1e6:.1f} um" if math.isfinite(value_m) else "not known"
 
 
-def named(quantity: Quantity) -> str:
+def quantity_name(quantity: Quantity) -> str:
     """Its name without its unit, which stands with the number."""
     return quantity.name.removesuffix("_" + quantity.unit.lower().replace("/", "_per_"))
 
 
-def sized(quantity: Quantity) -> str:
+def format_quantity(quantity: Quantity) -> str:
     """A quantity with its expanded uncertainty, in a unit that suits its size."""
     factor, prefix = 1.0, ""
     if not math.isfinite(quantity.value):
@@ -205,6 +214,6 @@ def sized(quantity: Quantity) -> str:
     return f"{round(value, digits):.{shown}f} +- {round(expanded, digits):.{shown}f}{unit}"
 
 
-def attempt_line(attempt: Attempt) -> str:
+def diagnosis_line(attempt: DiagnosisAttempt) -> str:
     """The diagnosis within a calibration in one line."""
-    return f"diagnosis: {attempt.failure if attempt.diagnosis is None else summary(attempt.diagnosis)}"
+    return f"diagnosis: {attempt.failure if attempt.diagnosis is None else one_line_summary(attempt.diagnosis)}"

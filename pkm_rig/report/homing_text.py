@@ -7,10 +7,10 @@ from typing import Any
 from pkm_rig.report.terminal import results
 
 
-def print_homing(found: dict[str, Any]) -> None:
+def print_homing(homing_result: dict[str, Any]) -> None:
     """The same for people."""
-    for name, drive in found["drives"].items():
+    for name, drive in homing_result["drives"].items():
         what = "homed" if drive["homed"] else "is referenced, not homed"
         results.print(f"drive {name}: {what}, stands at {drive['position_m']:.6f} m")
-    if found["compensation_switched_off"]:
+    if homing_result["compensation_switched_off"]:
         results.print("compensation is off and stays off until tables are activated (verify, calibrate)")

@@ -1,4 +1,4 @@
-"""The report: one HTML file that carries its pictures and asks nobody for anything."""
+"""The report: one self-contained HTML file without external requests."""
 
 from __future__ import annotations
 
@@ -9,20 +9,30 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-import pkm_rig
 from calibration.compensation.error_map import error_map
 from calibration.identification.estimators import Fit
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
 from calibration.reduction.figures import COVERAGE_FACTOR
-from pkm_rig.report import diagnosis_json as diagnosis_output
-from pkm_rig.report import diagnosis_pictures, diagnosis_text, pictures
-from pkm_rig.report.outcome_text import model_rows, remark
-from pkm_rig.results.outcome import Outcome, Verified
+from pkm_rig.report import diagnosis_json, diagnosis_pictures, diagnosis_text, pictures
+from pkm_rig.report.outcome_text import comparison_remark, model_rows
+from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
+from pkm_rig.version import __version__
 
 
-def write_report(outcome: Outcome, path: Path) -> None:
-    """Write the report; pictures are drawn from the outcome alone."""
+def report_path(outcome: CampaignOutcome, out: Path) -> Path:
+    """Where the report of a campaign is written."""
+    return out / outcome.campaign / "report.html"
+
+
+def write_report(outcome: CampaignOutcome, path: Path) -> None:
+    """Write the report. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(report_html(outcome), encoding="utf-8")
+
+
+def report_html(outcome: CampaignOutcome) -> str:
+    """The report; pictures are drawn from the outcome alone."""
     environment = Environment(
         loader=PackageLoader("pkm_rig.report", "templates"),
         autoescape=select_autoescape(),
@@ -31,11 +41,11 @@ def write_report(outcome: Outcome, path: Path) -> None:
     environment.filters["um"] = lambda metres: f"{metres * 1e6:.1f}"
     environment.filters["percent"] = diagnosis_text.percent
     environment.filters["probability"] = diagnosis_text.probability
-    environment.filters["sized"] = diagnosis_text.sized
+    environment.filters["sized"] = diagnosis_text.format_quantity
     environment.filters["urad"] = lambda rad: f"{rad * 1e6:.1f}"
     recording = outcome.reduction.recording
     sections = [_payload_section(outcome, verified) for verified in outcome.verified]
-    text = environment.get_template("report.html").render(
+    return environment.get_template("report.html").render(
         outcome=outcome,
         file=recording.file,
         machine=recording.machine,
@@ -52,17 +62,15 @@ def write_report(outcome: Outcome, path: Path) -> None:
             "parameters": pictures.data_uri(pictures.parameter_plot(outcome.calibration)),
         },
         fit=outcome.calibration.fit,
+        diagnosis_line=diagnosis_text.diagnosis_line(outcome.diagnosis),
         diagnosis=_diagnosis(outcome),
-        diagnosis_line=diagnosis_text.attempt_line(outcome.diagnosis),
-        version=pkm_rig.__version__,
+        version=__version__,
         hashes=_hashes(outcome),
         readings=len(recording),
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
 
 
-def _payload_section(outcome: Outcome, verified: Verified) -> dict[str, Any]:
+def _payload_section(outcome: CampaignOutcome, verified: VerificationResult) -> dict[str, Any]:
     written = next(w for w in outcome.written if w.payload == verified.payload)
     maps = error_map(outcome.calibration, written.table)
     name = outcome.reduction.recording.file.payloads[verified.payload].name
@@ -74,7 +82,7 @@ def _payload_section(outcome: Outcome, verified: Verified) -> dict[str, Any]:
         "verified": verified,
         "name": name,
         "rows": model_rows(verified),
-        "remark": remark(verified),
+        "remark": comparison_remark(verified),
         "map": pictures.data_uri(pictures.error_maps(maps, f"Predicted error of the tool point, {title}")),
         "u_map_um": float(np.sqrt(np.mean(maps.u_m**2))) * 1e6,
         "scatter": pictures.data_uri(
@@ -89,21 +97,21 @@ def _payload_section(outcome: Outcome, verified: Verified) -> dict[str, Any]:
     }
 
 
-def _diagnosis(outcome: Outcome) -> dict[str, Any] | None:
-    found = outcome.diagnosis.diagnosis
-    if found is None:
+def _diagnosis(outcome: CampaignOutcome) -> dict[str, Any] | None:
+    diagnosis = outcome.diagnosis.diagnosis
+    if diagnosis is None:
         return None
-    drawn = diagnosis_pictures.figures(found, outcome.reduction.recording.machine)
-    candidates = diagnosis_output.by_gain(found)
+    images = diagnosis_pictures.draw_all(diagnosis, outcome.reduction.recording.machine)
+    candidates = diagnosis_json.additions_by_gain(diagnosis)
     return {
-        "found": found,
-        "shares": diagnosis_output.strongest_shares(found),
-        "pictures": [pictures.data_uri(figure) for figure in drawn.values()],
+        "result": diagnosis,
+        "shares": diagnosis_json.largest_shares(diagnosis),
+        "pictures": [pictures.data_uri(figure) for figure in images.values()],
         "next": candidates[0] if candidates else None,
     }
 
 
-def _conditions(outcome: Outcome) -> list[tuple[str, str]]:
+def _conditions(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     recording = outcome.reduction.recording
     hours = (recording["t_rig_s"].max() - recording["t_rig_s"].min()) / 3600.0
     rows = [("duration (rig time)", f"{hours:.2f} h")]
@@ -152,7 +160,7 @@ def _correlations(fit: Fit, limit: float = 0.9) -> list[str]:
     return [f"{names[j]} with {names[i]}: {corr[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:12]]
 
 
-def _hashes(outcome: Outcome) -> list[tuple[str, str]]:
+def _hashes(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     recording = outcome.reduction.recording
     data = hashlib.sha256()
     for name, column in recording.columns.items():

@@ -10,31 +10,31 @@ from calibration.identification.observability import HELD
 from pkm_rig.report.terminal import results
 
 
-def print_identified(found: dict[str, Any]) -> None:
+def print_identification(result: dict[str, Any]) -> None:
     """Parameters and figures for people."""
     table = Table(box=None, pad_edge=False)
     for column in ("parameter", "deviation", "U (k = 2)", "unit", ""):
         table.add_column(column, justify="right" if column in ("deviation", "U (k = 2)") else "left")
-    for name, p in found["parameters"].items():
+    for name, p in result["parameters"].items():
         factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(p["unit"], (1.0, ""))
         note = "held by its tolerance" if p["left"] > HELD else ""
         table.add_row(name, f"{p['value'] * factor:.3g}", f"{2 * p['u'] * factor:.2g}", unit, note)
     results.print(table)
-    held, bound = found["held_out"], found["bound"]
+    held, bound = result["held_out"], result["bound"]
     results.print(
         f"held-out poses: {held['position_rms_m'] * 1e6:.1f} um, {held['orientation_rms_rad'] * 1e6:.1f} urad "
         f"(measurement noise included; bound of the model alone {bound['position_rms_m'] * 1e6:.1f} um, "
         f"{bound['orientation_rms_rad'] * 1e6:.1f} urad)"
     )
-    left_out, chi2 = sum(found["dropped"].values()), found["chi2_per_dof"]
-    results.print(f"{found['estimator']}: chi-square per degree of freedom {chi2:.2f}, {left_out} readings left out")
-    results.print(f"{found['rank']} of {len(found['parameters'])} directions decided by the data; left open:")
-    for sentence in found["aliased"]:
+    left_out, chi2 = sum(result["dropped"].values()), result["chi2_per_dof"]
+    results.print(f"{result['estimator']}: chi-square per degree of freedom {chi2:.2f}, {left_out} readings left out")
+    results.print(f"{result['rank']} of {len(result['parameters'])} directions decided by the data; left open:")
+    for sentence in result["aliased"]:
         results.print(f"- {sentence}", soft_wrap=True, markup=False)
-    for remark in found["remarks"]:
+    for remark in result["remarks"]:
         results.print(f"note: {remark}", soft_wrap=True, markup=False)
-    if "monte_carlo" in found:
-        check = found["monte_carlo"]
+    if "monte_carlo" in result:
+        check = result["monte_carlo"]
         results.print(
             f"uncertainty of the tool: {check['linear_u_position_m'] * 1e6:.2f} um linear, "
             f"{check['drawn_u_position_m'] * 1e6:.2f} um by {check['draws']} Monte Carlo draws"

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from calibration.reduction.figures import Figures
-from pkm_rig.report.diagnosis_json import attempt_json
-from pkm_rig.results.outcome import Outcome
+from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
+from pkm_rig.results.outcome import CampaignOutcome
 
 
-def pooled(several: list[Figures]) -> dict[str, float]:
+def pool_figures(several: list[Figures]) -> dict[str, float]:
     """The figures of several sets of poses as one."""
     n = np.array([f.n for f in several], dtype=float)
     position = np.array([f.position_rms_m for f in several])
@@ -24,16 +24,16 @@ def pooled(several: list[Figures]) -> dict[str, float]:
     }
 
 
-def outcome_json(outcome: Outcome, report: Path | None) -> dict[str, Any]:
+def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any]:
     """The result of `calibrate` and `verify`."""
     last = outcome.verified[-1]
     return {
         "campaign": outcome.campaign,
         "accepted": outcome.accepted,
-        "before": pooled([v.before for v in outcome.verified]),
-        "after": pooled([v.after for v in outcome.verified]),
-        "noise_floor": pooled([outcome.floor]),
-        "baselines": {name: pooled([f]) for name, f in last.models.items()},
+        "before": pool_figures([v.before for v in outcome.verified]),
+        "after": pool_figures([v.after for v in outcome.verified]),
+        "noise_floor": pool_figures([outcome.floor]),
+        "baselines": {name: pool_figures([f]) for name, f in last.models.items()},
         "tables": {
             drive: {**state, "active": bool(state["active"] and outcome.accepted)}
             for drive, state in outcome.written[-1].drives.items()
@@ -50,5 +50,5 @@ def outcome_json(outcome: Outcome, report: Path | None) -> dict[str, Any]:
             }
             for v in outcome.verified
         ],
-        "diagnosis": attempt_json(outcome.diagnosis),
+        "diagnosis": diagnosis_attempt_json(outcome.diagnosis),
     }

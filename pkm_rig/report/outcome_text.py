@@ -8,12 +8,12 @@ from pathlib import Path
 from rich.table import Table
 
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures
-from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.terminal import results
-from pkm_rig.results.outcome import Outcome, Verified
+from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
 
 
-def print_outcome(outcome: Outcome, report: Path | None) -> None:
+def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
     """The short table, the comparison, the verdict and where the report is."""
     table = Table(box=None, pad_edge=False)
     table.add_column("")
@@ -27,22 +27,22 @@ def print_outcome(outcome: Outcome, report: Path | None) -> None:
     comparison.add_column(f"prediction at {last.payload_kg:g} kg by")
     comparison.add_column("position / um", justify="right")
     comparison.add_column("orientation / urad", justify="right")
-    for name, found in last.models.items():
-        comparison.add_row(name, f"{found.position_rms_m * 1e6:.1f}", f"{found.orientation_rms_rad * 1e6:.1f}")
+    for name, figures in last.models.items():
+        comparison.add_row(name, f"{figures.position_rms_m * 1e6:.1f}", f"{figures.orientation_rms_rad * 1e6:.1f}")
     results.print()
     results.print(comparison)
-    results.print(remark(last))
+    results.print(comparison_remark(last))
     results.print()
     for verified in outcome.verified:
         results.print(f"{verified.payload_kg:g} kg: {verified.decision.rule}")
-    results.print(attempt_line(outcome.diagnosis), soft_wrap=True, markup=False)
+    results.print(diagnosis_line(outcome.diagnosis), soft_wrap=True, markup=False)
     results.print("accepted" if outcome.accepted else f"refused; {outcome.restored}")
     if report is not None:
         results.print(f"report: {report}", soft_wrap=True)
 
 
-def remark(verified: Verified) -> str:
-    """One honest sentence on the comparison."""
+def comparison_remark(verified: VerificationResult) -> str:
+    """One sentence that states the result of the comparison."""
     rows = model_rows(verified)
     good = [row.name for row in rows if row.as_good]
     if not good:
@@ -50,15 +50,15 @@ def remark(verified: Verified) -> str:
     return f"At {verified.payload_kg:g} kg as good within 10 %: {'; '.join(good)}."
 
 
-def short_table(outcome: Outcome) -> list[tuple[str, str, str]]:
+def short_table(outcome: CampaignOutcome) -> list[tuple[str, str, str]]:
     """(what, um, urad) rows for the terminal."""
 
-    def row(name: str, found: Figures) -> tuple[str, str, str]:
-        expanded = COVERAGE_FACTOR * found.u_position_rms_m * 1e6
+    def row(name: str, figures: Figures) -> tuple[str, str, str]:
+        expanded = COVERAGE_FACTOR * figures.u_position_rms_m * 1e6
         return (
             name,
-            f"{found.position_rms_m * 1e6:.1f} +- {expanded:.1f}",
-            f"{found.orientation_rms_rad * 1e6:.1f}",
+            f"{figures.position_rms_m * 1e6:.1f} +- {expanded:.1f}",
+            f"{figures.orientation_rms_rad * 1e6:.1f}",
         )
 
     rows = []
@@ -80,7 +80,7 @@ MODEL_NAMES = {
     "equal_weight_closure": "rigid, equal-weight closure, one geometry",
     "equal_weight_closure_per_payload": "rigid, equal-weight closure, refitted per payload",
 }
-AS_GOOD = 1.1  # models whose error is within this factor of ours are called as good
+AS_GOOD_FACTOR = 1.1  # models whose error is within this factor of ours are called as good
 
 
 @dataclass(frozen=True)
@@ -93,15 +93,15 @@ class ModelRow:
     as_good: bool
 
 
-def model_rows(verified: Verified) -> list[ModelRow]:
+def model_rows(verified: VerificationResult) -> list[ModelRow]:
     """The comparison at one payload; says where a baseline is as good as ours."""
     ours = verified.models["deformation_aware"]
     return [
         ModelRow(
             MODEL_NAMES.get(name, name),
-            found.position_rms_m * 1e6,
-            found.orientation_rms_rad * 1e6,
-            name != "deformation_aware" and found.position_rms_m <= AS_GOOD * ours.position_rms_m,
+            figures.position_rms_m * 1e6,
+            figures.orientation_rms_rad * 1e6,
+            name != "deformation_aware" and figures.position_rms_m <= AS_GOOD_FACTOR * ours.position_rms_m,
         )
-        for name, found in verified.models.items()
+        for name, figures in verified.models.items()
     ]

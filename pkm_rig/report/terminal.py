@@ -17,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-Tell = Callable[[int, int, str], None]  # advance, total, what
+from pkm_rig.results.callbacks import Progress as ReportProgress
 
 messages = Console(stderr=True, highlight=False)
 results = Console(highlight=False)
@@ -28,18 +28,31 @@ def print_json(result: dict[str, Any]) -> None:
     print(json.dumps(result, allow_nan=False))
 
 
-def print_result(as_json: bool, result: dict[str, Any], *shown: RenderableType) -> None:
-    """A result for programs, or what is shown of it to people."""
+def print_result(as_json: bool, result: dict[str, Any], *parts: RenderableType) -> None:
+    """A result for programs, or parts of it for people."""
     if as_json:
         print_json(result)
         return
-    for part in shown:
+    for part in parts:
         results.print(part, soft_wrap=True)
 
 
+def print_either(as_json: bool, result: dict[str, Any], print_for_people: Callable[[dict[str, Any]], None]) -> None:
+    """A result for programs, or as its own function prints it for people."""
+    if as_json:
+        print_json(result)
+    else:
+        print_for_people(result)
+
+
+def print_message(line: str) -> None:
+    """A line on stderr."""
+    messages.print(line, markup=False, soft_wrap=True)
+
+
 @contextmanager
-def progress_bar() -> Iterator[Tell]:
-    """A bar on stderr; it is told how far a job advanced, of how much, and with what."""
+def progress_bar() -> Iterator[ReportProgress]:
+    """A progress bar on stderr."""
     columns = (
         TextColumn("{task.description:20.20}"),
         BarColumn(),
@@ -51,7 +64,7 @@ def progress_bar() -> Iterator[Tell]:
     with Progress(*columns, console=messages, transient=True) as progress:
         task = progress.add_task("connecting", total=None)
 
-        def tell(advance: int, total: int, what: str) -> None:
-            progress.update(task, advance=advance, total=total, description=what.replace("_", " "))
+        def advance(count: int, total: int, phase: str) -> None:
+            progress.update(task, advance=count, total=total, description=phase.replace("_", " "))
 
-        yield tell
+        yield advance

@@ -1,1 +1,1 @@
-"""What jobs end with and reports show."""
+"""Results of the jobs, as the reports show them."""

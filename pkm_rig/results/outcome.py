@@ -1,4 +1,4 @@
-"""What a calibration ended with."""
+"""The outcome of a calibration: what was written, how it was verified, and the verdict."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from calibration.compensation.tables import CompensationTable
-from calibration.identification.calibration import (
-    Calibration,
-)
+from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import Decision, Figures
 from calibration.reduction.reduction import Reduction
-from pkm_rig.results.attempt import Attempt
+from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
 
 @dataclass(frozen=True)
-class Verified:
-    """Verification at one payload: measured before and after, the rule, how the models predict it."""
+class VerificationResult:
+    """Verification at one payload: errors before and after, the decision, and the errors of each model's prediction."""
 
     payload: int
     payload_kg: float
@@ -28,8 +26,8 @@ class Verified:
 
 
 @dataclass(frozen=True)
-class Written:
-    """A table that was written: for which payload, and by drive its generation, CRC and whether it was active."""
+class WrittenTable:
+    """A table written for a payload; `drives`: drive to generation, CRC and whether it was active."""
 
     table: CompensationTable
     payload: int
@@ -37,15 +35,15 @@ class Written:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What a calibration ended with."""
+class CampaignOutcome:
+    """The outcome of a calibration; `restored` says what the drives went back to if it was refused."""
 
     campaign: str
     calibration: Calibration
     reduction: Reduction
     floor: Figures
-    verified: tuple[Verified, ...]
-    written: tuple[Written, ...]
+    verified: tuple[VerificationResult, ...]
+    written: tuple[WrittenTable, ...]
     accepted: bool
-    diagnosis: Attempt
+    diagnosis: DiagnosisAttempt
     restored: str | None = None

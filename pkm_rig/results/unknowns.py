@@ -1,6 +1,6 @@
-"""What kinds of unknowns are called when people are told of them."""
+"""Names of the kinds of unknowns, for people."""
 
-WORDS = {
+KIND_NAMES = {
     "strut_length": "length of the struts (arms)",
     "axis_tilt": "leaning axes (rails)",
     "drive_scale": "drive scale",
@@ -18,6 +18,6 @@ WORDS = {
 }
 
 
-def in_words(kind: str) -> str:
-    """What a kind of unknown is called."""
-    return WORDS.get(kind, kind)
+def kind_in_words(kind: str) -> str:
+    """The name of a kind of unknown."""
+    return KIND_NAMES.get(kind, kind)

@@ -16,6 +16,8 @@ from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
 
+SHIPPED_RIGS = Path(__file__).parent / "data"
+
 
 class MockSection(Section):
     """The simulated machine and its devices; read by `pkm-rig mock` and the embedded rig only."""
@@ -154,4 +156,9 @@ def machine_path(rig: RigFile, rig_path: Path) -> Path:
 
 def embedded_rig_path() -> Path:
     """The rig file of the embedded mock rig."""
-    return Path(__file__).parent / "data" / "embedded.toml"
+    return SHIPPED_RIGS / "embedded.toml"
+
+
+def mock_rig_path() -> Path:
+    """The rig file of the mock rig that is served to other processes; examples/mock-rig.toml is the same."""
+    return SHIPPED_RIGS / "mock-rig.toml"

@@ -34,7 +34,7 @@ EMBEDDED_GUARD_S = 20.0  # in one process a busy computer is no fault of the rig
 
 
 @contextmanager
-def connected(
+def connect_rig(
     file: RigFile,
     machine: Machine,
     clock: RigClock,
@@ -106,12 +106,12 @@ def connected(
         if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
             sys.setswitchinterval(SWITCH_S)
         rig = Rig(file, machine, clock, tracker, group, banks, plc, period_s)
-        stack.callback(_leave_safe, rig)
+        stack.callback(_shut_down_safely, rig)
         rig.supervisor.start()
         yield rig
 
 
-def _leave_safe(rig: Rig) -> None:
+def _shut_down_safely(rig: Rig) -> None:
     rig.supervisor.stop()
     with contextlib.suppress(DeviceError):
         rig.stop("the rig is being left")

@@ -22,21 +22,21 @@ from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
 
-WRONG_TARGET_M = 0.02
-WRONG_TARGET_AT_FIRST_M = 0.06
-WINDOW_RAD = 0.01
-WINDOW_AT_FIRST_RAD = 0.04
+TARGET_TOLERANCE_M = 0.02
+INITIAL_TARGET_TOLERANCE_M = 0.06
+SEARCH_WINDOW_RAD = 0.01
+INITIAL_SEARCH_WINDOW_RAD = 0.04
 SETTLED_ACROSS_M = 40e-6
 SETTLE_READINGS = 3
 SETTLE_LIMIT_S = 60.0
-LEARNED_POINTS = 5
+POINTS_TO_FIT = 5
 
 
 class WorkStatus:
     """Bluesky's Status of one job of the worker; names device and cause."""
 
     def __init__(self, what: str) -> None:
-        self._what = what
+        self._reading_kind = what
         self._done = threading.Event()
         self._error: BaseException | None = None
         self._lock = threading.Lock()
@@ -76,7 +76,7 @@ class WorkStatus:
 
     def __repr__(self) -> str:
         state = "running" if not self.done else "done" if self._error is None else f"failed: {self._error}"
-        return f"<{self._what}: {state}>"
+        return f"<{self._reading_kind}: {state}>"
 
 
 class Worker:
@@ -106,7 +106,7 @@ class Worker:
 
 
 @dataclass
-class Aim:
+class PointingFrame:
     """Where reflectors are expected: the rough frame, replaced by a fit once some points were measured."""
 
     frame: Frame | None = None
@@ -114,21 +114,21 @@ class Aim:
     measured_m: list[Array] = field(default_factory=list)
 
     @property
-    def learned(self) -> bool:
+    def is_fitted(self) -> bool:
         """Whether the frame rests on measured points."""
-        return len(self.measured_m) >= LEARNED_POINTS
+        return len(self.measured_m) >= POINTS_TO_FIT
 
-    def learn(self, expected_m: Array, measured_m: Array) -> None:
+    def add_point(self, expected_m: Array, measured_m: Array) -> None:
         """Take one more point; from the fifth on, the frame is the rigid motion that fits them best."""
         self.expected_m.append(expected_m)
         self.measured_m.append(measured_m)
-        if LEARNED_POINTS <= len(self.measured_m) <= 3 * LEARNED_POINTS:
+        if POINTS_TO_FIT <= len(self.measured_m) <= 3 * POINTS_TO_FIT:
             self.frame = rigid_fit(np.array(self.expected_m), np.array(self.measured_m))
 
 
 @dataclass
-class Context:
-    """What the next reading belongs to; written by the plan's devices, recorded with each reading."""
+class ReadingTags:
+    """Labels of the next reading; set by the plan's devices and stored with each reading."""
 
     phase: str = "repeatability"
     visit: PlannedVisit | None = None
@@ -137,7 +137,7 @@ class Context:
     sequence: int = 0
     arrived_s: float = 0.0
     fresh_arrival: bool = False
-    aim: Aim = field(default_factory=Aim)
+    aim: PointingFrame = field(default_factory=PointingFrame)
 
 
 def rigid_fit(machine_m: Array, station_m: Array) -> Frame:
@@ -155,27 +155,27 @@ class MachineDevice:
     name = "machine"
     parent = None
 
-    def __init__(self, rig: Rig, worker: Worker, context: Context) -> None:
-        self._rig, self._worker, self._context = rig, worker, context
+    def __init__(self, rig: Rig, worker: Worker, tags: ReadingTags) -> None:
+        self._rig, self._worker, self._tags = rig, worker, tags
 
     def set(self, visit: PlannedVisit) -> WorkStatus:
         """Go to a visit's pose."""
-        return self._worker.submit(f"machine to pose {visit.pose}", lambda: self._go(visit))
+        return self._worker.submit(f"machine to pose {visit.pose}", lambda: self._move_to_visit(visit))
 
     def stop(self, *, success: bool = False) -> None:
         """Stop all drives together; called by the run engine at the end of a failed plan."""
         if not success:
             self._rig.stop("the campaign ended")
 
-    def _go(self, visit: PlannedVisit) -> None:
+    def _move_to_visit(self, visit: PlannedVisit) -> None:
         settings = self._rig.file.campaign
         offset = -np.array(visit.direction) * settings.approach_m
         self._rig.move(visit.drives_m + offset, visit.speed_m_per_s)
         self._rig.move(visit.drives_m, visit.speed_m_per_s)
-        self._context.visit = visit
-        self._context.visit_number += 1
-        self._context.arrived_s = self._rig.clock.now_s()
-        self._context.fresh_arrival = True
+        self._tags.visit = visit
+        self._tags.visit_number += 1
+        self._tags.arrived_s = self._rig.clock.now_s()
+        self._tags.fresh_arrival = True
         self._rig.clock.sleep_s(visit.dwell_s)
 
 
@@ -213,8 +213,8 @@ class StationDevice:
     name = "station"
     parent = None
 
-    def __init__(self, rig: Rig, worker: Worker, context: Context) -> None:
-        self._rig, self._worker, self._context = rig, worker, context
+    def __init__(self, rig: Rig, worker: Worker, tags: ReadingTags) -> None:
+        self._rig, self._worker, self._tags = rig, worker, tags
         self._smr = ""
         self._row: dict[str, float | str] = {}
         self._stamp_s = 0.0
@@ -246,9 +246,9 @@ class StationDevice:
         """The last measured point, station's frame."""
         return np.array([float(self._row[c]) for c in ("x_m", "y_m", "z_m")])
 
-    def _expected(self) -> Array:
+    def _expected_position_m(self) -> Array:
         """Predicted place of the reflector in the machine frame, from the drives' commanded position."""
-        machine, visit = self._rig.machine, self._context.visit
+        machine, visit = self._rig.machine, self._tags.visit
         smr = machine.smr(self._smr)
         if smr.on == "floor":
             return smr.position_m
@@ -258,40 +258,40 @@ class StationDevice:
         return visit.target_m[:3] + smr.position_m
 
     def _aim(self) -> None:
-        self._rig.keep_atmosphere()  # here, where no measurement is under way
-        if self._context.aim.frame is None:
-            self._context.aim.frame = self._rig.rough_frame()
-        point = self._context.aim.frame.to_station(self._expected()[None])
+        self._rig.refresh_atmosphere_if_stale()  # here, where no measurement is under way
+        if self._tags.aim.frame is None:
+            self._tags.aim.frame = self._rig.rough_frame()
+        point = self._tags.aim.frame.to_station(self._expected_position_m()[None])
         hz, v, _ = station_geometry.points_to_polar(point)
-        window = WINDOW_RAD if self._context.aim.learned else WINDOW_AT_FIRST_RAD
+        window = SEARCH_WINDOW_RAD if self._tags.aim.is_fitted else INITIAL_SEARCH_WINDOW_RAD
         self._rig.station.point_and_aim(float(hz[0]), float(v[0]), window)
 
     def _measure(self) -> None:
-        rig, context = self._rig, self._context
+        rig, tags = self._rig, self._tags
         settings = rig.file.campaign
         settle = None
-        if context.fresh_arrival:
+        if tags.fresh_arrival:
             settle = SettleCriterion(window=SETTLE_READINGS, across_m=SETTLED_ACROSS_M, limit_s=SETTLE_LIMIT_S)
         on_floor = rig.machine.smr(self._smr).on == "floor"
         count = settings.readings_per_nest if on_floor else settings.readings_per_smr
         readings = rig.station.measure(count, two_face=settings.two_face, settle=settle)
-        if on_floor:  # a nest that is stored vouches for the settings of all readings since the one before
+        if on_floor:  # a stored nest reading certifies the station's settings for all readings since the previous one
             rig.station.require_settings()
-        context.fresh_arrival = False
+        tags.fresh_arrival = False
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
         position = station_geometry.polar_to_points(hz, v, distance)[0]
-        self._refuse_wrong_target(mean)
+        self._require_target(mean)
         stated = rig.file.station.accuracy.to_station_accuracy()
         covariance = station_geometry.point_covariances(hz, v, distance, stated)[0] / mean.n
         state = rig.supervisor.state()
         first = readings[0]
-        row = rig.context_row(state)
+        row = rig.rig_state_row(state)
         row |= self._visit_columns()
         row |= {
-            "sequence": float(context.sequence),
-            "phase": context.phase,
-            "nest_check": float(context.nest_check),
+            "sequence": float(tags.sequence),
+            "phase": tags.phase,
+            "nest_check": float(tags.nest_check),
             "smr": self._smr,
             "t_rig_s": mean.t_rig_s,
             "t_host_s": first.t_host_s,
@@ -313,32 +313,32 @@ class StationDevice:
                 for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
             },
         }
-        context.sequence += 1
+        tags.sequence += 1
         self._row, self._stamp_s = row, first.t_host_s
-        context.aim.learn(self._expected(), position)
+        tags.aim.add_point(self._expected_position_m(), position)
 
     def _visit_columns(self) -> dict[str, float | str]:
-        context, rig = self._context, self._rig
-        visit = context.visit
+        tags, rig = self._tags, self._rig
+        visit = tags.visit
         target = np.zeros(6) if visit is None else visit.target_m
         names = ("target_x_m", "target_y_m", "target_z_m", "target_rx_rad", "target_ry_rad", "target_rz_rad")
         columns: dict[str, float | str] = {n: float(t) for n, t in zip(names, target, strict=True)}
         columns |= {
-            "visit": float(context.visit_number),
+            "visit": float(tags.visit_number),
             "pose": -1.0 if visit is None else float(visit.pose),
             "pass": 0.0 if visit is None else float(visit.pass_),
             "speed_m_per_s": 0.0 if visit is None else visit.speed_m_per_s,
-            "dwell_s": 0.0 if visit is None else rig.clock.now_s() - context.arrived_s,
+            "dwell_s": 0.0 if visit is None else rig.clock.now_s() - tags.arrived_s,
         }
         for index, drive in enumerate(rig.file.drives):
             side = 0.0 if visit is None else float(visit.direction[index])
             columns[f"{drive.name}_{DRIVE_COLUMNS[-1]}"] = side
         return columns
 
-    def _refuse_wrong_target(self, mean: MeanReading) -> None:
-        """A reflector far from where it should be is another one, or somebody stands in the beam."""
-        aim = self._context.aim
+    def _require_target(self, mean: MeanReading) -> None:
+        """A reflector far from its predicted position is another one, or the beam is obstructed."""
+        aim = self._tags.aim
         assert aim.frame is not None
-        e, n, h = (float(x) for x in aim.frame.to_station(self._expected()[None])[0])
-        tolerance_m = WRONG_TARGET_M if aim.learned else WRONG_TARGET_AT_FIRST_M
+        e, n, h = (float(x) for x in aim.frame.to_station(self._expected_position_m()[None])[0])
+        tolerance_m = TARGET_TOLERANCE_M if aim.is_fitted else INITIAL_TARGET_TOLERANCE_M
         self._rig.station.require_target(mean, (e, n, h), tolerance_m, self._smr)

@@ -14,7 +14,8 @@ import numpy as np
 from bluesky.utils import Msg
 
 from calibration.base.arrays import Array
-from pkm_rig.rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice
+from pkm_rig.errors import CampaignRefused
+from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block, PlannedVisit
 
@@ -22,19 +23,15 @@ Plan = Generator[Msg, Any, Any]
 _AIMED, _MEASURED = "aimed", "measured"  # groups of messages that are waited for
 
 
-class CampaignRefused(Exception):
-    """The rig works but is not fit to be calibrated now; one line with what to do."""
-
-
 @dataclass
-class Stage:
+class CampaignDevices:
     """The devices of one campaign and what the plans share.
 
     `stored` holds (phase, pose, pass, SMR) of readings of an earlier run of the campaign, which are not taken again.
     """
 
     rig: Rig
-    context: Context
+    tags: ReadingTags
     machine: MachineDevice
     payload: PayloadDevice
     station: StationDevice
@@ -48,50 +45,50 @@ class Stage:
         return [smr.name for smr in self.rig.machine.smrs if smr.on in on]
 
 
-def prepare(stage: Stage, blocks: Sequence[Block]) -> Plan:
+def prepare(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
     """Warm-up and repeatability check: before anything is measured that counts."""
     first, second = [visit for block in blocks for visit in block.visits][:2]
-    yield from bps.abs_set(stage.payload, 0, wait=True)
-    yield from _warm_up(stage, [first, second])
-    yield from nest_check(stage)
-    yield from _repeatability(stage, first)
+    yield from bps.abs_set(devices.payload, 0, wait=True)
+    yield from _warm_up(devices, [first, second])
+    yield from nest_check(devices)
+    yield from _repeatability(devices, first)
 
 
-def calibration(stage: Stage, blocks: Sequence[Block]) -> Plan:
+def calibration(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
     """All blocks, a nest check before, between and after."""
     for block in blocks:
-        yield from bps.abs_set(stage.payload, block.payload, wait=True)
-        yield from visits(stage, block, "calibration", stage.smrs("platform", "slider"))
+        yield from bps.abs_set(devices.payload, block.payload, wait=True)
+        yield from visits(devices, block, "calibration", devices.smrs("platform", "slider"))
 
 
-def verification(stage: Stage, block: Block, phase: str) -> Plan:
+def verification(devices: CampaignDevices, block: Block, phase: str) -> Plan:
     """One block of verification poses with the compensation as it is now."""
-    yield from visits(stage, block, phase, stage.smrs("platform"))
+    yield from visits(devices, block, phase, devices.smrs("platform"))
 
 
-def visits(stage: Stage, block: Block, phase: str, smrs: Sequence[str]) -> Plan:
+def visits(devices: CampaignDevices, block: Block, phase: str, smrs: Sequence[str]) -> Plan:
     """Visit after visit; each reading is kept before the next move; nests at start, end and every few visits."""
-    every = stage.rig.file.campaign.nest_every_visits
-    yield from nest_check(stage)
+    every = devices.rig.file.campaign.nest_every_visits
+    yield from nest_check(devices)
     for number, visit in enumerate(block.visits):
         if number and number % every == 0:
-            yield from nest_check(stage)
-        yield from _visit(stage, visit, phase, smrs)
-    yield from nest_check(stage)
+            yield from nest_check(devices)
+        yield from _visit(devices, visit, phase, smrs)
+    yield from nest_check(devices)
 
 
-def nest_check(stage: Stage) -> Plan:
+def nest_check(devices: CampaignDevices) -> Plan:
     """Measure the floor nests; a shift beyond the limit is measured again, then the campaign ends.
 
     The readings since the last good check are in the store and stay out of every analysis.
     """
-    limit = stage.rig.file.campaign.nest_limit_m
+    limit = devices.rig.file.campaign.nest_limit_m
     for attempt in range(2):
-        stage.context.nest_check += 1
+        devices.tags.nest_check += 1
         shift = 0.0
-        for nest in stage.smrs("floor"):
-            position = yield from _read(stage, "nests", nest)
-            start = stage.first_nests.setdefault(nest, position)
+        for nest in devices.smrs("floor"):
+            position = yield from _read(devices, "nests", nest)
+            start = devices.first_nests.setdefault(nest, position)
             sight = start / np.linalg.norm(start)
             off = position - start
             shift = max(shift, float(np.linalg.norm(off - (off @ sight) * sight)))
@@ -100,58 +97,58 @@ def nest_check(stage: Stage) -> Plan:
         if attempt:
             raise CampaignRefused(
                 f"nest check: a floor nest moved {shift * 1e6:.0f} um (limit {limit * 1e6:.0f} um); "
-                "make the station stand firmly and start again; readings since the last good check are not used"
+                "secure the station's stand and start again; readings since the last good check are not used"
             )
 
 
-def _visit(stage: Stage, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
-    missing = [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in stage.stored]
+def _visit(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
+    missing = [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in devices.stored]
     if not missing:
         return
-    yield from bps.abs_set(stage.machine, visit, wait=True)
+    yield from bps.abs_set(devices.machine, visit, wait=True)
     for smr in missing:
-        yield from _read(stage, phase, smr)
+        yield from _read(devices, phase, smr)
 
 
-def _read(stage: Stage, phase: str, smr: str) -> Plan:
+def _read(devices: CampaignDevices, phase: str, smr: str) -> Plan:
     """One reading, kept before anything else happens.
 
     In bluesky's messages, not its plan stubs: each call of a stub records a stack, some 10,000 times a campaign.
     """
-    stage.context.phase = phase
+    devices.tags.phase = phase
     yield Msg("checkpoint")
-    yield Msg("set", stage.station, smr, group=_AIMED)
+    yield Msg("set", devices.station, smr, group=_AIMED)
     yield Msg("wait", None, group=_AIMED)
-    yield Msg("trigger", stage.station, group=_MEASURED)
+    yield Msg("trigger", devices.station, group=_MEASURED)
     yield Msg("wait", None, group=_MEASURED)
     yield Msg("create", None, name="primary")
-    yield Msg("read", stage.station)
+    yield Msg("read", devices.station)
     yield Msg("save")
     yield Msg("checkpoint")
-    stage.progress(1, phase)
-    return stage.station.last_position_m
+    devices.progress(1, phase)
+    return devices.station.last_position_m
 
 
-def _warm_up(stage: Stage, between: Sequence[PlannedVisit]) -> Plan:
+def _warm_up(devices: CampaignDevices, between: Sequence[PlannedVisit]) -> Plan:
     """Move between two poses until no part's temperature changes faster than the limit."""
-    settings = stage.rig.file.campaign
-    started = stage.rig.clock.now_s()
+    settings = devices.rig.file.campaign
+    started = devices.rig.clock.now_s()
     history: list[tuple[float, dict[str, float]]] = []
     while True:
-        state = stage.rig.supervisor.state()
-        history.append((stage.rig.clock.now_s(), dict(state.temperatures_c)))
+        state = devices.rig.supervisor.state()
+        history.append((devices.rig.clock.now_s(), dict(state.temperatures_c)))
         rate = _fastest_rate(history[-6:])
         if rate is not None and rate <= settings.warm_up_rate_k_per_h:
             return
-        if stage.rig.clock.now_s() - started >= settings.warm_up_max_s:
+        if devices.rig.clock.now_s() - started >= settings.warm_up_max_s:
             raise CampaignRefused(
                 f"warm-up: parts still change {rate or 0.0:.2f} K/h after {settings.warm_up_max_s / 60.0:.0f} min "
                 f"(limit {settings.warm_up_rate_k_per_h:g} K/h); let the machine warm up longer"
             )
-        stage.progress(0, "warm-up")
+        devices.progress(0, "warm-up")
         for visit in between:
-            yield from bps.abs_set(stage.machine, replace(visit, dwell_s=0.0), wait=True)
-        yield from bps.abs_set(stage.wait, settings.warm_up_step_s, wait=True)
+            yield from bps.abs_set(devices.machine, replace(visit, dwell_s=0.0), wait=True)
+        yield from bps.abs_set(devices.wait, settings.warm_up_step_s, wait=True)
 
 
 def _fastest_rate(history: Sequence[tuple[float, dict[str, float]]]) -> float | None:
@@ -164,14 +161,14 @@ def _fastest_rate(history: Sequence[tuple[float, dict[str, float]]]) -> float | 
     return max(rates)
 
 
-def _repeatability(stage: Stage, visit: PlannedVisit) -> Plan:
+def _repeatability(devices: CampaignDevices, visit: PlannedVisit) -> Plan:
     """Visit one pose several times, approached anew; the scatter across the line of sight must be small."""
-    settings = stage.rig.file.campaign
-    smr = stage.smrs("platform")[0]
+    settings = devices.rig.file.campaign
+    smr = devices.smrs("platform")[0]
     points = []
     for _ in range(settings.repeatability_visits):
-        yield from bps.abs_set(stage.machine, visit, wait=True)
-        points.append((yield from _read(stage, "repeatability", smr)))
+        yield from bps.abs_set(devices.machine, visit, wait=True)
+        points.append((yield from _read(devices, "repeatability", smr)))
     scatter = np.array(points) - np.mean(points, axis=0)
     sight = np.mean(points, axis=0) / np.linalg.norm(np.mean(points, axis=0))
     across = scatter - np.outer(scatter @ sight, sight)

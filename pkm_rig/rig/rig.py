@@ -84,7 +84,7 @@ class Rig:
 
     def move(self, drives_m: Array, speed_m_per_s: float) -> None:
         """Move all drives together to commanded positions (d,) and wait until they have settled."""
-        with self.supervisor.motion():
+        with self.supervisor.during_motion():
             self.drives.move_to([float(q) for q in drives_m], speed_m_per_s, self.file.campaign.acceleration_m_per_s2)
 
     def positions_m(self) -> Array:
@@ -110,7 +110,7 @@ class Rig:
             return
         self.drives.disable()
         end_s = self.clock.now_s() + self.file.campaign.payload_timeout_s
-        with self.supervisor.loading():
+        with self.supervisor.during_payload_change():
             self.plc.request_payload(number, self.file.campaign.payload_timeout_s, watch=self.supervisor.require_good)
             while self.supervisor.state().payload != number or not self.supervisor.interlocks_good():
                 if self.clock.now_s() > end_s:
@@ -235,7 +235,7 @@ class Rig:
         state = self.supervisor.state()
         return {name: state.temperatures_c[name] for name in self.machine.sensors.values()}
 
-    def context_row(self, state: PlcState) -> dict[str, float | str]:
+    def rig_state_row(self, state: PlcState) -> dict[str, float | str]:
         """Drives, air, temperatures and payload at this moment, as columns of a recording."""
         row: dict[str, float | str] = {}
         for sample, drive in zip(self.drives.sample(), self.file.drives, strict=True):
@@ -265,8 +265,8 @@ class Rig:
 
         Raises what the station raises, and supervision's trip rather than use a stale value.
         """
-        self._air.set(self.supervisor.state())
+        self._air.apply(self.supervisor.state())
 
-    def keep_atmosphere(self) -> None:
+    def refresh_atmosphere_if_stale(self) -> None:
         """The same, but only where what the station holds is old or not the air any more (`[limits]`)."""
-        self._air.keep(self.supervisor.state())
+        self._air.apply_if_stale(self.supervisor.state())

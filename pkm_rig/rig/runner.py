@@ -15,18 +15,19 @@ import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky import RunEngine
 
-import pkm_rig
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import CALIBRATION, usable_readings
 from drivers.errors import DeviceError, SettingsChanged
-from pkm_rig.rig.devices import Context, MachineDevice, PayloadDevice, StationDevice, WaitDevice, Worker
-from pkm_rig.rig.plans import CampaignRefused, Plan, Stage
+from pkm_rig.errors import CampaignRefused, StoreError
+from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, Worker
+from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.store import Store, StoreError
+from pkm_rig.rig.store import Store
+from pkm_rig.version import __version__
 
 SETTINGS = "settings_since_check"
-EXPECTED = (DeviceError, CampaignRefused, StoreError)
+EXPECTED_ERRORS = (DeviceError, CampaignRefused, StoreError)
 
 
 class Runner:
@@ -35,20 +36,20 @@ class Runner:
     def __init__(self, rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> None:
         self.rig, self.store, self.campaign = rig, store, campaign
         self._worker = Worker()
-        context = Context()
-        self.stage = Stage(
+        tags = ReadingTags()
+        self.devices = CampaignDevices(
             rig=rig,
-            context=context,
-            machine=MachineDevice(rig, self._worker, context),
+            tags=tags,
+            machine=MachineDevice(rig, self._worker, tags),
             payload=PayloadDevice(rig, self._worker),
-            station=StationDevice(rig, self._worker, context),
+            station=StationDevice(rig, self._worker, tags),
             wait=WaitDevice(rig, self._worker),
             progress=progress,
             first_nests={},
         )
         self._engine = RunEngine({}, context_managers=[])
         self._engine.log.logger.addHandler(logging.NullHandler())  # causes are raised, not logged with tracebacks
-        self._engine.subscribe(self._keep, "event")
+        self._engine.subscribe(self._store_reading, "event")
         self._failure: BaseException | None = None
 
     def close(self) -> None:
@@ -67,19 +68,19 @@ class Runner:
         the settings that it had been given: else it leaves out the number that those readings would need, so that they
         are never used.
         """
-        context = self.stage.context
-        context.sequence = int(recording["sequence"].max()) + 1
-        context.visit_number = int(recording["visit"].max())
+        tags = self.devices.tags
+        tags.sequence = int(recording["sequence"].max()) + 1
+        tags.visit_number = int(recording["visit"].max())
         last = int(recording["nest_check"].max())
         said = [event.data.get(SETTINGS, {}) for event in self.store.events(self.campaign, "failed")]
         held = self.rig.station.settings_unchanged_on_connect or {"check": last, "held": True} in said
-        context.nest_check = last if held and {"check": last, "held": False} not in said else last + 1
+        tags.nest_check = last if held and {"check": last, "held": False} not in said else last + 1
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
-            self.stage.first_nests.setdefault(str(name), position)
-        done = usable_readings(recording, context.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
+            self.devices.first_nests.setdefault(str(name), position)
+        done = usable_readings(recording, tags.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
         for pose, pass_, smr in zip(*(recording[name][done] for name in ("pose", "pass", "smr")), strict=True):
-            self.stage.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
+            self.devices.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
 
     def run(self, plan: Plan, purpose: str) -> None:
         """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""
@@ -89,7 +90,7 @@ class Runner:
             with open(os.devnull, "w") as quiet, contextlib.redirect_stdout(quiet):
                 self._engine(bpp.run_wrapper(plan, md={"campaign": self.campaign, "purpose": purpose}))
         except BaseException as error:
-            cause = self._cause(error)
+            cause = self._first_cause(error)
             with contextlib.suppress(DeviceError):
                 self.rig.stop(str(cause) or "interrupted")
             self._end_plan()
@@ -121,7 +122,7 @@ class Runner:
             with contextlib.suppress(Exception):
                 self._engine.abort("the campaign ended")
 
-    def _keep(self, _name: str, document: dict[str, Any]) -> None:
+    def _store_reading(self, _name: str, document: dict[str, Any]) -> None:
         """Store a reading; the engine goes on only when it is on disk."""
         data = {**document["data"], "uid": document["uid"]}
         try:
@@ -130,7 +131,7 @@ class Runner:
             self._failure = error
             raise
 
-    def _cause(self, error: BaseException) -> BaseException:
+    def _first_cause(self, error: BaseException) -> BaseException:
         """The device's or the store's own error behind what the engine raised; supervision's trip comes first."""
         if self.rig.supervisor.trip is not None:
             return self.rig.supervisor.trip
@@ -139,7 +140,7 @@ class Runner:
         seen: BaseException | None = error
         deepest = error
         while seen is not None:
-            if isinstance(seen, EXPECTED):
+            if isinstance(seen, EXPECTED_ERRORS):
                 return seen
             inner: Any = seen.args[0] if seen.args else None
             status_error = inner.exception() if hasattr(inner, "exception") else None
@@ -149,7 +150,7 @@ class Runner:
 
 
 @contextmanager
-def running(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> Iterator[Runner]:
+def open_runner(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> Iterator[Runner]:
     """A runner that is closed in the end."""
     runner = Runner(rig, store, campaign, progress)
     try:
@@ -190,7 +191,7 @@ def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
         campaign=campaign,
         rig=file.rig,
         created=created,
-        software=f"pkm-rig {pkm_rig.__version__}",
+        software=f"pkm-rig {__version__}",
         drives=tuple(d.name for d in file.drives),
         sensors=rig.sensors,
         station=StationEntry(

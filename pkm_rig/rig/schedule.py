@@ -54,7 +54,7 @@ def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Bl
     made in their order instead.
     """
     if settings.visits:
-        return _given_blocks(machine, settings)
+        return _blocks_of_listed_visits(machine, settings)
     targets = calibration_targets(machine, settings)
     numbers = list(range(len(targets)))
     half = len(numbers) // 2
@@ -90,14 +90,14 @@ def verification_block(machine: Machine, settings: CampaignSettings, payload: in
 def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
     """Targets (n, 6): those of the settings, else a Sobol sequence drawn towards the edges, where poses inform most."""
     if settings.targets:
-        return _chosen_targets(machine, settings.targets)
+        return _listed_targets(machine, settings.targets)
     sobol = qmc.Sobol(2, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
     count = settings.calibration_poses
     unit = sobol.random_base2(int(np.ceil(np.log2(count))))[:count]
     return _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
 
 
-def _chosen_targets(machine: Machine, chosen: tuple[tuple[float, ...], ...]) -> Array:
+def _listed_targets(machine: Machine, chosen: tuple[tuple[float, ...], ...]) -> Array:
     """Platform poses (n, 6) of tool poses given by their commanded coordinates; InputError outside the workspace."""
     poses = _inside(machine, chosen, "campaign.targets: row")
     if len(chosen) < LEAST_TARGETS:
@@ -118,7 +118,7 @@ def _inside(machine: Machine, rows: Sequence[tuple[float, ...]], what: str) -> A
     return _platform_poses(machine, values)
 
 
-def _given_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
+def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
     """Visits as they are given, a block wherever the payload changes; equal targets are one pose."""
     given, count = settings.visits, len(machine.drive_names)
     if len(given) < LEAST_VISITS:

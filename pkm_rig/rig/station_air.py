@@ -21,7 +21,7 @@ class StationAir:
         self._age_limit_s, self._limit_ppm = age_limit_s, limit_ppm
         self._set_s, self._set_ppm = -math.inf, math.nan
 
-    def set(self, state: PlcState) -> None:
+    def apply(self, state: PlcState) -> None:
         """Give this air to the station, whose other settings must be what they were.
 
         Raises SettingsChanged where they are not, and what the station raises.
@@ -29,15 +29,15 @@ class StationAir:
         self._set_s = -math.inf  # what the station holds is in doubt until it has answered
         self._station.require_settings()
         self._station.set_atmosphere(state.temperatures_c["air"], state.pressure_hpa, state.humidity)
-        self._set_ppm, self._set_s = _ppm(state), self._clock.now_s()
+        self._set_ppm, self._set_s = _deviation_ppm(state), self._clock.now_s()
 
-    def keep(self, state: PlcState) -> None:
-        """`set` where what the station holds is too old or too far from this air; else nothing is sent."""
+    def apply_if_stale(self, state: PlcState) -> None:
+        """`apply` where what the station holds is too old or too far from this air; else nothing is sent."""
         age_s = self._clock.now_s() - self._set_s
         fresh = 0.0 <= age_s <= self._age_limit_s  # a clock that went back tells nothing about ages
-        if not (fresh and abs(_ppm(state) - self._set_ppm) <= self._limit_ppm):
-            self.set(state)
+        if not (fresh and abs(_deviation_ppm(state) - self._set_ppm) <= self._limit_ppm):
+            self.apply(state)
 
 
-def _ppm(state: PlcState) -> float:
+def _deviation_ppm(state: PlcState) -> float:
     return atmospheric_ppm(state.temperatures_c["air"], state.pressure_hpa, state.humidity)

@@ -19,8 +19,12 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.base.errors import InputError
 from calibration.machine.description import parse_machine
+from calibration.recording.folder import read_folder
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
+from pkm_rig.errors import StoreError
+
+STORE_NAME = "pkm-rig.sqlite"
 
 _metadata = sa.MetaData()
 
@@ -52,10 +56,6 @@ _events = sa.Table(
 _APPEND_ONLY = ("campaigns", "readings", "events")
 
 
-class StoreError(RuntimeError):
-    """The record could not be written or read; one line."""
-
-
 @dataclass(frozen=True)
 class StoredEvent:
     """Something that happened to a campaign: started, stopped, identified, activated, verified ..."""
@@ -73,7 +73,7 @@ class Store:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._engine = sa.create_engine(f"sqlite:///{path}")
-            event.listen(self._engine, "connect", _durable)
+            event.listen(self._engine, "connect", _sync_to_disk)
             with self._writing() as connection:
                 _metadata.create_all(connection)
                 for table in _APPEND_ONLY:
@@ -175,7 +175,7 @@ class Store:
         """Import a recording as a campaign, all or nothing."""
         rows = []
         for i in range(len(recording)):
-            data = {name: _plain(column[i]) for name, column in recording.columns.items()}
+            data = {name: _to_json_value(column[i]) for name, column in recording.columns.items()}
             text = json.dumps(data, allow_nan=False)
             uid = str(data["uid"])
             rows.append(
@@ -214,16 +214,37 @@ class Store:
             raise StoreError(f"store {self.path}: {cause}") from error
 
 
+@contextmanager
+def open_store(out: Path) -> Iterator[Store]:
+    """The store in a folder, created if it does not exist."""
+    store = Store(out / STORE_NAME)
+    try:
+        yield store
+    finally:
+        store.close()
+
+
+def find_recording(name: str, out: Path) -> Recording:
+    """A recording by its folder, or by its campaign id in the store; InputError if it is neither."""
+    folder = Path(name)
+    if folder.is_dir():
+        return read_folder(folder)
+    if not (out / STORE_NAME).is_file():
+        raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
+    with open_store(out) as store:
+        return store.recording(name)
+
+
 def now_text() -> str:
     """Now in UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _plain(value: Any) -> float | str:
+def _to_json_value(value: Any) -> float | str:
     return str(value) if isinstance(value, str) else float(value)
 
 
-def _durable(connection: Any, _record: object) -> None:
+def _sync_to_disk(connection: Any, _record: object) -> None:
     cursor = connection.cursor()
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=FULL")

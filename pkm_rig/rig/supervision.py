@@ -22,7 +22,7 @@ REST_PERIOD_S = 0.5
 MOTION_PERIOD_S = 0.05
 LEAST_HOST_PERIOD_S = 0.01
 BEAT_PERIOD_S = 0.25
-LEAST_HOST_STALE_S = 2.0  # a computer that is busy for a moment is no doubt about the rig
+LEAST_HOST_STALE_S = 2.0  # a momentarily busy computer is not a reason to distrust the rig
 STALE_POLLS = 6  # polls that may be missed before a value counts as old
 
 
@@ -101,7 +101,7 @@ class Supervisor:
             raise StaleData("PLC", "supervision", f"last read {age_s:.1f} s ago", "check the PLC's connection")
 
     @contextmanager
-    def motion(self) -> Iterator[None]:
+    def during_motion(self) -> Iterator[None]:
         """A motion: interlocks are read afresh before it and polled fast during it."""
         self._poll()
         self.require_good()
@@ -115,7 +115,7 @@ class Supervisor:
             self._moving = False
 
     @contextmanager
-    def loading(self) -> Iterator[None]:
+    def during_payload_change(self) -> Iterator[None]:
         """The payload is being changed; the caller has taken the power off the drives.
 
         Interlocks may be open meanwhile, heartbeats must be alive.

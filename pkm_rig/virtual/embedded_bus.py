@@ -45,12 +45,12 @@ class EmbeddedBus(VirtualBus):
                 bus_queue.put(frame)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        self._put_down()
+        self._release_frame()
         message, filtered = super()._recv_internal(timeout)
         self._in_hand = message is not None
         return message, filtered
 
-    def _put_down(self) -> None:
+    def _release_frame(self) -> None:
         if self._in_hand:
             self._in_hand = False
             self._clock.release()
@@ -58,7 +58,7 @@ class EmbeddedBus(VirtualBus):
     def shutdown(self) -> None:
         """Leave the channel and let go of the frames that nobody will read."""
         super().shutdown()
-        self._put_down()
+        self._release_frame()
         while not self.queue.empty():
             self.queue.get_nowait()
             self._clock.release()

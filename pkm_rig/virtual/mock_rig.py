@@ -1,4 +1,4 @@
-"""The only door to `mock_devices`: starts a mock rig, embedded or for other processes.
+"""The only module that imports `mock_devices`: starts a mock rig, embedded or for other processes.
 
 What comes out is a rig file with the mock's addresses filled in; everything after that is the same as on hardware.
 """
@@ -32,7 +32,7 @@ from pkm_rig.rig.config import MockSection, RigFile, embedded_rig_path, machine_
 from pkm_rig.rig.plc_connection import plc_line
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 from pkm_rig.virtual.twin_files import MACHINE_NAME, read_twin
-from pkm_rig.virtual.twin_rig import LiveTwin, Look, Places
+from pkm_rig.virtual.twin_rig import InstantState, ReflectorModel, RunningTwin
 
 _channels = itertools.count()
 
@@ -47,7 +47,7 @@ class Embedded:
     mock: MockRig
 
 
-def with_choices(file: RigFile, seed: int | None, effects: Sequence[str]) -> RigFile:
+def with_mock_options(file: RigFile, seed: int | None, effects: Sequence[str]) -> RigFile:
     """The rig file with another mock machine, if a seed is given, and with more effects."""
     section = file.mock or MockSection()
     changed: dict[str, object] = {"effects": (*section.effects, *effects)}
@@ -106,7 +106,7 @@ def _settings(
 
 
 @contextmanager
-def embedded(
+def embedded_mock_rig(
     file: RigFile,
     rig_path: Path,
     *,
@@ -151,7 +151,7 @@ def embedded(
 
 
 @contextmanager
-def served(
+def serve_mock_rig(
     file: RigFile, rig_path: Path, faults: Sequence[str] = (), twin: TwinFiles | None = None
 ) -> Iterator[MockRig]:
     """Serve a mock rig to other processes, on the ports of the rig file, in scaled time; `twin`: one to serve.
@@ -191,8 +191,8 @@ def served(
                 faults=plan,
                 plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
             ) as mock,
-            nullcontext() if over_tcp else _linked("station", Path(port), Path(mock.station_url)),
-            _linked("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))
+            nullcontext() if over_tcp else _link_terminal("station", Path(port), Path(mock.station_url)),
+            _link_terminal("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))
             if file.plc.transport == "rtu" and file.plc.serial_port
             else nullcontext(),
         ):
@@ -212,32 +212,32 @@ class TwinFiles:
 class TwinPlant(Plant):
     """A plant whose reflectors stand where a twin says; drives, PLC, temperatures, station and noise are the mock's.
 
-    Its `truth` is that of the mock machine, not the twin's: it is for no score.
+    Its `truth` is that of the mock machine, not the twin's: it must not be used for scoring.
     """
 
-    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: Places) -> None:
+    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: ReflectorModel) -> None:
         super().__init__(machine, settings, clock)
-        self._twin = LiveTwin(twin, SENSORS, self.thermal.sensor_series_c)
+        self._twin = RunningTwin(twin, SENSORS, self.thermal.sensor_series_c)
 
     def sightings(self, t_s: float) -> list[Sighting]:
         """All reflectors as the station sees them at rig time `t_s`, in the order of the machine file."""
         with self._lock:
-            places = self._twin.places_m(self._look(t_s))
+            places = self._twin.places_m(self._instant_state(t_s))
         return [
             Sighting(i, smr.name, self.view.polar((float(x), float(y), float(z)), t_s))
             for i, (smr, (x, y, z)) in enumerate(zip(self.nominal.smrs, places, strict=True))
         ]
 
-    def _look(self, t_s: float) -> Look:
+    def _instant_state(self, t_s: float) -> InstantState:
         now = self.moment(t_s)
         load = self.settings.payloads[self.payload]
-        return Look(
+        return InstantState(
             t_s=t_s,
             drives_m=now.q_m[0],
             velocity_m_per_s=now.velocity_m_per_s[0],
             direction=now.direction[0],
             torque=np.full(len(self.nominal.sliders), self.weight_torque()),
-            speed_after=self._speed_after,
+            highest_speed_since=self._highest_speed_since,
             arrived_s=float(now.leg_end_s.max()),
             moving=self.is_moving(),
             payload_kg=load.mass_kg,
@@ -245,7 +245,7 @@ class TwinPlant(Plant):
             exchanges=int(now.exchanges[0]),
         )
 
-    def _speed_after(self, t_s: float) -> float:
+    def _highest_speed_since(self, t_s: float) -> float:
         legs = [leg for a in range(len(self.nominal.sliders)) for leg in self.legs(a) if leg.start_s > t_s]
         return max((leg.speed_m_per_s for leg in legs), default=0.0)
 
@@ -301,7 +301,7 @@ def _server_certificate(file: RigFile, rig_path: Path) -> ssl.SSLContext | None:
 
 
 @contextmanager
-def _linked(device: str, link: Path, terminal: Path) -> Iterator[None]:
+def _link_terminal(device: str, link: Path, terminal: Path) -> Iterator[None]:
     """Make the mock's pseudo-terminal reachable under the rig file's name; only a link is ever replaced."""
     if link.is_symlink():
         link.unlink()

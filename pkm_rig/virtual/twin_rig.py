@@ -1,6 +1,6 @@
-"""A twin that lives: what its mock drives do now, as the moments that the twin's effects are functions of.
+"""A running twin: converts the current state of the mock drives into the reading contexts of the twin's effects.
 
-Knows nothing of mocks: whoever serves the twin (`mock_rig`) tells it where the drives stand. As in a recording, an
+Independent of the mocks: the server of the twin (`mock_rig`) supplies the drive positions. As in a recording, an
 arrival is a stop at which something was measured. Not modelled: torque beyond the weight.
 """
 
@@ -19,8 +19,8 @@ from calibration.effects.context import History, Moments
 PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 
 
-class Places(Protocol):
-    """What is asked of a twin."""
+class ReflectorModel(Protocol):
+    """What a twin provides."""
 
     def places_m(self, moments: Moments, rows: NDArray[np.intp]) -> Array:
         """All reflectors (n, smrs, 3) in the machine's frame, in the order of the machine file, at rows (n,)."""
@@ -28,7 +28,7 @@ class Places(Protocol):
 
 
 @dataclass(frozen=True)
-class Look:
+class InstantState:
     """The machine as it is at one instant; d drives.
 
     drives_m, velocity_m_per_s, direction, torque (d,): as in `Moments`; speed_after: highest speed in m/s of the
@@ -40,7 +40,7 @@ class Look:
     velocity_m_per_s: Array
     direction: Array
     torque: Array
-    speed_after: Callable[[float], float]
+    highest_speed_since: Callable[[float], float]
     arrived_s: float
     moving: bool
     payload_kg: float
@@ -48,30 +48,32 @@ class Look:
     exchanges: int
 
 
-class LiveTwin:
-    """A twin and what its drives have done so far. Not safe for threads: whoever serves it locks.
+class RunningTwin:
+    """A twin and what its drives have done so far. Not thread-safe: the caller must lock.
 
     temperatures_c: reading of a sensor at several times (n,), by the sensor's name or 'air'. Drift and settling count
     from the first look.
     """
 
-    def __init__(self, twin: Places, sensors: tuple[str, ...], temperatures_c: Callable[[str, Array], Array]) -> None:
+    def __init__(
+        self, twin: ReflectorModel, sensors: tuple[str, ...], temperatures_c: Callable[[str, Array], Array]
+    ) -> None:
         self._twin = twin
         self._sensors = ("air", *(name for name in sensors if name != "air"))
         self._temperatures_c = temperatures_c
         self._arrived_s: list[float] = []
-        self._stood_m: list[Array] = []
+        self._arrival_drives_m: list[Array] = []
         self._start_s = 0.0
         self._speed_m_per_s = 0.0
 
-    def places_m(self, look: Look) -> Array:
+    def places_m(self, look: InstantState) -> Array:
         """All reflectors (smrs, 3) in the machine's frame."""
-        self._follow(look)
+        self._record_arrival(look)
         moments = self.moments(look)
         return np.asarray(self._twin.places_m(moments, np.array([len(moments) - 1]))[0])
 
-    def moments(self, look: Look) -> Moments:
-        """The look as the last row; the rows before are earlier times, for what follows a temperature slowly."""
+    def moments(self, look: InstantState) -> Moments:
+        """The current state as the last row, preceded by earlier times for parts that lag behind a temperature."""
         times = np.append(np.linspace(self._start_s, look.t_s, PAST_ROWS + 1)[:-1], look.t_s)
         n = len(times)
 
@@ -79,7 +81,7 @@ class LiveTwin:
             return np.repeat(np.asarray(value, dtype=np.float64)[None], n, axis=0)
 
         return Moments(
-            history=History(np.array(self._arrived_s), np.array(self._stood_m)),
+            history=History(np.array(self._arrived_s), np.array(self._arrival_drives_m)),
             t_s=times,
             arrival=np.full(n, len(self._arrived_s) - 1, dtype=np.intp),
             drives=same(look.drives_m),
@@ -95,14 +97,14 @@ class LiveTwin:
             start_s=self._start_s,
         )
 
-    def _follow(self, look: Look) -> None:
-        """Keep an arrival. A stop at which nothing was looked at is none, but its motion counts for the speed."""
+    def _record_arrival(self, look: InstantState) -> None:
+        """Record an arrival. A stop without a measurement is no arrival, but its motion counts for the speed."""
         if not self._arrived_s:
             self._start_s = look.t_s
         elif look.arrived_s <= self._arrived_s[-1]:
             return
-        self._speed_m_per_s = look.speed_after(self._arrived_s[-1] if self._arrived_s else -np.inf)
+        self._speed_m_per_s = look.highest_speed_since(self._arrived_s[-1] if self._arrived_s else -np.inf)
         if self._arrived_s and look.moving:
             return
         self._arrived_s.append(look.arrived_s if self._arrived_s else min(look.arrived_s, look.t_s))
-        self._stood_m.append(np.array(look.drives_m, dtype=np.float64))
+        self._arrival_drives_m.append(np.array(look.drives_m, dtype=np.float64))

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.recording.recording import Recording
 from mock_devices.faults import Fault
-from pkm_rig.rig.plans import CampaignRefused
+from pkm_rig.errors import CampaignRefused
 from tests.faults.short_campaign import (
     EXPECTED,
     GUARD_S,

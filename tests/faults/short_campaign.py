@@ -15,15 +15,16 @@ from calibration.model.operating_conditions import OperatingConditions
 from calibration.recording.recording import Recording
 from drivers.errors import DeviceError
 from mock_devices.faults import Fault, FaultPlan
+from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connected
-from pkm_rig.rig.plans import CampaignRefused, visits
+from pkm_rig.rig.connection import connect_rig
+from pkm_rig.rig.plans import visits
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.runner import describe_campaign, running
+from pkm_rig.rig.runner import describe_campaign, open_runner
 from pkm_rig.rig.schedule import Block, calibration_blocks
-from pkm_rig.rig.store import Store, StoreError, now_text
+from pkm_rig.rig.store import Store, now_text
 from pkm_rig.rig.supervision import Supervisor
-from pkm_rig.virtual.mock_rig import Embedded, embedded
+from pkm_rig.virtual.mock_rig import Embedded, embedded_mock_rig
 
 CAMPAIGN = "short"
 GUARD_S = 0.2  # host time in which an answer has to come, while a fault may keep it away
@@ -59,7 +60,7 @@ def bench(fault: Fault | None) -> Iterator[Bench]:
         store = Store(Path(folder) / "store.sqlite")
         stack.callback(store.close)
         path = embedded_rig_path()
-        mock = stack.enter_context(embedded(file, path, faults=plan, without_blocks=WITHOUT_BLOCKS))
+        mock = stack.enter_context(embedded_mock_rig(file, path, faults=plan, without_blocks=WITHOUT_BLOCKS))
         stack.enter_context(mock.clock.activity())
         yield Bench(mock, store, plan, machine)
 
@@ -70,10 +71,10 @@ def run(bench: Bench, guard_s: float = GUARD_S) -> Supervisor:
         update={"station": bench.mock.file.station.model_copy(update={"port": bench.mock.mock.station_url})}
     )
     machine, store = bench.machine, bench.store
-    with connected(file, machine, bench.mock.clock, bench.mock.bus_factory, guard_s=guard_s) as rig:  # type: ignore[arg-type]
+    with connect_rig(file, machine, bench.mock.clock, bench.mock.bus_factory, guard_s=guard_s) as rig:  # type: ignore[arg-type]
         if not store.campaigns():
             store.add_campaign(describe_campaign(rig, CAMPAIGN, now_text()), rig.machine.text)
-        with running(rig, store, CAMPAIGN, lambda _n, _what: None) as runner:
+        with open_runner(rig, store, CAMPAIGN, lambda _n, _what: None) as runner:
             if store.has_readings(CAMPAIGN):
                 runner.resume(store.recording(CAMPAIGN))
             rig.drives.fault_reset()  # what an operator does who has removed the cause
@@ -81,8 +82,8 @@ def run(bench: Bench, guard_s: float = GUARD_S) -> Supervisor:
             rig.compensate(None)
             rig.refresh_atmosphere()
             block = Block(0, calibration_blocks(rig.machine, file.campaign)[0].visits[:2])
-            smrs = runner.stage.smrs("platform")
-            runner.run(visits(runner.stage, block, "calibration", smrs), "short")
+            smrs = runner.devices.smrs("platform")
+            runner.run(visits(runner.devices, block, "calibration", smrs), "short")
             rig.compensate(rig.images(flat_table(), rig.next_generation()))
             if not all(state.on and state.valid for state in (bank.state() for bank in rig.banks)):
                 raise AssertionError("the tables are not on")

@@ -18,7 +18,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from mock_devices.faults import FAULTS, Fault
-from pkm_rig.jobs.session import one_core
+from pkm_rig.jobs.session import pin_to_one_core
 from tests.faults.attempt import ENDED_RIGHT, STOPPED, UNTOUCHED, WRONG, Result, attempt, reference
 from tests.faults.short_campaign import Key
 
@@ -86,7 +86,7 @@ def _prepare() -> None:
 
 
 def _one(fault: Fault) -> Result:
-    with one_core(os.getpid()):
+    with pin_to_one_core(os.getpid()):
         return attempt(fault, _wanted)
 
 

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 import pytest
 
 from pkm_rig.rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connected
-from pkm_rig.virtual.mock_rig import embedded
+from pkm_rig.rig.connection import connect_rig
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 SHORT = {
     "calibration_poses": 12,
@@ -30,9 +30,9 @@ def short_rig_file(seed: int = 5, **changes: object):
 def mock_and_rig(file, machine):
     """A started embedded mock rig and the connected rig on it."""
     with (
-        embedded(file, embedded_rig_path()) as mock,
+        embedded_mock_rig(file, embedded_rig_path()) as mock,
         mock.clock.activity(),
-        connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):
         yield mock.mock, rig
 

@@ -15,9 +15,9 @@ from calibration.identification.calibration import calibration_part, identify_re
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import drop_unclosed_readings
-from pkm_rig.jobs.session import STORE_NAME, open_store
 from pkm_rig.jobs.verdict import stored_outcome
 from pkm_rig.rig.config import load_rig
+from pkm_rig.rig.store import STORE_NAME, open_store
 
 DATA = Path(__file__).parents[1] / "data" / "version_0_1"
 EXPECTED = json.loads((DATA / "expected.json").read_text(encoding="utf-8"))

@@ -12,14 +12,16 @@ import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
-from pkm_rig.jobs import calibrate as job
+from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.identify import identify_with_checks
+from pkm_rig.jobs.measure import measure
 from pkm_rig.jobs.verdict import stored_outcome
-from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.jobs.verify import verify
+from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.html import write_report
 from pkm_rig.report.outcome_json import outcome_json
 from pkm_rig.report.outcome_text import short_table
-from pkm_rig.results.attempt import Attempt
+from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 from tests.pkm_rig.rig.test_rig import flat_table
@@ -36,7 +38,7 @@ def run(tmp_path_factory):
     file, machine = short_rig_file(seed=4)
     store = Store(out / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
-        outcome = job.calibrate(rig, store, silent, silent)
+        outcome = calibrate(rig, store, silent, silent)
         states = [bank.state() for bank in rig.banks]
         trip = rig.supervisor.trip
         drives = [(drive.compensation.mode, drive.compensation.active_bank) for drive in mock.drives]
@@ -100,12 +102,12 @@ def test_the_diagnosis_is_told_stored_and_reported(run, request):
         event.data["verdict"] == told["verdict"] == stored_outcome(store, outcome.campaign).diagnosis.diagnosis.verdict
     )
     write_report(outcome, out / "diagnosed.html")
-    assert attempt_line(outcome.diagnosis).split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
+    assert diagnosis_line(outcome.diagnosis).split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
 
 
 def test_a_diagnosis_that_fails_costs_one_line(run):
     outcome, _, out, *_ = run
-    failed = replace(outcome, diagnosis=Attempt(None, "too few readings"))
+    failed = replace(outcome, diagnosis=DiagnosisAttempt(None, "too few readings"))
     assert outcome_json(failed, None)["diagnosis"] == {"failure": "too few readings"}
     write_report(failed, out / "failed.html")
     assert "diagnosis: too few readings" in (out / "failed.html").read_text(encoding="utf-8")
@@ -157,7 +159,7 @@ def test_a_machine_without_errors_is_refused_and_the_former_tables_come_back(tmp
     with mock_and_rig(file, machine) as (_, rig):
         rig.enable()
         former = rig.compensate(rig.images(flat_table(0.0, 0.0), 7))
-        outcome = job.calibrate(rig, store, silent, silent)
+        outcome = calibrate(rig, store, silent, silent)
         after = [bank.state() for bank in rig.banks]
     assert not outcome.accepted
     assert "former tables come back" in outcome.verified[0].decision.rule
@@ -170,7 +172,7 @@ def test_measure_then_verify_continues_the_campaign_even_after_a_broken_attempt(
     file, machine = short_rig_file(seed=4, verification_payloads=(0,))
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (_, rig):
-        campaign = job.measure(rig, store, silent, silent)
+        campaign = measure(rig, store, silent, silent)
         measured = len(store.recording(campaign))
 
         def breaks(advance, total, what):
@@ -178,12 +180,12 @@ def test_measure_then_verify_continues_the_campaign_even_after_a_broken_attempt(
                 raise KeyError("somebody pulled a plug")
 
         with pytest.raises(KeyError):
-            job.verify(rig, store, campaign, silent, breaks)
+            verify(rig, store, campaign, silent, breaks)
         assert not any(bank.state().on for bank in rig.banks)
         broken = len(store.recording(campaign))
         assert broken > measured
         rig.drives.clear_stop()
-        outcome = job.verify(rig, store, campaign, silent, silent)
+        outcome = verify(rig, store, campaign, silent, silent)
     recording = store.recording(campaign)
     np.testing.assert_array_equal(recording["sequence"], np.arange(len(recording)))
     assert outcome.accepted

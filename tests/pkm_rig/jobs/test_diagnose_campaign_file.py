@@ -9,9 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.base.errors import InputError
-from pkm_rig.cli import app
-from pkm_rig.jobs import calibrate as job
-from pkm_rig.jobs.campaign_file import campaign_text, write_candidates
+from pkm_rig.cli.entry import app
+from pkm_rig.jobs.calibrate import calibrate
+from pkm_rig.jobs.campaign_file import campaign_text, write_campaign_files
+from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.config import with_visits
 from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.rig.store import Store
@@ -27,7 +28,7 @@ def silent(*_):
 def candidate_file(tmp_path):
     """The campaign file of the example's candidate, a rig file with these visits, and its machine."""
     file, machine = short_rig_file(seed=4)
-    files = write_candidates(list(example().next_measurement), machine, file.payloads, "earlier", tmp_path)
+    files = write_campaign_files(list(example().next_measurement), machine, file.payloads, "earlier", tmp_path)
     return files, file, machine
 
 
@@ -35,7 +36,7 @@ def test_only_candidates_with_visits_become_files_and_old_ones_go(candidate_file
     files, file, machine = candidate_file
     assert files["an SMR on the slider"] is None
     assert files["other dwell"] == str(tmp_path / "next-1-other-dwell.toml")
-    write_candidates([], machine, file.payloads, "earlier", tmp_path)
+    write_campaign_files([], machine, file.payloads, "earlier", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -113,23 +114,23 @@ def test_visits_are_measured_and_added_to_a_campaign(candidate_file, tmp_path):
     path.write_text("[campaign]\nvisits = [{target = [0.0, 0.1]}, {target = [0.1, 0.0], payload = 1}]\n")
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(with_visits(file, path), machine) as (_, rig):
-        campaign = job.measure(rig, store, silent, silent)
+        campaign = measure(rig, store, silent, silent)
         first = store.recording(campaign).rows("calibration")
         rig.file = with_visits(rig.file, Path(files["other dwell"]))
-        job.measure(rig, store, silent, silent, resume=campaign)
+        measure(rig, store, silent, silent, resume=campaign)
         both = store.recording(campaign).rows("calibration")
-        job.measure(rig, store, silent, silent, resume=campaign)  # all of it is there
+        measure(rig, store, silent, silent, resume=campaign)  # all of it is there
         assert len(store.recording(campaign).rows("calibration")) == len(both)
         rig.file = file
         with pytest.raises(InputError, match="another rig file or campaign file"):
-            job.measure(rig, store, silent, silent, resume=campaign)
+            measure(rig, store, silent, silent, resume=campaign)
         rig.file = with_visits(file, Path(files["other dwell"]))
         rig.file = rig.file.model_copy(update={"payloads": rig.file.payloads[:2]})
         with pytest.raises(InputError, match="another rig file"):
-            job.measure(rig, store, silent, silent, resume=campaign)
+            measure(rig, store, silent, silent, resume=campaign)
         rig.file = file.model_copy(update={"campaign": rig.file.campaign})
         with pytest.raises(InputError, match="none is made three times"):
-            job.calibrate(rig, store, silent, silent)
+            calibrate(rig, store, silent, silent)
     added = both["sequence"] > first["sequence"].max()
     assert np.count_nonzero(~added) == len(first) == 2 * 5
     assert np.count_nonzero(added) == 6 * 5

@@ -26,12 +26,12 @@ from mock_devices.settings import DisturbanceLevels, MockSettings
 from pkm_rig.cli import main
 from pkm_rig.jobs import diagnose
 from pkm_rig.report import diagnosis_text
-from pkm_rig.report.diagnosis_json import attempt_json
-from pkm_rig.report.diagnosis_text import attempt_line
+from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
+from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
-from pkm_rig.rig.connection import connected
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.schedule import calibration_blocks
-from pkm_rig.virtual.mock_rig import TwinFiles, embedded
+from pkm_rig.virtual.mock_rig import TwinFiles, embedded_mock_rig
 from pkm_rig.virtual.twin_files import find_twin, read_twin
 
 MACHINE = shipped_machine("planar4")
@@ -87,7 +87,7 @@ def folder(tmp_path_factory):
 def added(folder, tmp_path_factory):
     """The same recording diagnosed, its twin written."""
     out = tmp_path_factory.mktemp("out")
-    found, result = diagnose.run(read_folder(folder), out, add=True)
+    found, result = diagnose.run_diagnosis(read_folder(folder), out, add=True)
     return Added(out, found, result)
 
 
@@ -121,7 +121,7 @@ def test_the_next_measurements_can_be_measured(added):
 def test_words_say_the_same(added):
     console = Console(width=200)
     with console.capture() as printed:
-        console.print(diagnosis_text.text(added.found, added.result))
+        console.print(diagnosis_text.describe_diagnosis(added.found, added.result))
     words = " ".join(printed.get().split())
     for part in (
         "verdict: backlash",
@@ -143,10 +143,10 @@ def test_the_store_gives_the_same_as_the_folder(run, folder, added):
 
 
 def test_a_diagnosis_within_a_calibration_is_the_same(added, folder):
-    attempt = diagnose.attempt(read_folder(folder))
+    attempt = diagnose.try_diagnosis(read_folder(folder))
     assert attempt.failure == ""
-    assert attempt_json(attempt)["ranking"] == added.result["ranking"]
-    assert attempt_line(attempt).startswith("diagnosis: backlash at right")
+    assert diagnosis_attempt_json(attempt)["ranking"] == added.result["ranking"]
+    assert diagnosis_line(attempt).startswith("diagnosis: backlash at right")
 
 
 def test_the_twin_comes_closer_to_the_withheld_readings(added):
@@ -170,9 +170,9 @@ def test_a_served_twin_has_the_backlash(added):
     file, machine = load_rig(rig_path)
     at = np.array([1.15, 1.20])
     with (
-        embedded(file, rig_path, twin=TwinFiles(find_twin("backlash", out))) as mock,
+        embedded_mock_rig(file, rig_path, twin=TwinFiles(find_twin("backlash", out))) as mock,
         mock.clock.activity(),
-        connected(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):
         rig.enable()
         places = []
@@ -221,7 +221,7 @@ def test_a_twin_of_another_machine_is_not_served(added, tmp_path):
     file, _ = load_rig(embedded_rig_path())
     with (
         pytest.raises(InputError, match="are not the rig file's"),
-        embedded(file, embedded_rig_path(), twin=TwinFiles(place)),
+        embedded_mock_rig(file, embedded_rig_path(), twin=TwinFiles(place)),
     ):
         pass
 
@@ -324,10 +324,10 @@ def test_a_poorer_campaign_is_diagnosed_or_says_what_is_missing(folder, tmp_path
     place = tmp_path / "poor"
     shutil.copytree(folder, place)
     spoil(place)
-    attempt = diagnose.attempt(read_folder(place))
+    attempt = diagnose.try_diagnosis(read_folder(place))
     assert "internal error" not in attempt.failure
     if attempt.diagnosis is not None:
-        found = attempt_json(attempt)
+        found = diagnosis_attempt_json(attempt)
         assert found["verdict"] in found["ranking"]
         if "one side" in request.node.name:
             assert "backlash" in found["not_tested"]

@@ -11,11 +11,11 @@ from calibration.base.errors import InputError
 from drivers.drives.homing import HomingParameters
 from drivers.errors import DeviceError, InterlockOpen, NotReferenced
 from pkm_rig.jobs import homing
-from pkm_rig.jobs.further_visits import same_rig
+from pkm_rig.jobs.added_visits import is_same_rig
 from pkm_rig.rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connected
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.device_sections import HomingEntry
-from pkm_rig.virtual.mock_rig import embedded
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import short_rig_file
 
 INDEX_M = 1.12  # the next one above where the mock machine is parked
@@ -30,9 +30,9 @@ def lost(*, told=True, for_homing=True):
     mock_section = file.mock.model_copy(update={"encoders": "incremental"})
     file = file.model_copy(update={"drives": drives, "mock": mock_section})
     with (
-        embedded(file, embedded_rig_path()) as mock,
+        embedded_mock_rig(file, embedded_rig_path()) as mock,
         mock.clock.activity(),
-        connected(mock.file, machine, mock.clock, mock.bus_factory, homing=for_homing) as rig,
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory, homing=for_homing) as rig,
     ):
         yield mock.mock, rig
 
@@ -46,7 +46,7 @@ def test_other_commands_refuse_such_drives():
 
 def test_they_are_homed_and_then_stand_where_the_rig_file_says():
     with lost() as (mock, rig):
-        found = homing.run(rig)
+        found = homing.home_drives(rig)
         assert found["compensation_switched_off"]
         for name in ("left", "right"):
             assert found["drives"][name]["homed"]
@@ -54,7 +54,7 @@ def test_they_are_homed_and_then_stand_where_the_rig_file_says():
         now_s = rig.clock.now_s()
         np.testing.assert_allclose([drive.encoder_m(now_s) for drive in mock.drives], INDEX_M, atol=1e-7)
         assert not any(drive.axis.powered for drive in mock.drives)
-        assert not any(drive["homed"] for drive in homing.run(rig)["drives"].values())
+        assert not any(drive["homed"] for drive in homing.home_drives(rig)["drives"].values())
         rig.enable()
         rig.move(np.array([1.115, 1.115]), 0.1)
         np.testing.assert_allclose(rig.positions_m(), 1.115, atol=1e-7)
@@ -64,7 +64,7 @@ def test_a_rig_file_that_does_not_say_how_moves_nothing():
     with lost(told=False) as (mock, rig):
         before = [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives]
         with pytest.raises(InputError, match=r"left is to be homed and has no \[drives.homing\]"):
-            homing.run(rig)
+            homing.home_drives(rig)
         assert [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives] == before
 
 
@@ -96,7 +96,7 @@ def test_a_drive_that_stands_where_the_machine_cannot_is_refused_and_homed_on_re
         mock.drives[0].axis.homing.referenced = True  # counting from zero, outside the travel
         with pytest.raises(NotReferenced, match=r"left .*stands at 0.000000 m, outside its travel"):
             drive.connect()
-        assert homing.run(rig)["drives"]["left"]["homed"]
+        assert homing.home_drives(rig)["drives"]["left"]["homed"]
         drive.connect()
 
 
@@ -104,12 +104,12 @@ def test_an_open_interlock_stops_it_and_one_that_is_open_forbids_it():
     with lost() as (mock, rig):
         rig.clock.call_at(rig.clock.now_s() + 0.5, lambda: mock.plc.set_interlock(0, False))
         with pytest.raises(DeviceError):
-            homing.run(rig)
+            homing.home_drives(rig)
         assert isinstance(rig.supervisor.trip, InterlockOpen)
         assert not rig.drives.drives[0].reference.holds
         assert not any(drive.is_moving(rig.clock.now_s() + 0.1) for drive in mock.drives)
         with pytest.raises(InterlockOpen):
-            homing.run(rig)
+            homing.home_drives(rig)
 
 
 def test_how_drives_are_homed_does_not_make_a_campaign_another_one():
@@ -121,5 +121,5 @@ def test_how_drives_are_homed_does_not_make_a_campaign_another_one():
         "payloads": [],
         "nest_length": None,
     }
-    assert same_rig(then, {**then, "drives": [{"name": "a", "homing": {"method": 37}}]}, adds=False)
-    assert not same_rig(then, {**then, "drives": [{"name": "b", "homing": None}]}, adds=False)
+    assert is_same_rig(then, {**then, "drives": [{"name": "a", "homing": {"method": 37}}]}, adds=False)
+    assert not is_same_rig(then, {**then, "drives": [{"name": "b", "homing": None}]}, adds=False)

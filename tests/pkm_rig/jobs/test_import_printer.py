@@ -217,7 +217,7 @@ def test_import_says_where_and_identify_says_it_in_words(run, tmp_path, monkeypa
         ("no settings at all", ("import", "{tmp}/p.cfg", "{tmp}/new"), "[printer] delta_radius is missing"),
         ("good", ("identify", "{tmp}/p", "--estimator", "magic"), "estimator 'magic'"),
         ("good", ("identify", "{tmp}/p", "--estimator", "truncated_svd"), "use map"),
-        ("few", ("identify", "{tmp}/p"), "6 numbers read leave nothing to judge 6 parameters by"),
+        ("few", ("identify", "{tmp}/p"), "6 readings leave no degrees of freedom for 6 parameters"),
         ("good", ("compensate", "{tmp}/p"), "recording.toml"),
     ],
 )

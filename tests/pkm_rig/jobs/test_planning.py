@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig.cli import app
+from pkm_rig.cli.entry import app
 from pkm_rig.jobs import planning
 from pkm_rig.report.plan_text import campaign_section
 from pkm_rig.rig.campaign_sections import CampaignSettings

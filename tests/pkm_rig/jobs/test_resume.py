@@ -8,8 +8,8 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.reduction.reduction import usable_readings
 from drivers.errors import DeviceError
-from pkm_rig.jobs import calibrate as job
-from pkm_rig.jobs.further_visits import same_rig
+from pkm_rig.jobs.added_visits import is_same_rig
+from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
@@ -41,13 +41,13 @@ def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, wh
 
         complaint = "0x2310" if "fault" in when else "prism_constant_m was set to 0.0 and is now 0.001"
         with pytest.raises(DeviceError, match=complaint):
-            job.measure(rig, store, silent, meddle)
+            measure(rig, store, silent, meddle)
         campaign = store.campaigns()[0][0]
         before = store.recording(campaign)
         rig.drives.clear_stop()
         rig.drives.fault_reset()
         rig.station.connect()
-        job.measure(rig, store, silent, silent, resume=campaign)
+        measure(rig, store, silent, silent, resume=campaign)
         after = store.recording(campaign)
     usable = usable_readings(after)
     calibration = np.asarray(after["phase"]) == "calibration"
@@ -62,9 +62,9 @@ def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, wh
 def test_other_settings_of_the_station_make_it_another_campaign():
     then = {"machine": "m", "station": {"port": "a"}, "campaign": {}, "drives": [], "payloads": [], "nest_length": None}
     for same in ({"port": "b"}, {"edm_mode": "single_standard", "prism_type": "mini", "prism_constant_m": 0.0}):
-        assert same_rig(then, {**then, "station": same}, adds=False)
+        assert is_same_rig(then, {**then, "station": same}, adds=False)
     for other in ({"edm_mode": "single_fast"}, {"prism_type": "round"}, {"prism_constant_m": 0.001}):
-        assert not same_rig(then, {**then, "station": other}, adds=False)
+        assert not is_same_rig(then, {**then, "station": other}, adds=False)
 
 
 def test_a_campaign_that_broke_off_goes_on(tmp_path):
@@ -78,7 +78,7 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
                 mock.drives[0].inject_fault()
 
         with pytest.raises(DeviceError, match="0x2310"):
-            job.measure(rig, store, silent, breaks)
+            measure(rig, store, silent, breaks)
         campaign = store.campaigns()[0][0]
         said = store.events(campaign, "failed")[0].data["emergencies"][0]
         assert (said["drive"], said["code"]) == ("left", 0x2310)
@@ -86,13 +86,13 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
         before = store.recording(campaign)
         rig.drives.clear_stop()
         rig.drives.fault_reset()
-        job.measure(rig, store, silent, silent, resume=campaign)
+        measure(rig, store, silent, silent, resume=campaign)
         after = store.recording(campaign)
         with pytest.raises(InputError, match="not measured here"):
-            job.measure(rig, store, silent, silent, resume="nothing")
+            measure(rig, store, silent, silent, resume="nothing")
         rig.file = file.model_copy(update={"campaign": file.campaign.model_copy(update={"seed": 9})})
         with pytest.raises(InputError, match="another rig file"):
-            job.measure(rig, store, silent, silent, resume=campaign)
+            measure(rig, store, silent, silent, resume=campaign)
     assert after["uid"].tolist()[: len(before)] == before["uid"].tolist()
     calibration = np.asarray(after["phase"]) == "calibration"
     keys = keys_of(after, calibration)

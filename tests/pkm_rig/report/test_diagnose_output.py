@@ -32,7 +32,7 @@ def schema(request):
 
 def printed(found):
     console = Console(width=160, file=io.StringIO())
-    console.print(diagnosis_text.text(found, diagnosis_output.diagnosis_json(found)))
+    console.print(diagnosis_text.describe_diagnosis(found, diagnosis_output.diagnosis_json(found)))
     return console.file.getvalue()
 
 
@@ -81,11 +81,11 @@ def test_an_effect_in_words():
 
 def test_none_and_unknown_in_words():
     nothing = printed(nothing_found())
-    assert "what hides is below 0.9 um RMS" in nothing
+    assert "detection limit 0.9 um RMS" in nothing
     assert "shrink not known" in nothing
     assert "nan" not in nothing
     unknown = printed(not_explained())
-    assert "nothing in the catalogue explains it" in unknown
+    assert "no effect of the catalogue explains" in unknown
     assert "travel.left over pose x: 60 % of the gap" in unknown
 
 
@@ -103,7 +103,7 @@ def test_none_and_unknown_in_words():
     ],
 )
 def test_quantities_have_a_fitting_unit_and_two_digits_of_u(quantity, text):
-    assert diagnosis_text.sized(quantity) == text
+    assert diagnosis_text.format_quantity(quantity) == text
 
 
 def test_a_probability_never_reads_as_certain():
@@ -113,7 +113,7 @@ def test_a_probability_never_reads_as_certain():
 @pytest.mark.parametrize("kind", EXAMPLES)
 def test_pictures_are_drawn_of_every_verdict(kind, machine, tmp_path):
     found = EXAMPLES[kind]()
-    paths = diagnosis_pictures.save(diagnosis_pictures.figures(found, machine), tmp_path)
+    paths = diagnosis_pictures.save(diagnosis_pictures.draw_all(found, machine), tmp_path)
     assert set(paths) == {"error-map", "coordinates", "time-line"} | ({"spectrum"} if found.spectra else set())
     for path in paths.values():
         with open(path, "rb") as stream:
@@ -121,10 +121,10 @@ def test_pictures_are_drawn_of_every_verdict(kind, machine, tmp_path):
 
 
 def test_the_strongest_coordinates_are_drawn_first(machine):
-    chosen = diagnosis_pictures.strongest(example(), machine)
+    chosen = diagnosis_pictures.largest_coordinates(example(), machine)
     assert [c.label.split(" ")[0] for c in chosen] == ["side", "drive", "x"]
     assert chosen[0].share == "direction left: 81% of the gap (74% to 88%)"
-    without = diagnosis_pictures.strongest(
+    without = diagnosis_pictures.largest_coordinates(
         replace(example(), where=(Share("strut", "left_upper", 0.9, 0.8, 1.0),)), machine
     )
     assert [c.label[0] for c in without] == ["x", "y"]
@@ -132,8 +132,8 @@ def test_the_strongest_coordinates_are_drawn_first(machine):
 
 def test_means_over_a_coordinate_leave_out_thin_bins():
     at = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0])
-    where, mean, error = diagnosis_pictures.binned(at, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 99.0]))
+    where, mean, error = diagnosis_pictures.bin_means(at, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 99.0]))
     np.testing.assert_allclose(where, [0.0, 1.0])
     np.testing.assert_allclose(mean, [2.0, 5.0])
     np.testing.assert_allclose(error, 1.0 / np.sqrt(3.0))
-    assert all(len(column) == 0 for column in diagnosis_pictures.binned(at[:2], at[:2]))
+    assert all(len(column) == 0 for column in diagnosis_pictures.bin_means(at[:2], at[:2]))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pkm_rig.jobs import calibrate as job
+from pkm_rig.errors import CampaignRefused
+from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.devices import rigid_fit
-from pkm_rig.rig.plans import CampaignRefused
 from pkm_rig.rig.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
@@ -17,7 +17,7 @@ def refused(tmp_path, **changes):
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
         with pytest.raises(CampaignRefused) as caught:
-            job.measure(rig, store, lambda _: None, lambda *_: None)
+            measure(rig, store, lambda _: None, lambda *_: None)
         assert not any(drive.axis.powered for drive in mock.drives)
     campaign, _, _, readings, last = store.campaigns()[0]
     assert last == "failed"
@@ -52,7 +52,7 @@ def test_a_station_too_far_aside_is_refused_before_anything_is_stored(tmp_path):
     with mock_and_rig(file, machine) as (_, rig):
         rig.file = file.model_copy(update={"station": station})
         with pytest.raises(CampaignRefused, match="in-plane"):
-            job.measure(rig, store, lambda _: None, lambda *_: None)
+            measure(rig, store, lambda _: None, lambda *_: None)
     assert store.campaigns() == []
     store.close()
 
@@ -63,7 +63,7 @@ def test_every_reading_tells_the_settings_that_its_distance_was_measured_with(tm
     file = file.model_copy(update={"station": file.station.model_copy(update=settings)})
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (_, rig), pytest.raises(CampaignRefused):
-        job.measure(rig, store, lambda _: None, lambda *_: None)
+        measure(rig, store, lambda _: None, lambda *_: None)
     recording = store.recording(store.campaigns()[0][0])
     told = {name: set(recording[name].tolist()) for name in ("edm_mode", "prism_type", "prism_constant_m")}
     assert told == {"edm_mode": {3.0}, "prism_type": {8.0}, "prism_constant_m": {0.001}}

@@ -8,7 +8,7 @@ import pytest
 from calibration.compensation.tables import CompensationTable
 from calibration.model.operating_conditions import OperatingConditions
 from drivers.errors import ConnectionFailed, DeviceError, IdentityMismatch, InterlockOpen, SdoRefused, TableError
-from pkm_rig.rig.fitness import in_plane_u_m
+from pkm_rig.rig.rig_checks import in_plane_u_m
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 CENTRE = np.array([1.118, 1.118])
@@ -95,12 +95,12 @@ def test_a_rig_with_an_open_interlock_is_not_even_connected():
 
 def _connect_with_fault(file, machine):
     from pkm_rig.rig.config import embedded_rig_path  # noqa: PLC0415
-    from pkm_rig.rig.connection import connected  # noqa: PLC0415
-    from pkm_rig.virtual.mock_rig import embedded  # noqa: PLC0415
+    from pkm_rig.rig.connection import connect_rig  # noqa: PLC0415
+    from pkm_rig.virtual.mock_rig import embedded_mock_rig  # noqa: PLC0415
 
-    with embedded(file, embedded_rig_path()) as mock, mock.clock.activity():
+    with embedded_mock_rig(file, embedded_rig_path()) as mock, mock.clock.activity():
         mock.mock.plc.set_interlock(3, False)
-        with connected(mock.file, machine, mock.clock, mock.bus_factory):
+        with connect_rig(mock.file, machine, mock.clock, mock.bus_factory):
             pass
 
 

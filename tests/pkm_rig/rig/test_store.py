@@ -5,7 +5,8 @@ import sqlite3
 import pytest
 
 from calibration.base.errors import InputError
-from pkm_rig.rig.store import Store, StoreError
+from pkm_rig.errors import StoreError
+from pkm_rig.rig.store import Store
 from tests.pkm_rig.plant_recording import record
 
 

@@ -9,7 +9,7 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
-from pkm_rig.virtual.twin_rig import PAST_ROWS, LiveTwin, Look
+from pkm_rig.virtual.twin_rig import PAST_ROWS, InstantState, RunningTwin
 
 MACHINE = load_machine(shipped_machine("planar4"))
 
@@ -28,7 +28,7 @@ class Nominal:
 
 
 def look(t_s, drives_m, *, arrived_s, moving=False, speed=0.3, payload_kg=0.0):
-    return Look(
+    return InstantState(
         t_s=t_s,
         drives_m=np.array(drives_m),
         velocity_m_per_s=np.zeros(2),
@@ -46,7 +46,7 @@ def look(t_s, drives_m, *, arrived_s, moving=False, speed=0.3, payload_kg=0.0):
 @pytest.fixture
 def live():
     nominal = Nominal()
-    return nominal, LiveTwin(nominal, ("struts", "base", "columns", "platform"), lambda name, t: 20.0 + 1e-4 * t)
+    return nominal, RunningTwin(nominal, ("struts", "base", "columns", "platform"), lambda name, t: 20.0 + 1e-4 * t)
 
 
 def test_arrivals_are_stops_at_which_something_was_measured(live):

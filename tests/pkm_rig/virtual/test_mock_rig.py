@@ -15,8 +15,8 @@ from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
 from pkm_rig.jobs.check import check_devices
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
-from pkm_rig.rig.connection import connected
-from pkm_rig.virtual.mock_rig import how_to_connect, served
+from pkm_rig.rig.connection import connect_rig
+from pkm_rig.virtual.mock_rig import how_to_connect, serve_mock_rig
 
 
 def free_ports(count):
@@ -40,13 +40,13 @@ def rig_path(tmp_path, request):
 
 def test_the_example_rig_is_served_checked_and_moved_over_real_transports(rig_path, tmp_path):
     file, machine = load_rig(rig_path)
-    with served(file, rig_path) as mock:
+    with serve_mock_rig(file, rig_path) as mock:
         lines = how_to_connect(file, mock)
         assert str(tmp_path / "station") in lines[0]
         assert str(file.can.port) in lines[1]
         assert str(file.plc.port) in lines[2]
         clock = ScaledClock(file.time_scale)
-        with connected(file, machine, clock) as rig:
+        with connect_rig(file, machine, clock) as rig:
             assert check_devices(rig)["problems"] == []
             rig.enable()
             rig.move(np.array([1.15, 1.10]), 0.2)
@@ -59,14 +59,14 @@ def test_the_example_rig_is_served_checked_and_moved_over_real_transports(rig_pa
 def test_a_file_in_the_place_of_the_terminals_link_is_not_touched(rig_path, tmp_path):
     (tmp_path / "station").write_text("mine")
     file, _ = load_rig(rig_path)
-    with pytest.raises(InputError, match="another path"), served(file, rig_path):
+    with pytest.raises(InputError, match="another path"), serve_mock_rig(file, rig_path):
         pass
     assert (tmp_path / "station").read_text() == "mine"
 
 
 def test_a_station_that_answers_nonsense_is_named_and_the_drives_are_left_alone(rig_path):
     file, machine = load_rig(rig_path)
-    with served(file, rig_path) as mock, socket.create_server(("127.0.0.1", 0)) as server:
+    with serve_mock_rig(file, rig_path) as mock, socket.create_server(("127.0.0.1", 0)) as server:
 
         def babble():
             line, _ = server.accept()
@@ -81,7 +81,7 @@ def test_a_station_that_answers_nonsense_is_named_and_the_drives_are_left_alone(
         clock = ScaledClock(file.time_scale)
         with (
             pytest.raises((ProtocolError, ConnectionFailed, NoAnswer)) as caught,
-            connected(file.model_copy(update={"station": station}), machine, clock),
+            connect_rig(file.model_copy(update={"station": station}), machine, clock),
         ):
             pass
         clock.close()
@@ -106,24 +106,24 @@ def test_the_mock_serves_its_plc_by_tls_and_rtu(rig_path, tmp_path, transport):
     text = text.replace("[mock]", '[mock]\nplc_certificate_file = "plc.pem"\nplc_key_file = "plc.key"')
     rig_path.write_text(text, encoding="utf-8")
     file, machine = load_rig(rig_path)
-    with served(file, rig_path) as mock:
+    with serve_mock_rig(file, rig_path) as mock:
         assert f"Modbus {transport.upper()}" in how_to_connect(file, mock)[2]
         clock = ScaledClock(file.time_scale)
-        with connected(file, machine, clock, rig_path=rig_path) as rig:
+        with connect_rig(file, machine, clock, rig_path=rig_path) as rig:
             assert rig.supervisor.state().payload == 0
         clock.close()
 
 
 def test_a_fault_by_name_strikes_a_served_rig(rig_path):
     file, machine = load_rig(rig_path)
-    with served(file, rig_path, ["drive-emergency@5", "serial-split@3"]) as mock:
+    with serve_mock_rig(file, rig_path, ["drive-emergency@5", "serial-split@3"]) as mock:
         clock = ScaledClock(file.time_scale)
-        with connected(file, machine, clock) as rig:
+        with connect_rig(file, machine, clock) as rig:
             rig.enable()
             with pytest.raises(DriveFault, match="0x2310"):
                 rig.move(np.array([1.15, 1.10]), 0.2)
         clock.close()
         assert set(mock.faults.struck) == {"drive-emergency", "serial-split"}
     for wrong in ("nothing@1", "serial-lost"):
-        with pytest.raises(InputError, match="--fault"), served(file, rig_path, [wrong]):
+        with pytest.raises(InputError, match="--fault"), serve_mock_rig(file, rig_path, [wrong]):
             pass

@@ -9,8 +9,8 @@ from drivers.errors import DeviceError
 from pkm_rig.rig.rig import Rig
 
 
-class FormerTables:
-    """The tables that were active before, kept to be written back."""
+class PreviousTables:
+    """The images that were active on all drives when this was made; None on a rig without."""
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
@@ -28,12 +28,12 @@ class FormerTables:
 
 
 @contextlib.contextmanager
-def former_tables(rig: Rig) -> Iterator[FormerTables]:
-    """Keep what is active now; it comes back if anything fails, as far as the drives can be reached."""
-    former = FormerTables(rig)
+def keep_previous_tables(rig: Rig) -> Iterator[PreviousTables]:
+    """Keep the active tables; they are restored if anything fails, as far as the drives can be reached."""
+    previous = PreviousTables(rig)
     try:
-        yield former
+        yield previous
     except BaseException:
         with contextlib.suppress(DeviceError):
-            former.restore()
+            previous.restore()
         raise

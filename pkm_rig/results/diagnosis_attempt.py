@@ -1,4 +1,4 @@
-"""A diagnosis within a calibration."""
+"""A diagnosis as part of a calibration."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from calibration.diagnosis.result import Diagnosis
 
 
 @dataclass(frozen=True)
-class Attempt:
-    """A diagnosis within a calibration: what was found, or in one line why nothing was."""
+class DiagnosisAttempt:
+    """Diagnosis within a calibration: the result, or a one-line reason for its failure."""
 
     diagnosis: Diagnosis | None
     failure: str = ""

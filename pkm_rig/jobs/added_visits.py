@@ -18,18 +18,20 @@ SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campai
 RigFile = Mapping[str, Any]  # as the campaign's settings are stored
 
 
-def adds_visits(then: RigFile, now: RigFile) -> bool:
+def adds_visits(stored: RigFile, current: RigFile) -> bool:
     """Whether a rig file gives visits that it did not give when the campaign was begun."""
-    given = now["campaign"]["visits"]
-    return bool(given) and given != then["campaign"].get("visits")
+    visits = current["campaign"]["visits"]
+    return bool(visits) and visits != stored["campaign"].get("visits")
 
 
-def same_rig(then: RigFile, now: RigFile, *, adds: bool) -> bool:
+def is_same_rig(stored: RigFile, current: RigFile, *, adds: bool) -> bool:
     """Whether a campaign may go on; where it `adds` visits, the poses need not be the same."""
-    return all(_compared(then, key, adds) == _compared(now, key, adds) for key in SAME_TO_GO_ON)
+    return all(
+        _comparable_section(stored, key, adds) == _comparable_section(current, key, adds) for key in SAME_TO_GO_ON
+    )
 
 
-def _compared(rig_file: RigFile, key: str, adds: bool) -> object:
+def _comparable_section(rig_file: RigFile, key: str, adds: bool) -> object:
     """A section of the rig file as far as it must be the same to go on with a campaign."""
     section = rig_file[key]
     if key == "station":  # its port and place may be others
@@ -53,7 +55,7 @@ def first_pose(store: Store, campaign: str, visits: list[Any]) -> int:
     return first
 
 
-def numbered_from(first: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
+def renumber_poses(first: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
     """Blocks whose poses are counted from another number."""
     return tuple(
         replace(block, visits=tuple(replace(visit, pose=visit.pose + first) for visit in block.visits))
@@ -61,7 +63,7 @@ def numbered_from(first: int, blocks: Sequence[Block]) -> tuple[Block, ...]:
     )
 
 
-def visited_thrice(blocks: Sequence[Block]) -> bool:
+def has_repeated_visits(blocks: Sequence[Block]) -> bool:
     """Whether some pose is visited three times from one side with one payload, as the noise floor needs."""
     counts = Counter((v.pose, v.direction, v.payload) for block in blocks for v in block.visits)
     return max(counts.values(), default=0) >= MIN_VISITS

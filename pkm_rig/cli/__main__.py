@@ -1,0 +1,5 @@
+"""`python -m pkm_rig.cli` is `pkm-rig`."""
+
+from pkm_rig.cli.entry import main
+
+main()

@@ -1,0 +1,106 @@
+"""Commands that compute: identify, diagnose, poses, compensate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibration.base.errors import InputError
+from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, RigOption, app
+
+
+@app.command()
+def identify(
+    campaign: CampaignArgument,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    estimator: Annotated[str, typer.Option(help="map, least_squares, tikhonov, l_curve or truncated_svd")] = "map",
+    robust: Annotated[bool, typer.Option("--robust", help="tolerate outliers (Huber's loss); recordings only")] = False,
+    monte_carlo: Annotated[int, typer.Option(help="draws of a Monte Carlo check; recordings only")] = 0,
+) -> None:
+    """Identify a recording or a measurement folder: parameters with uncertainty, held-out error, bound."""
+    from pkm_rig.jobs.identify import identify_with_checks
+    from pkm_rig.jobs.measured_machine import find_measurement_folder, identify_measurements
+    from pkm_rig.report.identified_text import print_identification
+    from pkm_rig.report.measured_text import print_measurements
+    from pkm_rig.report.terminal import print_either
+    from pkm_rig.rig.store import find_recording
+
+    measurements = find_measurement_folder(campaign, out)
+    if measurements is None:
+        recording = find_recording(campaign, out)
+        result = identify_with_checks(recording, estimator, robust=robust, draws=monte_carlo)
+        print_either(json, result, print_identification)
+        return
+    if robust or monte_carlo:
+        raise InputError("identify: --robust and --monte-carlo are for recordings; leave them out for a folder")
+    print_either(json, identify_measurements(measurements, estimator), print_measurements)
+
+
+@app.command()
+def diagnose(
+    campaign: CampaignArgument,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    add: Annotated[bool, typer.Option("--add", help="add what was found to the rig's twin")] = False,
+    effects: Annotated[
+        list[Path] | None,
+        typer.Option(help="Python file with effects of your own (docs/explanation/diagnosis.md); again for more"),
+    ] = None,
+) -> None:
+    """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
+    from pkm_rig.jobs.diagnose import run_diagnosis
+    from pkm_rig.jobs.measured_machine import find_measurement_folder
+    from pkm_rig.report.diagnosis_text import describe_diagnosis
+    from pkm_rig.report.terminal import print_result
+    from pkm_rig.rig.store import find_recording
+
+    if find_measurement_folder(campaign, out) is not None:
+        raise InputError(
+            f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/reference/recording.md)"
+        )
+    diagnosis, result = run_diagnosis(find_recording(campaign, out), out, effects or (), add=add)
+    print_result(json, result, describe_diagnosis(diagnosis, result))
+
+
+@app.command()
+def poses(
+    rig: RigOption = None,
+    machine: Annotated[str | None, typer.Option(help="a machine instead: shipped name or path; full poses")] = None,
+    count: Annotated[int, typer.Option(help="how many poses to measure under each load")] = 40,
+    criterion: Annotated[str, typer.Option(help="I: least predicted variance; D: largest information")] = "I",
+    json: JsonOption = False,
+) -> None:
+    """Choose the most informative poses, compare them with a grid, and list what they would leave undetermined."""
+    from calibration.machine.description import load_machine, shipped_machine
+    from pkm_rig.jobs.planning import Planner, parse_count, parse_criterion
+    from pkm_rig.report.plan_text import print_plan
+    from pkm_rig.report.terminal import print_either
+    from pkm_rig.rig.config import embedded_rig_path, load_rig
+
+    if rig is not None and machine is not None:
+        raise InputError("poses: give --rig or --machine, not both")
+    if machine is not None:
+        path = Path(machine) if machine.endswith(".toml") else shipped_machine(machine)
+        planner = Planner.of_machine(load_machine(path))
+    else:
+        planner = Planner.of_rig(*load_rig(rig or embedded_rig_path()))
+    print_either(json, planner.plan(parse_count(count), parse_criterion(criterion)), print_plan)
+
+
+@app.command()
+def compensate(
+    campaign: CampaignArgument,
+    payload: Annotated[int, typer.Option(help="number of the payload in the rig's list")] = 0,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
+    from pkm_rig.jobs.compensate import compensate_recording
+    from pkm_rig.report.terminal import print_result
+    from pkm_rig.rig.store import find_recording
+
+    tables = compensate_recording(find_recording(campaign, out), payload, out)
+    print_result(json, tables, f"tables: {tables['folder']}")

@@ -1,0 +1,70 @@
+"""`pkm-rig`: runs a command; an expected failure is one line on stderr and a status (docs/reference/commands.md)."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import traceback
+from typing import Annotated, NoReturn
+
+import typer
+
+from calibration.base.errors import InputError
+from drivers.errors import DeviceError
+from pkm_rig.cli import analysis_commands, mock_command, rig_commands, store_commands
+from pkm_rig.cli.options import app
+from pkm_rig.errors import CampaignRefused, StoreError
+from pkm_rig.report.terminal import messages
+from pkm_rig.version import __version__
+
+REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
+COMMANDS = (rig_commands, analysis_commands, store_commands, mock_command)  # each registers its own with `app`
+
+
+class Interrupted(BaseException):
+    """SIGINT or SIGTERM: everything unwinds, so the drives are stopped and left without power."""
+
+
+def main() -> None:
+    """Run the command of `sys.argv` and exit with its status."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, _interrupt)
+    try:
+        app(standalone_mode=True)
+    except Interrupted:
+        _exit_with_line(DEVICE, "interrupted; the drives were stopped, what was read is kept")
+    except InputError as error:
+        _exit_with_line(BAD_INPUT, str(error))
+    except CampaignRefused as error:
+        _exit_with_line(REFUSED, str(error))
+    except (DeviceError, StoreError) as error:
+        _exit_with_line(DEVICE, str(error))
+    except Exception as error:
+        messages.print(traceback.format_exc(), style="dim", markup=False)
+        _exit_with_line(
+            INTERNAL,
+            f"internal error: {type(error).__name__}: {error}; please report it with the lines above",
+        )
+
+
+@app.callback()
+def common(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, help="print the version and end")] = False,
+) -> None:
+    """Calibrates over-constrained parallel kinematic machines on the machine itself."""
+    if version:
+        print(f"pkm-rig {__version__}")
+        raise typer.Exit
+
+
+def _exit_with_line(status: int, line: str) -> NoReturn:
+    messages.print(" ".join(f"pkm-rig: {line}".split()), markup=False, soft_wrap=True)
+    sys.exit(status)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):  # one is enough: leaving safely must not be interrupted
+        signal.signal(number, signal.SIG_IGN)
+    raise Interrupted

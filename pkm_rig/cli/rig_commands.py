@@ -1,0 +1,162 @@
+"""Commands that connect a rig: calibrate, measure, verify, check, home, interim-test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pkm_rig.cli.options import JsonOption, OutOption, RigNeeded, RigOption, StoredCampaignArgument, app
+from pkm_rig.errors import CampaignRefused, StoreError
+
+if TYPE_CHECKING:
+    from pkm_rig.results.outcome import CampaignOutcome
+
+
+@app.command()
+def calibrate(
+    rig: RigOption = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    real_time: Annotated[bool, typer.Option(help="embedded mock rig at time scale 1")] = False,
+    seed: Annotated[int | None, typer.Option(help="which embedded mock machine")] = None,
+) -> None:
+    """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
+    from pkm_rig.jobs.calibrate import calibrate
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.report.terminal import print_message, progress_bar
+    from pkm_rig.rig.store import open_store
+
+    with (
+        open_store(out) as store,
+        open_rig(rig, real_time=real_time, seed=seed) as connected_rig,
+        progress_bar() as progress,
+    ):
+        outcome = calibrate(connected_rig, store, print_message, progress)
+    _report_outcome(outcome, out, json)
+
+
+@app.command()
+def measure(
+    rig: RigOption = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    resume: Annotated[
+        str | None, typer.Option(help="go on with this campaign, which broke off or is to have more visits")
+    ] = None,
+    campaign_file: Annotated[
+        Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")
+    ] = None,
+) -> None:
+    """Measure a calibration campaign into the store, and stop there."""
+    from pkm_rig.jobs.measure import measure
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.report.terminal import print_message, print_result, progress_bar
+    from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+    from pkm_rig.rig.schedule import calibration_blocks
+    from pkm_rig.rig.store import open_store
+
+    if campaign_file is not None:  # errors are reported before any device is touched
+        file, machine = load_rig(rig or embedded_rig_path())
+        calibration_blocks(machine, with_visits(file, campaign_file).campaign)
+    with open_store(out) as store, open_rig(rig) as connected_rig, progress_bar() as progress:
+        if campaign_file is not None:
+            connected_rig.file = with_visits(connected_rig.file, campaign_file)
+        campaign = measure(connected_rig, store, print_message, progress, resume)
+    print_result(json, {"campaign": campaign}, f"campaign {campaign}", f"next: pkm-rig identify {campaign} --out {out}")
+
+
+@app.command()
+def verify(
+    campaign: StoredCampaignArgument,
+    rig: RigNeeded,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Write the tables of a measured campaign, verify them by measuring, keep them or put the former back."""
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.jobs.verify import verify
+    from pkm_rig.report.terminal import print_message, progress_bar
+    from pkm_rig.rig.store import open_store
+
+    with open_store(out) as store:
+        store.recording(campaign)  # an unknown campaign is reported before any device is touched
+    with open_store(out) as store, open_rig(rig) as connected_rig, progress_bar() as progress:
+        outcome = verify(connected_rig, store, campaign, print_message, progress)
+    _report_outcome(outcome, out, json)
+
+
+@app.command()
+def check(rig: RigOption = None, json: JsonOption = False) -> None:
+    """Connect, read identities, units and interlocks; report every obstacle to a campaign."""
+    from pkm_rig.jobs.check import check_devices
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.report.check_text import print_check
+    from pkm_rig.report.terminal import print_either
+
+    with open_rig(rig) as connected_rig:
+        check_result = check_devices(connected_rig)
+    print_either(json, check_result, print_check)
+    if check_result["problems"]:
+        raise CampaignRefused(check_result["problems"][0])
+
+
+@app.command()
+def home(
+    rig: RigOption = None,
+    json: JsonOption = False,
+    again: Annotated[bool, typer.Option("--again", help="all drives, also those that are referenced")] = False,
+) -> None:
+    """Home the drives that have lost their reference, one after the other: they move."""
+    from pkm_rig.jobs.homing import home_drives
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.report.homing_text import print_homing
+    from pkm_rig.report.terminal import print_either
+
+    with open_rig(rig, homing=True) as connected_rig:
+        homing_result = home_drives(connected_rig, again=again)
+    print_either(json, homing_result, print_homing)
+
+
+@app.command(name="interim-test")
+def interim_test(rig: RigOption = None, json: JsonOption = False) -> None:
+    """Test the station on the floor nests: two-face errors and the certified distance, pass or fail."""
+    from pkm_rig.jobs.interim import run_interim_test
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.report.interim_text import interim_test_json, print_interim_test
+    from pkm_rig.report.terminal import print_json
+
+    with open_rig(rig) as connected_rig:
+        test_result = run_interim_test(connected_rig)
+    if json:
+        print_json(interim_test_json(test_result))
+    else:
+        print_interim_test(test_result)
+    if not test_result.passed:
+        raise CampaignRefused(f"interim test: {test_result.failures[0]}; have the station checked before measuring")
+
+
+def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
+    """Write the report and print the outcome; raises StoreError without a report, CampaignRefused without tables."""
+    from pkm_rig.report.html import report_path, write_report
+    from pkm_rig.report.outcome_json import outcome_json
+    from pkm_rig.report.outcome_text import print_outcome
+    from pkm_rig.report.terminal import print_json
+
+    path: Path | None = report_path(outcome, out)
+    failure = None
+    try:
+        write_report(outcome, report_path(outcome, out))
+    except OSError as error:  # the result stands, whatever becomes of its report
+        path, failure = None, error
+    if json:
+        print_json(outcome_json(outcome, path))
+    else:
+        print_outcome(outcome, path)
+    if failure is not None:
+        raise StoreError(
+            f"report: {failure}; the result is in the store, write it with `pkm-rig report {outcome.campaign}`"
+        )
+    if not outcome.accepted:
+        raise CampaignRefused("the tables were refused; see the report for residuals and conditions")

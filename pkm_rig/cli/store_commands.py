@@ -1,0 +1,125 @@
+"""Commands on what is stored: list, show, report, export, import."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibration.base.errors import InputError
+from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument, app
+
+
+@app.command(name="list")
+def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """What is in the store."""
+    from pkm_rig.report.terminal import print_json, results
+    from pkm_rig.rig.store import open_store
+
+    with open_store(out) as store:
+        rows = store.campaigns()
+    if json:
+        keys = ("campaign", "created", "rig", "readings", "last_event")
+        print_json({"campaigns": [dict(zip(keys, row, strict=True)) for row in rows]})
+    else:
+        for row in rows:
+            results.print("  ".join(str(part) for part in row), soft_wrap=True)
+
+
+@app.command()
+def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """What happened to a campaign."""
+    from pkm_rig.report.terminal import print_json, results
+    from pkm_rig.rig.store import open_store
+
+    with open_store(out) as store:
+        recording = store.recording(campaign)
+        events = store.events(campaign)
+    if json:
+        print_json({
+            "campaign": campaign,
+            "readings": len(recording),
+            "events": [{"created": e.created, "kind": e.kind, "data": e.data} for e in events],
+        })  # fmt: skip
+        return
+    results.print(f"{campaign}: {len(recording)} readings")
+    for event in events:
+        plan = event.data.get("plan") or ""
+        results.print(f"{event.created}  {event.kind}  {plan} {event.data.get('reason', '')}".rstrip())
+
+
+@app.command()
+def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """Write the report of a verified campaign anew."""
+    from pkm_rig.jobs.verdict import stored_outcome
+    from pkm_rig.report.html import report_path, write_report
+    from pkm_rig.report.outcome_json import outcome_json
+    from pkm_rig.report.terminal import print_result
+    from pkm_rig.rig.store import open_store
+
+    with open_store(out) as store:
+        outcome = stored_outcome(store, campaign)
+    try:
+        path = report_path(outcome, out)
+        write_report(outcome, path)
+    except OSError as error:
+        raise InputError(f"report: {error}; choose another --out") from error
+    print_result(json, outcome_json(outcome, path), f"report: {path}")
+
+
+@app.command(name="export")
+def export_campaign(
+    campaign: StoredCampaignArgument,
+    folder: Annotated[Path, typer.Argument(help="new folder")],
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Write a campaign as a recording folder (docs/reference/recording.md)."""
+    from calibration.recording.folder import write_folder
+    from pkm_rig.report.terminal import print_result
+    from pkm_rig.rig.store import open_store
+
+    with open_store(out) as store:
+        recording = store.recording(campaign)
+    write_folder(recording, folder)
+    result = {"campaign": campaign, "folder": str(folder), "readings": len(recording)}
+    print_result(json, result, f"{len(recording)} readings: {folder}")
+
+
+@app.command(name="import")
+def import_folder(
+    source: Annotated[Path, typer.Argument(help="recording folder, or Klipper's printer.cfg of a linear delta")],
+    folder: Annotated[Path | None, typer.Argument(help="new measurement folder, of a printer.cfg only")] = None,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Read a recording into the store or a printer.cfg into a measurement folder (docs/reference/measurements.md)."""
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder; check the path")
+    if source.is_file():
+        _import_printer(source, folder or out / source.stem, json)
+    elif folder is not None:
+        raise InputError(f"{source}: not a file; a second folder is only for what a printer.cfg holds")
+    else:
+        _import_recording(source, out, json)
+
+
+def _import_printer(source: Path, folder: Path, json: bool) -> None:
+    from pkm_rig.jobs.measured_machine import import_printer
+    from pkm_rig.report.terminal import print_result
+
+    result = import_printer(source, folder)
+    print_result(json, result, f"{result['readings']} readings: {folder}", f"next: pkm-rig identify {folder}")
+
+
+def _import_recording(source: Path, out: Path, json: bool) -> None:
+    from calibration.recording.folder import read_folder
+    from pkm_rig.report.terminal import print_result
+    from pkm_rig.rig.store import open_store
+
+    recording = read_folder(source)
+    with open_store(out) as store:
+        store.add_recording(recording)
+    name, count = recording.file.campaign, len(recording)
+    print_result(json, {"campaign": name, "readings": count}, f"campaign {name}: {count} readings")

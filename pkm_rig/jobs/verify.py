@@ -1,0 +1,120 @@
+"""Verify a measured campaign: write its tables, measure again, keep them or restore the previous ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bluesky.plan_stubs as bps
+
+from calibration.base.errors import InputError
+from calibration.compensation.tables import table_for_payload
+from calibration.identification.calibration import Calibration, identify_recording
+from drivers.drives.table_bank import CompensationState
+from pkm_rig.errors import CampaignRefused
+from pkm_rig.jobs.diagnose import try_diagnosis
+from pkm_rig.jobs.measure import planned_readings
+from pkm_rig.jobs.verdict import evaluate_campaign, last_verification_attempt
+from pkm_rig.report.diagnosis_text import diagnosis_line
+from pkm_rig.results.callbacks import Notify, Progress
+from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
+from pkm_rig.results.outcome import CampaignOutcome, WrittenTable
+from pkm_rig.rig.plans import Plan, verification
+from pkm_rig.rig.previous_tables import PreviousTables, keep_previous_tables
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.rig_checks import check_rig
+from pkm_rig.rig.runner import Runner, open_runner
+from pkm_rig.rig.schedule import verification_block
+from pkm_rig.rig.store import Store
+
+
+def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Progress) -> CampaignOutcome:
+    """Verify a measured campaign: identify it, measure before, write and activate its tables, measure after.
+
+    The readings join the campaign, whose frame and nests they need: the station must not have been moved.
+    """
+    problems = check_rig(rig)
+    if problems:
+        raise CampaignRefused("; ".join(problems))
+    identification = identify_recording(store.recording(campaign))
+    if store.events(campaign, "accepted") or store.events(campaign, "refused"):
+        raise InputError(f"campaign {campaign} was verified already; measure a new one")
+    diagnosis = try_diagnosis(store.recording(campaign))
+    notify(diagnosis_line(diagnosis))
+    total = planned_readings(rig, (), verify=True)
+    with (
+        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
+        keep_previous_tables(rig) as previous_tables,
+    ):
+        runner.resume(store.recording(campaign))
+        rig.enable()
+        return verify_tables(runner, identification, diagnosis, previous_tables, notify)
+
+
+def verify_tables(
+    runner: Runner,
+    identification: Calibration,
+    diagnosis: DiagnosisAttempt,
+    previous_tables: PreviousTables,
+    notify: Notify,
+) -> CampaignOutcome:
+    """Write the tables of an identification, measure before and after, and decide at every payload of the rig file."""
+    rig, store, campaign = runner.rig, runner.store, runner.campaign
+    store.add_event(campaign, "verifying", {"first_sequence": runner.devices.tags.sequence})
+    written = []
+    payloads = rig.file.campaign.verification_payloads
+    for payload in payloads:
+        block = verification_block(rig.machine, rig.file.campaign, payload)
+        notify(f"verifying with payload '{rig.file.payloads[payload].name}'")
+        runner.run(_payload(runner, payload), "payload")
+        rig.compensate(None)
+        rig.refresh_atmosphere()
+        runner.run(verification(runner.devices, block, "verification_before"), "verification before")
+        temperatures = rig.temperatures_c()
+        table = table_for_payload(identification, payload, temperatures)
+        drives = table_summary(rig, rig.compensate(rig.images(table, rig.next_generation())))
+        activated = {"payload": payload, "temperatures_c": temperatures, "tables": drives}
+        store.add_event(campaign, "activated", activated)
+        written.append(WrittenTable(table, payload, drives))
+        runner.run(verification(runner.devices, block, "verification_after"), "verification after")
+    recording = last_verification_attempt(store, campaign)
+    outcome = evaluate_campaign(
+        campaign, identification, recording, tuple(written), diagnosis, previous_tables.description
+    )
+    if not outcome.accepted:
+        notify(f"the result is refused; back to {previous_tables.description}")
+        previous_tables.restore()
+    _record_verdict(store, outcome)
+    return outcome
+
+
+def _payload(runner: Runner, payload: int) -> Plan:
+    yield from bps.abs_set(runner.devices.payload, payload, wait=True)
+
+
+def table_summary(rig: Rig, states: Sequence[CompensationState]) -> dict[str, dict[str, Any]]:
+    """Drive to generation, CRC and whether its table is active."""
+    return {
+        drive.name: {"generation": state.generation, "crc": state.crc, "active": state.valid}
+        for drive, state in zip(rig.file.drives, states, strict=True)
+    }
+
+
+def _record_verdict(store: Store, outcome: CampaignOutcome) -> None:
+    store.add_event(
+        outcome.campaign,
+        "accepted" if outcome.accepted else "refused",
+        {
+            "restored": outcome.restored,
+            "noise_floor": outcome.floor.as_dict(),
+            "verified": [
+                {
+                    "payload": v.payload,
+                    "before": v.before.as_dict(),
+                    "after": v.after.as_dict(),
+                    "rule": v.decision.rule,
+                }
+                for v in outcome.verified
+            ],
+        },
+    )

@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, RigOption, app
+from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, RigOption
 
 
-@app.command()
 def identify(
     campaign: CampaignArgument,
     out: OutOption = Path("runs"),
@@ -39,7 +38,6 @@ def identify(
     print_either(json, identify_measurements(measurements, estimator), print_measurements)
 
 
-@app.command()
 def diagnose(
     campaign: CampaignArgument,
     out: OutOption = Path("runs"),
@@ -65,7 +63,6 @@ def diagnose(
     print_result(json, result, describe_diagnosis(diagnosis, result))
 
 
-@app.command()
 def poses(
     rig: RigOption = None,
     machine: Annotated[str | None, typer.Option(help="a machine instead: shipped name or path; full poses")] = None,
@@ -90,7 +87,6 @@ def poses(
     print_either(json, planner.plan(parse_count(count), parse_criterion(criterion)), print_plan)
 
 
-@app.command()
 def compensate(
     campaign: CampaignArgument,
     payload: Annotated[int, typer.Option(help="number of the payload in the rig's list")] = 0,

@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import traceback
+from collections.abc import Callable
 from typing import Annotated, NoReturn
 
 import typer
@@ -13,13 +14,33 @@ import typer
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError
 from pkm_rig.cli import analysis_commands, mock_command, rig_commands, store_commands
-from pkm_rig.cli.options import app
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.report.terminal import messages
 from pkm_rig.version import __version__
 
 REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
-COMMANDS = (rig_commands, analysis_commands, store_commands, mock_command)  # each registers its own with `app`
+COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
+    "calibrate": rig_commands.calibrate,
+    "measure": rig_commands.measure,
+    "verify": rig_commands.verify,
+    "check": rig_commands.check,
+    "home": rig_commands.home,
+    "interim-test": rig_commands.interim_test,
+    "mock": mock_command.mock,
+    "poses": analysis_commands.poses,
+    "identify": analysis_commands.identify,
+    "diagnose": analysis_commands.diagnose,
+    "compensate": analysis_commands.compensate,
+    "list": store_commands.list_campaigns,
+    "show": store_commands.show,
+    "report": store_commands.report,
+    "export": store_commands.export_campaign,
+    "import": store_commands.import_folder,
+}
+
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
+for _name, _command in COMMANDS.items():
+    app.command(name=_name)(_command)
 
 
 class Interrupted(BaseException):
@@ -49,14 +70,19 @@ def main() -> None:
         )
 
 
-@app.callback()
-def common(
-    version: Annotated[bool, typer.Option("--version", is_eager=True, help="print the version and end")] = False,
-) -> None:
-    """Calibrates over-constrained parallel kinematic machines on the machine itself."""
-    if version:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         print(f"pkm-rig {__version__}")
         raise typer.Exit
+
+
+@app.callback()
+def options(
+    _version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="print the version and end")
+    ] = False,
+) -> None:
+    """Calibrates over-constrained parallel kinematic machines on the machine itself."""
 
 
 def _exit_with_line(status: int, line: str) -> NoReturn:

@@ -10,10 +10,9 @@ from typing import Annotated
 
 import typer
 
-from pkm_rig.cli.options import OutOption, app
+from pkm_rig.cli.options import OutOption
 
 
-@app.command()
 def mock(
     rig: Annotated[Path | None, typer.Option("--rig", help="rig file; without it the shipped mock rig")] = None,
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,

@@ -1,4 +1,4 @@
-"""The application object that commands register with, and the options that several of them share."""
+"""Options and arguments that several commands share."""
 
 from __future__ import annotations
 
@@ -6,13 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-app = typer.Typer(
-    help="Calibrates over-constrained parallel kinematic machines on the machine itself.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    add_completion=False,
-)
 
 RigOption = Annotated[Path | None, typer.Option("--rig", help="rig file; without it the embedded mock rig")]
 RigNeeded = Annotated[Path, typer.Option("--rig", help="rig file")]

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pkm_rig.cli.options import JsonOption, OutOption, RigNeeded, RigOption, StoredCampaignArgument, app
+from pkm_rig.cli.options import JsonOption, OutOption, RigNeeded, RigOption, StoredCampaignArgument
 from pkm_rig.errors import CampaignRefused, StoreError
 
 if TYPE_CHECKING:
     from pkm_rig.results.outcome import CampaignOutcome
 
 
-@app.command()
 def calibrate(
     rig: RigOption = None,
     out: OutOption = Path("runs"),
@@ -37,7 +36,6 @@ def calibrate(
     _report_outcome(outcome, out, json)
 
 
-@app.command()
 def measure(
     rig: RigOption = None,
     out: OutOption = Path("runs"),
@@ -67,14 +65,13 @@ def measure(
     print_result(json, {"campaign": campaign}, f"campaign {campaign}", f"next: pkm-rig identify {campaign} --out {out}")
 
 
-@app.command()
 def verify(
     campaign: StoredCampaignArgument,
     rig: RigNeeded,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Write the tables of a measured campaign, verify them by measuring, keep them or put the former back."""
+    """Write the tables of a measured campaign, verify them by measuring, keep them or restore the previous ones."""
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message, progress_bar
@@ -87,7 +84,6 @@ def verify(
     _report_outcome(outcome, out, json)
 
 
-@app.command()
 def check(rig: RigOption = None, json: JsonOption = False) -> None:
     """Connect, read identities, units and interlocks; report every obstacle to a campaign."""
     from pkm_rig.jobs.check import check_devices
@@ -102,7 +98,6 @@ def check(rig: RigOption = None, json: JsonOption = False) -> None:
         raise CampaignRefused(check_result["problems"][0])
 
 
-@app.command()
 def home(
     rig: RigOption = None,
     json: JsonOption = False,
@@ -119,7 +114,6 @@ def home(
     print_either(json, homing_result, print_homing)
 
 
-@app.command(name="interim-test")
 def interim_test(rig: RigOption = None, json: JsonOption = False) -> None:
     """Test the station on the floor nests: two-face errors and the certified distance, pass or fail."""
     from pkm_rig.jobs.interim import run_interim_test

@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument, app
+from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument
 
 
-@app.command(name="list")
 def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What is in the store."""
     from pkm_rig.report.terminal import print_json, results
@@ -27,7 +26,6 @@ def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> N
             results.print("  ".join(str(part) for part in row), soft_wrap=True)
 
 
-@app.command()
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What happened to a campaign."""
     from pkm_rig.report.terminal import print_json, results
@@ -49,7 +47,6 @@ def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: 
         results.print(f"{event.created}  {event.kind}  {plan} {event.data.get('reason', '')}".rstrip())
 
 
-@app.command()
 def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """Write the report of a verified campaign anew."""
     from pkm_rig.jobs.verdict import stored_outcome
@@ -68,7 +65,6 @@ def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json
     print_result(json, outcome_json(outcome, path), f"report: {path}")
 
 
-@app.command(name="export")
 def export_campaign(
     campaign: StoredCampaignArgument,
     folder: Annotated[Path, typer.Argument(help="new folder")],
@@ -87,7 +83,6 @@ def export_campaign(
     print_result(json, result, f"{len(recording)} readings: {folder}")
 
 
-@app.command(name="import")
 def import_folder(
     source: Annotated[Path, typer.Argument(help="recording folder, or Klipper's printer.cfg of a linear delta")],
     folder: Annotated[Path | None, typer.Argument(help="new measurement folder, of a printer.cfg only")] = None,

@@ -70,7 +70,7 @@ def test_an_effect_in_words():
     for part in (
         "verdict: backlash",
         "width = 30.4 +- 1.2 um",
-        "equivalent: backlash = friction_windup; which one it is matters 0.4 um",
+        "equivalent: backlash = friction_windup; their predictions differ by at most 0.4 um",
         "shrink 86 % (95 %: 79 % to 90 %)",
         "smr_offset 3.0 um",
         "screw_thermal_growth: the drives' temperatures did not change",

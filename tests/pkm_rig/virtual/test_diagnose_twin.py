@@ -34,7 +34,7 @@ def look(t_s, drives_m, *, arrived_s, moving=False, speed=0.3, payload_kg=0.0):
         velocity_m_per_s=np.zeros(2),
         direction=np.array([1.0, -1.0]),
         torque=np.full(2, 0.1),
-        speed_after=lambda _t: speed,
+        highest_speed_since=lambda _t: speed,
         arrived_s=arrived_s,
         moving=moving,
         payload_kg=payload_kg,

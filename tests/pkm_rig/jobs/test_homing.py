@@ -106,7 +106,7 @@ def test_an_open_interlock_stops_it_and_one_that_is_open_forbids_it():
         with pytest.raises(DeviceError):
             homing.home_drives(rig)
         assert isinstance(rig.supervisor.trip, InterlockOpen)
-        assert not rig.drives.drives[0].reference.holds
+        assert not rig.drives.drives[0].reference.is_valid
         assert not any(drive.is_moving(rig.clock.now_s() + 0.1) for drive in mock.drives)
         with pytest.raises(InterlockOpen):
             homing.home_drives(rig)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from mock_devices.plant.affected_machine import AffectedMachine, effects_of, moments
+from mock_devices.plant.affected_machine import AffectedMachine, make_effects, motion_states
 from mock_devices.plant.motion_history import MotionHistory
 from pkm_rig.rig.config import embedded_rig_path, machine_path
 from pkm_rig.virtual.mock_rig import settings_of
@@ -52,23 +52,27 @@ def test_the_rig_meets_the_same_effects_as_a_campaign_without_wire():
             rig.clock.sleep_s(0.5)  # the next motion does not begin at the very moment of the reading
         torque = [sample.torque_fraction for sample in rig.drives.sample()]
         motions = sorted(
-            ((m.start_s, a, m) for a, drive in enumerate(mock.drives) for m in drive.motions_after(-1.0)),
+            (
+                (states.start_s, a, states)
+                for a, drive in enumerate(mock.drives)
+                for states in drive.motions_after(-1.0)
+            ),
             key=lambda entry: entry[:2],
         )
         plant = mock.plant
-    fresh = AffectedMachine(plant._machine, plant.view, effects_of(plant.nominal, plant.settings))
+    fresh = AffectedMachine(plant._machine, plant.view, make_effects(plant.nominal, plant.settings))
     history = MotionHistory(start, fresh.effects)
     for _, drive, motion in motions:
         history.add(drive, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s)
     q, n = np.array(positions), len(times)
     zero = np.zeros(n)
-    m = moments(history, np.array(times), q, 0.0 * q, zero, zero, plant.thermal)
-    expected = fresh.sight(m, np.zeros(n, dtype=np.intp))
+    states = motion_states(history, np.array(times), q, 0.0 * q, zero, zero, plant.thermal)
+    expected = fresh.sight(states, np.zeros(n, dtype=np.intp))
     got = np.array(seen)
     assert got[:, :, 0] == pytest.approx(expected.hz_rad, abs=1e-10)
     assert got[:, :, 1] == pytest.approx(expected.v_rad, abs=1e-10)
     assert got[:, :, 2] == pytest.approx(expected.distance_m, abs=1e-10)
-    friction = fresh.departure(m).force_n[-1, 0]
+    friction = fresh.deviation(states).force_n[-1, 0]
     assert torque[0] - torque[1] == pytest.approx(friction * 0.01 / (2.0 * np.pi) / 10.0, abs=2e-3)
     assert abs(friction) > 100.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from mock_devices.effects.base import EffectChoice
 
@@ -53,6 +54,22 @@ DEFAULT_PAYLOADS = (
 
 
 @dataclass(frozen=True)
+class PlcReading:
+    """A further analogue register of the mock PLC: the true temperature of a part plus `offset_k`, in degC.
+
+    `part` is "air" or a part with a sensor (struts, columns, base, platform). `type` f32 is two words, high word first;
+    i16 is one word that counts `scale` degC. `address` is one that is free: 37 to 59.
+    """
+
+    name: str
+    address: int
+    part: str = "base"
+    offset_k: float = 0.0
+    type: Literal["f32", "i16"] = "f32"
+    scale: float = 0.1
+
+
+@dataclass(frozen=True)
 class MockSettings:
     """Settings of a mock rig.
 
@@ -62,7 +79,8 @@ class MockSettings:
     `effects` are what a calibrated model leaves out, `nuisance` the ordinary wander. `noise_tails`: degrees of freedom
     of Student's t that readings' noise has, of the same variance (0: normal). `temperature_programme`: corners (rig
     time, kelvin) of a swing of the shop's temperature. `clock_jitter_s` is of the time stamps in recordings.
-    Without `absolute_encoders` the drives wake up not knowing where they are.
+    Without `absolute_encoders` the drives have lost their reference after power-on. `plc_readings` are further
+    registers of the PLC, for example the temperature of a coolant.
     """
 
     seed: int = 1
@@ -84,6 +102,7 @@ class MockSettings:
     clock_jitter_s: float = 0.0
     temperature_programme: tuple[tuple[float, float], ...] = ()
     absolute_encoders: bool = True
+    plc_readings: tuple[PlcReading, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be."""

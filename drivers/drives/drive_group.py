@@ -220,6 +220,7 @@ class DriveGroup:
         """
         interpolation_period(period_s)
         for drive in self.drives:
+            drive.require_cyclic_position()
             drive.require_no_power()
         for drive in self.drives:
             drive.set_cyclic_position(period_s)

@@ -51,13 +51,29 @@ class CompensationObjects:
 
 
 @dataclass(frozen=True)
+class DriveCapabilities:
+    """What a drive of some make can do, as its profile tells without any device.
+
+    `table_bank`: it stores compensation tables and applies them. `homing`: it can be homed by this software and says
+    whether that succeeded. `referenced_flag`: it says whether its position is referenced. `cyclic_position`: it has
+    cyclic synchronous position mode. `watchdog`: it stops by itself when the master's heartbeat stays away.
+    """
+
+    table_bank: bool
+    homing: bool
+    referenced_flag: bool
+    cyclic_position: bool
+    watchdog: bool
+
+
+@dataclass(frozen=True)
 class DriveProfile:
     """What a make of drive has.
 
-    `factor_group`: 0x608F, 0x6091 and 0x6092 tell its units. `watchdog`: it can watch the master (0x1016, 0x6007).
-    `referenced`: object whose masked bits are all set when the position is referenced; None if it cannot be lost.
-    `home_offset_sign`: 1 where the position on the mark is the home offset 0x607C, -1 where it is its negative.
-    `compensation` is None where there is no table bank.
+    `factor_group`: 0x608F, 0x6091 and 0x6092 give its units. `watchdog`: it can watch the master (0x1016, 0x6007).
+    `referenced`: object whose masked bits are all set while the position is referenced; None if it cannot be lost.
+    `home_offset_sign`: 1 if the position on the mark is the home offset 0x607C, -1 if it is its negative.
+    `homing`, `cyclic_position`: it has the modes 6 and 8. `compensation` is None if there is no table bank.
     """
 
     name: str
@@ -67,6 +83,19 @@ class DriveProfile:
     referenced_mask: int = 0
     home_offset_sign: int = 1
     compensation: CompensationObjects | None = None
+    homing: bool = True
+    cyclic_position: bool = True
+
+    @property
+    def capabilities(self) -> DriveCapabilities:
+        """What a drive of this make can do, without asking one."""
+        return DriveCapabilities(
+            table_bank=self.compensation is not None,
+            homing=self.homing and self.referenced is not None,
+            referenced_flag=self.referenced is not None,
+            cyclic_position=self.cyclic_position,
+            watchdog=self.watchdog,
+        )
 
 
 def load_profile(source: str, folder: Path | None = None) -> DriveProfile:
@@ -108,9 +137,8 @@ def _shipped(name: str) -> str:
 
 
 def _profile(table: Mapping[str, Any]) -> DriveProfile:
-    _require_only_keys(
-        table, {"name", "factor_group", "watchdog", "referenced", "home_offset_sign", "compensation"}, "profile"
-    )
+    keys = {"name", "factor_group", "watchdog", "referenced", "home_offset_sign", "homing", "cyclic_position"}
+    _require_only_keys(table, keys | {"compensation"}, "profile")
     sign = _typed(table.get("home_offset_sign", 1), int, "home_offset_sign")
     if sign not in (1, -1):
         raise _NotAProfile(f"home_offset_sign: 1 or -1 wanted, not {sign}")
@@ -124,6 +152,8 @@ def _profile(table: Mapping[str, Any]) -> DriveProfile:
         referenced=None if referenced is None else _object(referenced.get("object"), "referenced.object"),
         referenced_mask=0 if referenced is None else _typed(referenced.get("mask"), int, "referenced.mask"),
         home_offset_sign=sign,
+        homing=_typed(table.get("homing", True), bool, "homing"),
+        cyclic_position=_typed(table.get("cyclic_position", True), bool, "cyclic_position"),
         compensation=None if "compensation" not in table else _compensation(table["compensation"]),
     )
 

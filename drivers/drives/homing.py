@@ -63,6 +63,8 @@ class DriveHoming:
     ) -> None:
         if drive.profile.referenced is None:
             raise ValueError(f"{drive.name}: its profile does not say how to tell whether it is referenced")
+        if not drive.profile.capabilities.homing:
+            raise ValueError(f"{drive.name}: a '{drive.profile.name}' cannot be homed by this software")
         self._drive, self._homing = drive, homing
         self._send, self._require_no_fault = send, require_no_fault
         self._clock, self._poll_period_s = clock, poll_period_s

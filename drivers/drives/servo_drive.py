@@ -154,9 +154,10 @@ class ServoDrive:
     def set_cyclic_position(self, period_s: float) -> None:
         """Cyclic synchronous position mode with a SYNC every `period_s`, set before the drive is powered.
 
-        It gets a PDO for its target, and is started again where it was stopped for that. Raises ValueError for a drive
-        with power or a period that cannot be told, IdentityMismatch, MotionTimeout.
+        It gets a PDO for its target, and is started again if it was stopped for that. Raises ValueError for a drive
+        that has no such mode or is powered, or a period that 0x60C2 cannot express; IdentityMismatch, MotionTimeout.
         """
+        self.require_cyclic_position()
         self.require_no_power()
         setup = self.setup()
         setup.set_interpolation_period(period_s)
@@ -164,6 +165,11 @@ class ServoDrive:
         self.line.send_nmt(NMT_START, self.node_id)
         self.set_mode(cia402.CYCLIC_POSITION)
         self.sync_period_s = period_s
+
+    def require_cyclic_position(self) -> None:
+        """Raise ValueError for a make without cyclic synchronous position mode."""
+        if not self.profile.capabilities.cyclic_position:
+            raise ValueError(f"{self.name}: a '{self.profile.name}' has no cyclic synchronous position mode")
 
     def require_no_power(self) -> None:
         """Raise ValueError for a drive that holds its axis or moves it."""

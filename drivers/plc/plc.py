@@ -201,9 +201,9 @@ class Plc:
 
     def _read_words(self, address: int, count: int, beat: int | None = None) -> list[int]:
         try:
-            reply = self._io(lambda: self._read_registers(address, count, beat), address)
+            reply = self._io(lambda: self._read_registers(address, count, beat), address, count)
         except (NoAnswer, ConnectionFailed):
-            reply = self._io(lambda: self._read_registers(address, count, beat), address)
+            reply = self._io(lambda: self._read_registers(address, count, beat), address, count)
         words = list(reply.registers)
         if len(words) != count:
             raise self._error(f"{len(words)} registers answered, {count} asked for", "check the register map")
@@ -212,7 +212,7 @@ class Plc:
     def _write_command(self, words: list[int]) -> None:
         address = self.map.sequence
         try:
-            self._io(lambda: self._write_registers(address, words), address)
+            self._io(lambda: self._write_registers(address, words), address, len(words))
         except NoAnswer:
             if self._read_words(address, len(words)) != words:
                 raise
@@ -247,8 +247,8 @@ class Plc:
         if client is not None:
             await _leave(client)
 
-    def _io(self, work: Callable[[], Coroutine[Any, Any, _Result]], address: int) -> Any:
-        where = f"{self.where}, register {address}"
+    def _io(self, work: Callable[[], Coroutine[Any, Any, _Result]], address: int, count: int) -> Any:
+        where = f"{self.where}, registers {address} to {address + count - 1}"
         if self._loop is None:
             raise RuntimeError(f"{self.name} is not connected: call connect() first")
         try:

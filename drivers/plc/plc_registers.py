@@ -39,11 +39,11 @@ _UNITS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Register:
-    """A value and where it is: `type` in words of `order`, times `scale`, in `unit`, valid from `low` to `high`.
+    """A measured value of the map and where it is: number times `scale` plus `offset` in `unit`, `low` to `high`.
 
-    `order` tells how the bytes of a value of two words come: ABCD (high word first), CDAB, BADC, DCBA. `low` and
-    `high` are in the map's own unit (degC, hPa, %). A value whose words have not changed for `stale_s` of rig
-    time counts as old; None leaves that to the heartbeat.
+    `order` is the byte order of a value of two words: ABCD (high word first), CDAB, BADC or DCBA. `low` and `high` are
+    in the map's own unit (degC, hPa, %), to which `unit` is converted. A value whose words have not changed for
+    `stale_s` of rig time is stale; None leaves that to the heartbeat.
     """
 
     address: int
@@ -54,10 +54,22 @@ class Register:
     scale: float = 1.0
     unit: str = ""
     stale_s: float | None = None
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.unit not in _UNITS or self.scale == 0.0 or not self.low < self.high or not 0 <= self.address <= 0xFFFF:
+        """Raise ValueError for a unit, scale, offset, range or address that is not possible."""
+        numbers = (self.scale, self.offset, self.low, self.high)
+        if not self._unit_is_known() or not all(math.isfinite(number) for number in numbers) or self.scale == 0.0:
             raise ValueError(f"register {self.address}: unit '{self.unit}', scale {self.scale} or range cannot be")
+        if not self.low < self.high or not 0 <= self.address <= 0x10000 - self.words:
+            raise ValueError(f"register {self.address}: address or range {self.low:g} to {self.high:g} cannot be")
+
+    def _unit_is_known(self) -> bool:
+        return self.unit in _UNITS
+
+    def _conversion(self) -> tuple[float, float]:
+        """Factor and offset from `unit` to the map's own unit."""
+        return _UNITS[self.unit]
 
     @property
     def words(self) -> int:
@@ -65,15 +77,29 @@ class Register:
         return _LAYOUTS[self.type][1]
 
     def value(self, words: Sequence[int]) -> float:
-        """The value in the map's own unit; NaN and what is out of range are the caller's to refuse."""
+        """The value in the map's own unit; the caller rejects NaN and values out of range."""
         layout, count = _LAYOUTS[self.type]
         raw = b"".join(word.to_bytes(2, "big") for word in words[:count])
         if count == 2:
             raw = bytes(raw["ABCD".index(letter)] for letter in self.order)
         elif self.order in ("BADC", "DCBA"):
             raw = raw[::-1]
-        factor, offset = _UNITS[self.unit]
-        return float(struct.unpack(layout, raw)[0]) * self.scale * factor + offset
+        factor, offset = self._conversion()
+        return (float(struct.unpack(layout, raw)[0]) * self.scale + self.offset) * factor + offset
+
+
+@dataclass(frozen=True)
+class ReadingRegister(Register):
+    """A further analogue value of the rig, for example a coolant temperature, in the unit that the user gives it.
+
+    As `Register`, but `unit` is any name, nothing is converted, and `low` and `high` are in that unit.
+    """
+
+    def _unit_is_known(self) -> bool:
+        return True
+
+    def _conversion(self) -> tuple[float, float]:
+        return 1.0, 0.0
 
 
 def _temperatures() -> dict[str, Register]:
@@ -85,9 +111,14 @@ def _temperatures() -> dict[str, Register]:
 class RegisterMap:
     """Addresses of all registers. Commands (sequence, command, argument) are three in a row, the answer two.
 
-    `interlocks_inverted` holds the complement of `interlocks`, so that a bit that is stuck is noticed;
-    `master_heartbeat` is where ours is written, `master_seen` is 1 while the PLC sees it. None: the PLC has none.
-    Raises ValueError where the readable block is longer than one request can hold.
+    `interlocks_inverted` holds the complement of `interlocks`, so that a stuck bit is detected; `master_heartbeat` is
+    where ours is written, `master_seen` is 1 while the PLC sees it; None where the PLC has none. `readings` are further
+    analogue values by name: they are read in the same request, checked for range and age like the others, and stand
+    in `PlcState.readings`:
+
+        RegisterMap(readings={"coolant": ReadingRegister(40, 5.0, 50.0, type="i16", scale=0.1, unit="degC")})
+
+    Raises ValueError if the block of values is longer than one request can hold or two values have one name.
     """
 
     heartbeat: int = 0
@@ -109,8 +140,13 @@ class RegisterMap:
     master_seen: int | None = 36
     sequence: int = 31
     sequence_taken: int = 34
+    readings: Mapping[str, ReadingRegister] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Check the names of the readings and the length of the block."""
+        for name in self.readings:
+            if not name or name in self._map_values():
+                raise ValueError(f"a reading of the PLC cannot be called '{name}'")
         if self.count > _MOST_WORDS:
             raise ValueError(f"the PLC's values span {self.count} registers, one request holds {_MOST_WORDS}")
 
@@ -128,6 +164,9 @@ class RegisterMap:
     @cached_property
     def values(self) -> Mapping[str, Register]:
         """All measured values by name."""
+        return {**self._map_values(), **self.readings}
+
+    def _map_values(self) -> dict[str, Register]:
         temperatures = {f"{name} temperature": register for name, register in self.temperatures_c.items()}
         return {**temperatures, "air pressure": self.pressure_hpa, "humidity": self.humidity_percent}
 
@@ -143,7 +182,8 @@ class RegisterMap:
 class PlcState:
     """What the PLC says at one time. `payload` is the number in the rig's list, None while being changed.
 
-    `humidity` is relative, 0 to 1. While `heartbeat_fresh` is False all interlocks read open.
+    `humidity` is relative, 0 to 1; `readings` are the further values of the map, each in its register's unit.
+    While `heartbeat_fresh` is False all interlocks read open.
     """
 
     heartbeat: int
@@ -157,6 +197,7 @@ class PlcState:
     t_host_s: float
     where: str = ""
     master_seen: bool = True
+    readings: Mapping[str, float] = field(default_factory=dict)
 
     def open_interlocks(self) -> list[str]:
         """Names of the interlocks that are not good."""
@@ -226,7 +267,7 @@ def decode(
             f"interlocks 0x{bits:04X} and their complement 0x{word(inverted):04X} do not agree: a bit is stuck",
             "check the PLC's inputs and its program",
         )
-    seen = registers.master_seen
+    master_seen_address = registers.master_seen
     return PlcState(
         heartbeat=word(registers.heartbeat),
         heartbeat_fresh=fresh,
@@ -238,5 +279,6 @@ def decode(
         t_rig_s=times_s[0],
         t_host_s=times_s[1],
         where=where,
-        master_seen=seen is None or word(seen) == 1,
+        master_seen=master_seen_address is None or word(master_seen_address) == 1,
+        readings={name: number(name) for name in registers.readings},
     )

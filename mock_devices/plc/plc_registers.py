@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Plant
+from mock_devices.plant.thermal import SENSORS
+from mock_devices.settings import PlcReading
 
 REGISTERS = 60
 CHANGING = 0xFFFF
@@ -19,6 +21,8 @@ _MASTER_HEARTBEAT, _SEQUENCE, _MASTER_SEEN = 30, 31, 36
 _REQUEST_PAYLOAD = 1
 _FLOATS_AT = 4
 _GUARD_BIT = 0
+_FIRST_FREE = 37
+_PARTS = ("air", *SENSORS)
 
 
 class PlcState:
@@ -28,6 +32,11 @@ class PlcState:
     """
 
     def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS, master_limit_s: float = 2.0) -> None:
+        for reading in plant.settings.plc_readings:
+            if not _FIRST_FREE <= reading.address <= REGISTERS - len(_words_of(reading, 0.0)):
+                raise ValueError(f"the mock PLC has no free register {reading.address} for '{reading.name}'")
+            if reading.part not in _PARTS:
+                raise ValueError(f"PLC reading '{reading.name}': no part '{reading.part}'; known: {', '.join(_PARTS)}")
         self._plant = plant
         self._faults = faults
         self._master_limit_s = master_limit_s
@@ -73,7 +82,14 @@ class PlcState:
         words[_FLOATS_AT : _FLOATS_AT + 2 * len(floats)] = struct.unpack(
             f">{2 * len(floats)}H", struct.pack(f">{len(floats)}f", *floats)
         )
+        for reading in self._plant.settings.plc_readings:
+            contents = _words_of(reading, self._true_c(reading.part, t_s) + reading.offset_k)
+            words[reading.address : reading.address + len(contents)] = contents
         return words
+
+    def _true_c(self, part: str, t_s: float) -> float:
+        thermal = self._plant.thermal
+        return thermal.air_c(t_s) if part == "air" else thermal.part_c(part, t_s)
 
     def write(self, address: int, values: list[int]) -> bool:
         """Write registers: the master's heartbeat and the command's three. False if any other is touched."""
@@ -118,3 +134,9 @@ class PlcState:
             self._cancel = None
             if self._taken == sequence:
                 self._result = DONE
+
+
+def _words_of(reading: PlcReading, value_c: float) -> list[int]:
+    if reading.type == "f32":
+        return list(struct.unpack(">2H", struct.pack(">f", value_c)))
+    return [round(value_c / reading.scale) & 0xFFFF]

@@ -48,7 +48,7 @@ def register_map(plc: PlcConnection) -> RegisterMap:
                 temperatures[sensor] = _register(temperatures[sensor], entry)
             elif name in _MEASURED:
                 changed[name] = _register(getattr(default, name), entry)
-            elif name in names - {"temperatures_c", "interlock_bits"}:
+            elif name in names - {"temperatures_c", "interlock_bits", "readings"}:
                 if entry != RegisterEntry(address=entry.address):
                     raise InputError(f"rig file: plc.registers.{name}: a whole word, which has an address only")
                 changed[name] = entry.address

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import can
 import pytest
@@ -86,6 +87,11 @@ def test_what_cannot_be_followed_is_refused_before_anything_moves(opened: Open) 
     bench.group.enable()
     with pytest.raises(ValueError, match="at different periods"):
         bench.group.follow([[0.0, 0.0]], SPEED_M_PER_S)
+    bench.group.disable()
+    bench.drives[1].profile = replace(bench.drives[1].profile, cyclic_position=False)
+    with pytest.raises(ValueError, match="q2: a 'PKM mock drive' has no cyclic synchronous position mode"):
+        bench.group.set_cyclic_position(2.0 * PERIOD_S)
+    assert bench.drives[0].sync_period_s == PERIOD_S
     assert bench.group.stop_reason is None
     assert places_m(bench) == [0.0, 0.0]
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.drives.drive_profile import load_profile, parse_profile
+from drivers.drives.drive_profile import DriveCapabilities, load_profile, parse_profile
 
 SHIPPED = ("pkm-mock", "plain-402", "example-high-index", "example-array")
 
@@ -30,6 +30,27 @@ def test_the_mocks_profile_is_the_documents() -> None:
     assert (found.banks[1].status.index, found.banks[1].status.sub) == (0x2102, 5)
 
 
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("pkm-mock", DriveCapabilities(True, True, True, True, True)),
+        ("plain-402", DriveCapabilities(False, False, False, True, True)),
+        ("example-high-index", DriveCapabilities(True, True, True, True, True)),
+        ("example-array", DriveCapabilities(True, False, False, True, False)),
+    ],
+)
+def test_what_a_make_can_do_is_known_without_a_drive(name: str, expected: DriveCapabilities) -> None:
+    assert load_profile(name).capabilities == expected
+
+
+def test_modes_that_a_make_does_not_have() -> None:
+    text = 'name = "x"\nhoming = false\ncyclic_position = false\n[referenced]\nobject = "0x2103:01 u8"\nmask = 1\n'
+    capabilities = parse_profile(text).capabilities
+    assert capabilities.referenced_flag
+    assert not capabilities.homing
+    assert not capabilities.cyclic_position
+
+
 def test_a_file_beside_the_rig_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "mine.toml").write_text('name = "mine"\nfactor_group = false\n')
     assert not load_profile("mine.toml", tmp_path).factor_group
@@ -44,6 +65,7 @@ def test_a_file_beside_the_rig_file(tmp_path) -> None:  # type: ignore[no-untype
     [
         ("", "name"),
         ("name = 3", "name: str wanted"),
+        ('name = "x"\nhoming = 1', "homing: bool wanted"),
         ('name = "x"\nspeed = 1', "unknown key 'speed'"),
         ('name = "x"\n[referenced]\nobject = "2103"\nmask = 1', "no object such as"),
         ('name = "x"\n[referenced]\nobject = "0x2103:01 f64"\nmask = 1', "no object such as"),

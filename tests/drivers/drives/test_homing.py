@@ -330,6 +330,9 @@ def test_what_one_drive_cannot_take_is_refused_before_anything_is_written(opened
     bench.drives[1].profile = load_profile("plain-402")
     with pytest.raises(ValueError, match="q2: its profile does not say"):
         bench.group.home([UP, UP])
+    bench.drives[1].profile = replace(load_profile("pkm-mock"), homing=False)
+    with pytest.raises(ValueError, match="q2: a 'PKM mock drive' cannot be homed"):
+        bench.group.home([UP, UP])
     assert not bench.bus.sent
 
 

@@ -14,6 +14,7 @@ from pymodbus.framer.rtu import FramerRTU
 
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine
 from drivers.plc.plc import Plc
+from drivers.plc.plc_registers import ReadingRegister, RegisterMap
 from tests.drivers.scripted import CountingClock
 
 TEMPERATURES_C = (20.5, 21.0, 22.0, 19.0, 20.0)
@@ -42,6 +43,16 @@ SCRIPT = [
 ]
 
 
+# The same with a coolant temperature in register 40: 23.5 degC in tenths.
+WITH_COOLANT = [
+    ("17 0000 0029 001E 0001 02 0001", b"\x17\x52" + block(7) + bytes.fromhex("0000 0000 0000 00EB")),
+    ("03 0000 0029", b"\x03\x52" + block(8) + bytes.fromhex("0000 0000 0000 00EB")),
+]
+COOLANT = ReadingRegister(40, low=5.0, high=50.0, type="i16", scale=0.1, unit="degC")
+
+Script = list[tuple[str, bytes]]
+
+
 def crc(data: bytes) -> bytes:
     return FramerRTU.compute_CRC(data).to_bytes(2, "big")
 
@@ -49,15 +60,17 @@ def crc(data: bytes) -> bytes:
 class ScriptedPlc:
     """Plays the script; `errors` holds what did not go by it."""
 
-    def __init__(self, receive: Callable[[int], bytes], send: Callable[[bytes], None], tcp: bool) -> None:
+    def __init__(
+        self, script: Script, receive: Callable[[int], bytes], send: Callable[[bytes], None], tcp: bool
+    ) -> None:
         self.errors: list[str] = []
-        self.left = list(SCRIPT)
+        self.script, self.left = tuple(script), list(script)
         self._receive, self._send, self._tcp = receive, send, tcp
         self.thread = threading.Thread(target=self._play, daemon=True)
         self.thread.start()
 
     def _play(self) -> None:
-        for request, answer in SCRIPT:
+        for request, answer in self.script:
             wanted = bytes.fromhex(request)
             framed = 7 + len(wanted) if self._tcp else 1 + len(wanted) + 2
             got = b""
@@ -78,15 +91,20 @@ class ScriptedPlc:
             self.left.pop(0)
 
 
+@pytest.fixture
+def script() -> Script:
+    return SCRIPT
+
+
 @pytest.fixture(params=["tcp", "rtu"])
-def line(request: pytest.FixtureRequest) -> Iterator[tuple[ModbusLine, list[ScriptedPlc]]]:
+def line(request: pytest.FixtureRequest, script: Script) -> Iterator[tuple[ModbusLine, list[ScriptedPlc]]]:
     played: list[ScriptedPlc] = []
     if request.param == "tcp":
         with socket.create_server(("127.0.0.1", 0)) as listener:
 
             def serve() -> None:
                 wire, _ = listener.accept()
-                played.append(ScriptedPlc(wire.recv, wire.sendall, True))
+                played.append(ScriptedPlc(script, wire.recv, wire.sendall, True))
                 played[0].thread.join(10.0)
                 wire.close()
 
@@ -98,7 +116,7 @@ def line(request: pytest.FixtureRequest) -> Iterator[tuple[ModbusLine, list[Scri
     master, slave = os.openpty()
     tty.setraw(slave)
     played.append(
-        ScriptedPlc(lambda size: os.read(master, size), lambda data: (os.write(master, data), None)[1], False)
+        ScriptedPlc(script, lambda size: os.read(master, size), lambda data: (os.write(master, data), None)[1], False)
     )
     yield RtuLine(os.ttyname(slave), parity="N"), played
     played[0].thread.join(10.0)
@@ -113,5 +131,18 @@ def test_connecting_and_a_payload_by_the_byte(line: tuple[ModbusLine, list[Scrip
     assert (state.heartbeat, state.pressure_hpa, state.humidity) == (8, 1002.5, 0.45)
     assert plc.request_payload(2).payload == 2
     plc.close()
+    assert played[0].errors == []
+    assert played[0].left == []
+
+
+@pytest.mark.parametrize("script", [WITH_COOLANT])
+def test_a_further_register_comes_with_the_same_read(line: tuple[ModbusLine, list[ScriptedPlc]]) -> None:
+    where, played = line
+    registers = RegisterMap(readings={"coolant": COOLANT})
+    plc = Plc(where, register_map=registers, clock=CountingClock(), reply_timeout_s=2.0, poll_period_s=0.05)
+    state = plc.connect()
+    plc.close()
+    assert state.readings == {"coolant": pytest.approx(23.5)}
+    assert (state.pressure_hpa, state.humidity) == (1002.5, 0.45)
     assert played[0].errors == []
     assert played[0].left == []

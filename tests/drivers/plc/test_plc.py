@@ -9,6 +9,7 @@ import socket
 import struct
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
 from drivers.plc.modbus_line import TcpLine
 from drivers.plc.plc import Plc
-from drivers.plc.plc_registers import Register, RegisterMap, decode
+from drivers.plc.plc_registers import ReadingRegister, Register, RegisterMap, decode
 from tests.drivers.scripted import CountingClock
 
 VALUES = {4: 20.5, 6: 21.0, 8: 22.0, 10: 19.0, 12: 20.0, 14: 1002.5, 16: 45.0}
@@ -276,6 +277,44 @@ def test_a_sensor_that_stands_still_is_old(server: ModbusPlc) -> None:
     plc.close()
 
 
+FLOW = ReadingRegister(40, low=2.0, high=20.0, type="u16", scale=0.01, offset=-4.0, unit="l/min")
+
+
+def test_a_further_reading_has_its_own_unit_range_and_age(server: ModbusPlc) -> None:
+    registers = RegisterMap(readings={"coolant flow": replace(FLOW, stale_s=10.0)})
+    plc = Plc(TcpLine("127.0.0.1", server.port), register_map=registers, clock=CountingClock(), reply_timeout_s=0.5)
+    server.words[40] = 1250
+    assert plc.connect().readings == {"coolant flow": pytest.approx(8.5)}
+    server.words[40] = 599
+    with pytest.raises(PlcError, match=r"register 40\): coolant flow of 1.99 is outside 2 to 20"):
+        plc.read()
+    server.words[40] = 1251
+    plc.read()
+    plc._clock.sleep_s(12.0)
+    with pytest.raises(StaleData, match=r"register 40\): coolant flow has not changed for 12 s"):
+        plc.read()
+    plc.close()
+
+
+def test_a_register_that_the_plc_does_not_have_is_refused_in_one_line(server: ModbusPlc) -> None:
+    registers = RegisterMap(readings={"coolant flow": replace(FLOW, address=60)})
+    plc = Plc(TcpLine("127.0.0.1", server.port), register_map=registers, clock=CountingClock(), reply_timeout_s=0.5)
+    with pytest.raises(PlcError, match=r"registers 0 to 60.*refused.*check the register map") as caught:
+        plc.connect()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["", "humidity", "air temperature"])
+def test_a_further_reading_needs_a_name_of_its_own(name: str) -> None:
+    with pytest.raises(ValueError, match="cannot be called"):
+        RegisterMap(readings={name: FLOW})
+
+
+def test_further_readings_count_towards_the_length_of_the_block() -> None:
+    with pytest.raises(ValueError, match="span 126 registers"):
+        RegisterMap(readings={"coolant flow": replace(FLOW, address=125)})
+
+
 @pytest.mark.parametrize(
     ("register", "words", "value"),
     [
@@ -295,7 +334,9 @@ def test_types_orders_scales_and_units(register: Register, words: list[int], val
     assert register.value(words) == pytest.approx(value)
 
 
-@pytest.mark.parametrize("wrong", [{"unit": "F"}, {"scale": 0.0}, {"low": 1.0, "high": 0.0}, {"address": 70000}])
+@pytest.mark.parametrize(
+    "wrong", [{"unit": "F"}, {"scale": 0.0}, {"low": 1.0, "high": 0.0}, {"address": 70000}, {"offset": math.nan}]
+)
 def test_registers_that_cannot_be(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="cannot be"):
         Register(**{"address": 0, "low": 0.0, "high": 1.0, **wrong})

@@ -14,15 +14,23 @@ import calibration
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
 from drivers.plc.plc import Plc
+from drivers.plc.plc_registers import ReadingRegister, RegisterMap
 from mock_devices.faults import Fault, FaultPlan
 from mock_devices.plant.plant import Plant
 from mock_devices.plc.plc_server import PlcServer
-from mock_devices.settings import MockSettings
+from mock_devices.settings import MockSettings, PlcReading
 from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
 MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
 ON_EVERY_LINE = ("modbus-exception", "modbus-short", "modbus-stuck-coil", "modbus-stale-heartbeat")
+
+READINGS = (
+    PlcReading("coolant", 40, part="base", offset_k=-1.5, type="i16", scale=0.1),
+    PlcReading("oil", 42, part="air"),
+)
+COOLANT = ReadingRegister(40, low=5.0, high=50.0, type="i16", scale=0.1, unit="degC")
+OIL = ReadingRegister(42, low=5.0, high=50.0, unit="degC")
 
 
 class Bench:
@@ -31,7 +39,9 @@ class Bench:
     def __init__(self, kind: str, folder: Path) -> None:
         self.clock = VirtualClock()
         self.faults = FaultPlan()
-        plant = StandingPlant(Plant(MACHINE, MockSettings(operator_time_s=5.0), self.clock)).plant
+        plant = StandingPlant(
+            Plant(MACHINE, MockSettings(operator_time_s=5.0, plc_readings=READINGS), self.clock)
+        ).plant
         authority = trustme.CA()
         context: ssl.SSLContext | None = None
         if kind == "tls":
@@ -74,6 +84,22 @@ def test_values_interlocks_and_both_heartbeats(bench: Bench) -> None:
     bench.server.set_interlock(0, False)
     with pytest.raises(InterlockOpen, match="guard closed"):
         bench.plc.read().require_safe()
+
+
+def test_a_coolant_temperature_that_follows_the_machine(bench: Bench) -> None:
+    bench.plc.connect()
+    registers = RegisterMap(readings={"coolant": COOLANT, "oil": OIL})
+    plc = Plc(bench.line, register_map=registers, clock=bench.clock, reply_timeout_s=0.3)
+    bench.plc.close()
+    plc.connect().require_safe()
+    first = plc.read().readings
+    bench.clock.sleep_s(1800.0)
+    then = plc.read()
+    thermal, t_s = bench.server.state._plant.thermal, then.t_rig_s
+    assert then.readings["coolant"] == pytest.approx(thermal.part_c("base", t_s) - 1.5, abs=0.051)
+    assert then.readings["oil"] == pytest.approx(thermal.air_c(t_s), abs=1e-3)
+    assert then.readings["coolant"] > first["coolant"] + 0.3
+    plc.close()
 
 
 def test_a_payload_by_the_sequence_word(bench: Bench) -> None:

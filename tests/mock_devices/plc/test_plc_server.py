@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import logging
 import struct
+from pathlib import Path
 
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from mock_devices.plc.plc_server import PlcServer
+import calibration
+from mock_devices.plant.plant import Plant
+from mock_devices.plc.plc_server import PlcServer, PlcState
+from mock_devices.settings import MockSettings, PlcReading
+
+MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
 
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
@@ -124,3 +130,16 @@ def test_closing_twice_is_once(plant):
     plc = PlcServer(plant)
     plc.close()
     plc.close()
+
+
+@pytest.mark.parametrize(
+    ("reading", "complaint"),
+    [
+        (PlcReading("coolant", 36), "no free register 36"),
+        (PlcReading("coolant", 59), "no free register 59"),
+        (PlcReading("coolant", 40, part="spindle"), "no part 'spindle'"),
+    ],
+)
+def test_further_registers_that_cannot_be(clock, reading, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        PlcState(Plant(MACHINE, MockSettings(plc_readings=(reading,)), clock))

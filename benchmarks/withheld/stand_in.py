@@ -9,11 +9,11 @@ import numpy as np
 
 from benchmarks.withheld.baselines import NONE, UNKNOWN, simple_answers
 from calibration.diagnosis.result import (
-    Candidate,
+    CampaignAddition,
     Diagnosis,
     FoundEffect,
     GapFigures,
-    PlannedVisit,
+    ProposedVisit,
     Quantity,
     Share,
     VisitGaps,
@@ -43,7 +43,7 @@ def diagnose(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:
         hidden_m=1e-6,
         inside_geometry={},
         clues=(),
-        next_measurement=(Candidate("both sides", "other sides", (), 10.0, 1.0, _visits()),),
+        next_measurement=(CampaignAddition("both sides", "other sides", (), 10.0, 1.0, _visits()),),
         withheld=Withheld(rows, measured + 2e-5, measured),
         visits=VisitGaps(nothing, nothing, nothing, *(np.empty(0) for _ in range(5))),
         spectra=(),
@@ -64,10 +64,10 @@ def reads_a_truth(recording: Recording, without: tuple[str, ...] = ()) -> Diagno
     return diagnose(recording, without)
 
 
-def _visits() -> tuple[PlannedVisit, ...]:
+def _visits() -> tuple[ProposedVisit, ...]:
     rng = np.random.default_rng(1)
     return tuple(
-        PlannedVisit(
+        ProposedVisit(
             (float(x), float(y), 0.0, 0.0, 0.0, 0.0), tuple(int(s) for s in rng.choice([-1, 1], 2)), 0, 0.25, 2.0
         )
         for x, y in rng.uniform(-0.3, 0.3, (30, 2))

@@ -1,7 +1,8 @@
-"""Forms that are not linear in their parameters, fitted again from several starts.
+"""Iterative fit of columns that are not linear in their parameters, from several starts.
 
-At every point of a curve its tangent is weighed like any form, calibration taken out, and its coefficients lead to the
-next point: Gauss-Newton on the evidence, with a step that is shortened where it does not help.
+At each point of a curve the evidence of its tangent is computed as for any basis set, the calibration projected out,
+and the coefficients give the next point: Gauss-Newton on the evidence, with a step that is shortened if it does not
+help.
 """
 
 from __future__ import annotations
@@ -12,101 +13,113 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import Readout, Weighed, weigh
-from calibration.effects.api import Acts, Curve, Form, Tangent
+from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets
+from calibration.effects.api import BasisSet, Contributions, Curve, Tangent
 
-FOLLOWED = 4  # starts that are worth following
-STEPS = 8
-SHORTEST = 0.05
-FARTHEST = 0.7  # in one step, of parameters without a spread of their own
-ENOUGH = 0.1  # of log evidence: a step that gains less is the last
+MAX_STARTS = 4  # the best ones, that are followed
+MAX_STEPS = 8
+MIN_STEP_LENGTH = 0.05
+LARGEST_STEP = 0.7  # of parameters without a spread of their own
+MIN_GAIN = 0.1  # of log evidence: a step that gains less is the last
 
 
 @dataclass(frozen=True)
-class Refitted:
-    """The best point of a curve: its log evidence, its form there with coefficients, its columns."""
+class CurveFit:
+    """The best point of a curve: log evidence, evidence of the tangent there, its columns."""
 
     log_evidence: float
-    best: Weighed
-    acts: tuple[Acts, ...]
+    best: BasisSetEvidence
+    contributions: tuple[Contributions, ...]
 
 
-def refit(readout: Readout, curves: Sequence[Curve], low: float, high: float) -> Refitted | None:
-    """The best of all curves for sizes within limits; a curve is as likely as any other."""
-    found = [best for number, curve in enumerate(curves) if (best := _best(readout, number, curve, low, high))]
-    return max(found, key=lambda one: one.log_evidence, default=None)
-
-
-def _best(readout: Readout, number: int, curve: Curve, low: float, high: float) -> Refitted | None:
-    known = [_Point.at(readout, number, curve, start, low, high) for start in curve.starts]
-    starts = sorted((point for point in known if point is not None), key=lambda point: -point.value)
-    ends = [_followed(readout, number, curve, point, low, high) for point in starts[:FOLLOWED]]
-    ends = [end for end in ends if end.size > 0.0]  # else the readings ask for the contrary of the effect
-    if not ends:
-        return None
-    top = max(ends, key=lambda point: point.value)
-    cost, covariance = _over_the_range(readout, curve, top)
-    return Refitted(top.value - cost, replace(top.weighed, covariance=covariance), top.tangent.acts)
-
-
-def _followed(readout: Readout, number: int, curve: Curve, start: _Point, low: float, high: float) -> _Point:
-    farthest = np.where(np.isfinite(curve.spread), curve.spread, FARTHEST)
-    here, length = start, 1.0
-    for _ in range(STEPS):
-        step = here.tangent.step(here.weighed.coefficients)
-        there = np.clip(here.place + np.clip(length * step, -farthest, farthest), curve.low, curve.high)
-        then = _Point.at(readout, number, curve, there, low, high)
-        if then is not None and then.value > here.value + ENOUGH:
-            here, length = then, min(1.0, 2.0 * length)
-        else:
-            length /= 3.0
-            if length < SHORTEST:
-                break
-    return here
-
-
-def _over_the_range(readout: Readout, curve: Curve, point: _Point) -> tuple[float, Array]:
-    """What it costs in log evidence that parameters were free over their whole range, not near the point alone; and the
-    covariance of the coefficients (k, k) that goes with it.
-
-    Laplace's approximation: the tangent's information with the priors of the parameters in place of `relative`.
-    """
-    information = readout.judge(point.tangent.acts).information
-    spread = np.where(np.isfinite(curve.spread), curve.spread, (curve.high - curve.low) / np.sqrt(12.0))
-    near = np.array(point.tangent.relative)
-    wide = np.array([1.0, *np.maximum(spread / point.tangent.units, near[1:])])
-    wide[1] = near[1]  # the first parameter goes with the size, which has its own prior
-
-    def posterior(relative: Array) -> tuple[Array, Array]:
-        d = point.weighed.size * relative
-        return d, np.eye(len(d)) + d[:, None] * information * d
-
-    (_, tight), (d, loose) = posterior(near), posterior(wide)
-    cost = 0.5 * float(np.linalg.slogdet(loose)[1] - np.linalg.slogdet(tight)[1])
-    return cost, d[:, None] * np.linalg.inv(loose) * d
+def fit_curves(likelihood: MarginalLikelihood, curves: Sequence[Curve], low: float, high: float) -> CurveFit | None:
+    """The best of all curves, equally likely a priori, for sizes between two limits; None without a positive size."""
+    fits = [_CurveOnReadings(likelihood, number, curve, low, high).fit() for number, curve in enumerate(curves)]
+    return max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
 
 
 @dataclass(frozen=True)
-class _Point:
-    """A point of a curve, its tangent there as a form, and its log evidence with the prior of its parameters."""
+class _EvaluatedPoint:
+    """A point of a curve: its parameters (p,), tangent, evidence, and log evidence with the prior of the parameters."""
 
-    place: Array
+    parameters: Array
     tangent: Tangent
-    weighed: Weighed
-    value: float
+    evidence: BasisSetEvidence
+    log_posterior: float
 
     @property
     def size(self) -> float:
-        """The size that the readings ask for."""
-        return float(np.dot(self.tangent.size, self.weighed.coefficients[: len(self.tangent.size)]))
+        """The most likely size."""
+        return float(np.dot(self.tangent.size, self.evidence.coefficients[: len(self.tangent.size)]))
 
-    @classmethod
-    def at(cls, readout: Readout, number: int, curve: Curve, place: Array, low: float, high: float) -> _Point | None:
-        """None where the curve has no finite columns."""
-        tangent = curve.tangent(place)
-        if not all(np.all(np.isfinite(shape)) for act in tangent.acts for _, shape in act):
+
+@dataclass(frozen=True)
+class _CurveOnReadings:
+    """A curve, its number among the effect's, and the readings that it is fitted to; low, high: limits of the size."""
+
+    likelihood: MarginalLikelihood
+    number: int
+    curve: Curve
+    low: float
+    high: float
+
+    def fit(self) -> CurveFit | None:
+        """The best point of the curve; None if the readings ask for a negative size."""
+        points = [point for start in self.curve.starts if (point := self._evaluate(start)) is not None]
+        points.sort(key=lambda point: -point.log_posterior)
+        optima = [self._optimise_from(point) for point in points[:MAX_STARTS]]
+        optima = [point for point in optima if point.size > 0.0]
+        if not optima:
             return None
-        columns = tuple(range(len(tangent.acts)))
-        form = Form(columns, tangent.relative, curve=(number, tuple(place.tolist())), size=tangent.size)
-        weighed = weigh(readout.judge(tangent.acts), [form], low, high)[0]
-        return cls(place, tangent, weighed, weighed.log_evidence - 0.5 * float(np.sum((place / curve.spread) ** 2)))
+        best = max(optima, key=lambda point: point.log_posterior)
+        penalty, covariance = self._occam_penalty(best)
+        evidence = replace(best.evidence, covariance=covariance)
+        return CurveFit(best.log_posterior - penalty, evidence, best.tangent.contributions)
+
+    def _evaluate(self, parameters: Array) -> _EvaluatedPoint | None:
+        """None if the tangent has columns that are not finite."""
+        tangent = self.curve.tangent(parameters)
+        if not all(np.all(np.isfinite(shape)) for column in tangent.contributions for _, shape in column):
+            return None
+        columns = tuple(range(len(tangent.contributions)))
+        point = (self.number, tuple(parameters.tolist()))
+        basis_set = BasisSet(columns, tangent.relative, curve=point, size=tangent.size)
+        information = self.likelihood.information_and_score(tangent.contributions)
+        (evidence,) = evidence_of_basis_sets(information, [basis_set], self.low, self.high)
+        log_prior = -0.5 * float(np.sum((parameters / self.curve.spread) ** 2))
+        return _EvaluatedPoint(parameters, tangent, evidence, evidence.log_evidence + log_prior)
+
+    def _optimise_from(self, start: _EvaluatedPoint) -> _EvaluatedPoint:
+        curve = self.curve
+        largest = np.where(np.isfinite(curve.spread), curve.spread, LARGEST_STEP)
+        current, step_length = start, 1.0
+        for _ in range(MAX_STEPS):
+            step = np.clip(step_length * current.tangent.step(current.evidence.coefficients), -largest, largest)
+            trial = self._evaluate(np.clip(current.parameters + step, curve.low, curve.high))
+            if trial is not None and trial.log_posterior > current.log_posterior + MIN_GAIN:
+                current, step_length = trial, min(1.0, 2.0 * step_length)
+            else:
+                step_length /= 3.0
+                if step_length < MIN_STEP_LENGTH:
+                    break
+        return current
+
+    def _occam_penalty(self, point: _EvaluatedPoint) -> tuple[float, Array]:
+        """What the whole range of the parameters costs in log evidence, and the covariance (k, k) of the coefficients.
+
+        Laplace's approximation: the tangent's information with the priors of the parameters instead of `relative`.
+        """
+        curve = self.curve
+        information = self.likelihood.information_and_score(point.tangent.contributions).information
+        spread = np.where(np.isfinite(curve.spread), curve.spread, (curve.high - curve.low) / np.sqrt(12.0))
+        local = np.array(point.tangent.relative)
+        prior = np.array([1.0, *np.maximum(spread / point.tangent.units, local[1:])])
+        prior[1] = local[1]  # the first parameter goes with the size, which has its own prior
+
+        def posterior(relative: Array) -> tuple[Array, Array]:
+            d = point.evidence.size * relative
+            return d, np.eye(len(d)) + d[:, None] * information * d
+
+        (_, local_matrix), (d, prior_matrix) = posterior(local), posterior(prior)
+        penalty = 0.5 * float(np.linalg.slogdet(prior_matrix)[1] - np.linalg.slogdet(local_matrix)[1])
+        return penalty, d[:, None] * np.linalg.inv(prior_matrix) * d

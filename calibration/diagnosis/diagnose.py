@@ -7,221 +7,237 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.effect_inputs import periodograms, setting_of
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.findings import variance_shares as location
-from calibration.diagnosis.findings import withheld_blocks as shrink
-from calibration.diagnosis.findings.effect_summary import equivalents, found_effect
-from calibration.diagnosis.findings.next_measurement import candidates
-from calibration.diagnosis.linear_model import Baseline, baseline_of
-from calibration.diagnosis.non_parametric import Formless, platform_hides
-from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, GapFigures, VisitGaps, Withheld
-from calibration.diagnosis.search import Cause, Explanation, explain, taken, tested
-from calibration.diagnosis.twin.joint_fit import Joint
-from calibration.diagnosis.twin.score import TwinScore, scored
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.effect_summary import equivalent_effects, summarise_effect
+from calibration.diagnosis.findings.next_measurement import rank_additions
+from calibration.diagnosis.findings.variance_shares import spectra, variance_shares
+from calibration.diagnosis.findings.withheld_blocks import (
+    GapField,
+    gap_field,
+    gap_figures,
+    predicted_positions_m,
+    regions,
+    repeatability_m,
+    withheld_differences,
+)
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from calibration.diagnosis.non_parametric import log_evidence_at_platform
+from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
+from calibration.diagnosis.search import Cause, SearchResult, detectable_effects, include_cause, search_causes
+from calibration.diagnosis.twin.joint_fit import JointFit
+from calibration.diagnosis.twin.score import TwinScore, score_twin
 from calibration.diagnosis.twin.twin import Twin
 from calibration.diagnosis.verdict import probabilities
-from calibration.effects.api import Setting
+from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.recording.recording import Recording
 
 CLUES = 4
-SAFEGUARDS = 2  # form-free alternatives that stand in for what the model may lack when the truth is estimated
+SAFEGUARDS = 2  # non-parametric alternatives added when noise-free readings are estimated: the catalogue has gaps
+INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
 OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
 
 
 def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagnosis:
-    """Where the gap of a recording lies, which effect causes it, how far it shrinks. InputError where it is not fit."""
-    return _diagnosed(recording, catalogue).diagnosis
+    """Locate the gap of a recording, identify the effect that causes it, and estimate how far it shrinks.
+
+    Raises InputError if the recording is unsuitable.
+    """
+    return _diagnose_with_models(recording, catalogue).diagnosis
 
 
 def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
     """The diagnosis, and the machine's twin: the fitted model with the effects that were found."""
-    worked = _diagnosed(recording, catalogue)
-    return worked.diagnosis, Twin.of(worked.readout, worked.causes, worked.setting)
+    result = _diagnose_with_models(recording, catalogue)
+    return result.diagnosis, Twin.from_diagnosis(result.likelihood, result.causes, result.inputs)
 
 
 def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin, TwinScore]:
-    """The same, and how the campaign simulated on the twin agrees with readings withheld from it."""
-    worked = _diagnosed(recording, catalogue)
-    joint = Joint(worked.readout, worked.causes)
-    twin = Twin.by(joint.solution, worked.readout, worked.causes, worked.setting)
-    return worked.diagnosis, twin, scored(worked.readout, worked.truth, joint, twin)
+    """The same, and how well the campaign simulated on the twin agrees with readings withheld from it."""
+    result = _diagnose_with_models(recording, catalogue)
+    joint_fit = JointFit(result.likelihood, result.causes)
+    twin = Twin.from_solution(joint_fit.solution, result.likelihood, result.causes, result.inputs)
+    return result.diagnosis, twin, score_twin(result.likelihood, result.truth_likelihood, joint_fit, twin)
 
 
 @dataclass(frozen=True)
-class _Worked:
-    """A diagnosis, and what a twin is made of: the readout before the causes, the one for the truth, the causes."""
+class _DiagnosisWithModels:
+    """A diagnosis and the inputs of its twin.
+
+    likelihood: without causes; truth_likelihood: from which the noise-free readings are estimated.
+    """
 
     diagnosis: Diagnosis
-    readout: Readout
-    truth: Readout
+    likelihood: MarginalLikelihood
+    truth_likelihood: MarginalLikelihood
     causes: tuple[Cause, ...]
-    setting: Setting
+    inputs: EffectInputs
 
 
-def _diagnosed(recording: Recording, catalogue: Catalogue | None) -> _Worked:
+def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> _DiagnosisWithModels:
     catalogue = catalogue or load_catalogue()
-    baseline = baseline_of(recording)
-    readout = Readout(baseline)
-    periods = periodograms(readout)
-    setting = setting_of(readout, periods)
-    effects, not_tested = tested(setting, catalogue)
-    untested = tuple(effect for effect in catalogue.effects if effect.name in not_tested)
-    found = explain(readout, setting, effects)
-    ranking = probabilities(found)
+    linear = linearise_recording(recording)
+    likelihood = MarginalLikelihood.of(linear)
+    by_drive = periodograms(likelihood)
+    inputs = inputs_of_recording(likelihood, by_drive)
+    effects, not_tested = detectable_effects(inputs, catalogue)
+    search_result = search_causes(likelihood, inputs, effects)
+    ranking = probabilities(search_result)
     verdict = max(ranking, key=lambda name: ranking[name])
-    named = verdict not in (NONE, UNKNOWN)
-    causes = _main_first(found.causes, verdict) if named else ()
-    after = found.readouts[-1] if named else readout
-    region = shrink.regions(baseline)
-    before_left = shrink.withheld(readout, region)
-    after_left = shrink.withheld(after, region) if causes else before_left
-    truth = _with_safeguards(found, after)
-    field = shrink.field(truth, before_left, after_left)
-    gap = shrink.figures(field) if causes else _unchanged(shrink.figures(field))
-    floor = shrink.repeated_m(baseline)
-    gap = gap if floor is None else replace(gap, noise_floor_m=floor)
-    equivalent, matters = equivalents(found, readout, verdict) if named else ((), 0.0)
+    is_effect = verdict not in (NONE, UNKNOWN)
+    causes = _main_cause_first(search_result.causes, verdict) if is_effect else ()
+    likelihood_after = search_result.likelihoods[-1] if is_effect else likelihood
+    region = regions(linear)
+    before = withheld_differences(likelihood, region)
+    after = withheld_differences(likelihood_after, region) if causes else before
+    truth_likelihood = _add_non_parametric_alternatives(search_result, likelihood_after)
+    field = gap_field(truth_likelihood, before, after)
+    gap = gap_figures(field) if causes else gap_figures(field).without_effect()
+    noise_floor_m = repeatability_m(linear)
+    gap = gap if noise_floor_m is None else replace(gap, noise_floor_m=noise_floor_m)
+    equivalent, difference = equivalent_effects(search_result, likelihood, verdict) if is_effect else ((), 0.0)
+    acting = _strongest_channels(search_result, likelihood, causes)
+    untested = tuple(effect for effect in catalogue.effects if effect.name in not_tested)
     diagnosis = Diagnosis(
         campaign=recording.file.campaign,
         verdict=verdict,
         equivalent=equivalent,
-        matters_m=matters * field.noise_m,
-        effects=tuple(found_effect(cause, ranking, readout, main=cause.effect.name == verdict) for cause in causes),
+        matters_m=difference * field.noise_m,
+        effects=tuple(
+            summarise_effect(cause, ranking, likelihood, main=cause.effect.name == verdict) for cause in causes
+        ),
         ranking=ranking,
-        where=()
-        if verdict == NONE
-        else location.shares(readout, truth, field, _acting(found, readout, causes), periods),
+        where=() if verdict == NONE else variance_shares(likelihood, truth_likelihood, field, acting, by_drive),
         gap=gap,
         not_tested=not_tested,
-        hidden_m=_hidden_m(after, setting, field.noise_m),
-        inside_geometry=_inside_geometry(baseline),
-        clues=_clues(found) if verdict == UNKNOWN else (),
-        next_measurement=candidates(readout, found, ranking, untested),
-        withheld=_withheld(readout, before_left, after, after_left, field),
-        visits=_visits(baseline, field),
-        spectra=location.spectra(readout, periods),
-        remarks=_remarks(found, verdict, floor),
+        hidden_m=_detection_limit_m(likelihood_after, inputs, field.noise_m),
+        inside_geometry=_inside_geometry(linear),
+        clues=_clues(search_result) if verdict == UNKNOWN else (),
+        next_measurement=rank_additions(likelihood, search_result, ranking, untested),
+        withheld=Withheld(
+            rows=linear.rows[field.rows],
+            before_m=predicted_positions_m(likelihood, before)[field.rows],
+            after_m=predicted_positions_m(likelihood_after, after)[field.rows],
+        ),
+        visits=_visit_gaps(linear, field),
+        spectra=spectra(likelihood, by_drive),
+        remarks=_remarks(search_result, verdict, noise_floor_m),
     )
-    return _Worked(diagnosis, readout, truth, causes, setting)
+    return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 
 
-def _main_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
+def _main_cause_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
     return tuple(sorted(causes, key=lambda cause: cause.effect.name != verdict))
 
 
-def _acting(found: Explanation, readout: Readout, causes: tuple[Cause, ...]) -> list[str]:
-    """Channels at which something acts, the strongest first: of the causes, or of the best form-free alternative."""
+def _strongest_channels(
+    search_result: SearchResult, likelihood: MarginalLikelihood, causes: tuple[Cause, ...]
+) -> list[str]:
+    """Channels with the largest contributions, the strongest first: of the causes, or of the best alternative."""
     sizes: dict[str, float] = {}
     for cause in causes:
-        for act, coefficient in zip(cause.acts, cause.best.coefficients, strict=True):
-            for channel, shape in act:
-                square = float(np.sum((coefficient * readout.response(channel) * shape[:, None]) ** 2))
+        for contribution, coefficient in zip(cause.contributions, cause.best.coefficients, strict=True):
+            for channel, shape in contribution:
+                square = float(np.sum((coefficient * likelihood.response(channel) * shape[:, None]) ** 2))
                 sizes[channel] = sizes.get(channel, 0.0) + square
     if sizes:
         return sorted(sizes, key=lambda channel: -sizes[channel])
-    pool = sorted((*found.alone, *found.formless), key=lambda f: -f.log_evidence)
-    if pool and pool[0].log_evidence > 0.0:
-        return [channel for channel, _ in pool[0].channels]
-    return list(readout.channels.poses())
+    alternatives = (*search_result.non_parametric_alone, *search_result.non_parametric)
+    best = max(alternatives, key=lambda alternative: alternative.log_evidence, default=None)
+    if best is not None and best.log_evidence > 0.0:
+        return [channel for channel, _ in best.channels]
+    return list(likelihood.channels.pose_channels())
 
 
-def _unchanged(figures: GapFigures) -> GapFigures:
-    """Nothing is added, nothing shrinks."""
-    return GapFigures(figures.before_m, figures.before_m, figures.noise_floor_m, 0.0, (0.0, 0.0), figures.withheld)
+def _add_non_parametric_alternatives(
+    search_result: SearchResult, likelihood_after: MarginalLikelihood
+) -> MarginalLikelihood:
+    """The marginal likelihood from which noise-free readings are estimated: with the strongest alternatives added."""
+    alternatives = search_result.non_parametric_alone or search_result.non_parametric
+    if likelihood_after is search_result.likelihoods[-1] and search_result.causes:
+        alternatives = search_result.non_parametric
+    for alternative in alternatives[:SAFEGUARDS]:
+        likelihood_after = include_cause(likelihood_after, alternative)
+    return likelihood_after
 
 
-def _with_safeguards(found: Explanation, after: Readout) -> Readout:
-    """The readout by which the truth is estimated: with what form-free alternatives may add, as far as they say."""
-    pool = found.formless if after is found.readouts[-1] and found.causes else found.alone or found.formless
-    for formless in pool[:SAFEGUARDS]:
-        after = taken(after, formless)
-    return after
-
-
-def _hidden_m(after: Readout, setting: Setting, noise_m: float) -> float:
-    """Largest RMS, per coordinate, of something at the platform in single visits that 95 % still allow."""
+def _detection_limit_m(likelihood_after: MarginalLikelihood, inputs: EffectInputs, noise_m: float) -> float:
+    """Detection limit: largest RMS per coordinate of an independent platform shift per visit that 95 % still allow."""
     sizes = np.geomspace(0.02, 20.0, 40)
-    logs = platform_hides(after, setting, sizes)
+    logs = log_evidence_at_platform(likelihood_after, inputs, sizes)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     below = np.cumsum(weights, axis=1) / np.sum(weights, axis=1, keepdims=True)
     return float(max(sizes[int(np.searchsorted(row, 0.95))] for row in below)) * noise_m
 
 
-def _inside_geometry(baseline: Baseline) -> dict[str, float]:
-    """RMS in m of the fitted offsets, by what they stand for; of the struts' weight, RMS of what it moves."""
-    flat = baseline.columns.reshape(-1, baseline.columns.shape[2])
-    coefficients = flat.T @ baseline.apply(baseline.residual).ravel()
-    values = coefficients[: len(baseline.sigma)] * baseline.sigma
+def _inside_geometry(linear: LinearModel) -> dict[str, float]:
+    """RMS in m of the fitted offsets, by what they represent; for the struts' own weight, of the shift it causes."""
+    flat = linear.columns.reshape(-1, linear.columns.shape[2])
+    coefficients = flat.T @ linear.apply(linear.residual).ravel()
+    values = coefficients[: len(linear.sigma)] * linear.sigma
     out = {}
     for name, prefixes in OFFSETS.items():
-        rows = [i for i, unknown in enumerate(baseline.names[: len(values)]) if unknown.startswith(prefixes)]
+        rows = [i for i, unknown in enumerate(linear.names[: len(values)]) if unknown.startswith(prefixes)]
         out[name] = float(np.sqrt(np.mean(values[rows] ** 2))) if rows else 0.0
-    rows = [i for i, unknown in enumerate(baseline.names) if unknown.startswith("inside.weight.")]
-    moved = np.linalg.solve(baseline.whiten, (baseline.columns[:, :, rows] @ coefficients[rows])[:, :, None])
-    out["link_self_weight"] = float(np.sqrt(np.mean(moved[baseline.on_platform] ** 2)))
+    rows = [i for i, unknown in enumerate(linear.names) if unknown.startswith("inside.weight.")]
+    shift_m = np.linalg.solve(linear.whiten, (linear.columns[:, :, rows] @ coefficients[rows])[:, :, None])
+    out["link_self_weight"] = float(np.sqrt(np.mean(shift_m[linear.on_platform] ** 2)))
     return out
 
 
-def _clues(found: Explanation) -> tuple[Clue, ...]:
-    """Where an unknown effect lives: channels and coordinates by what they explain, over the best."""
-    pool: list[Formless] = [f for f in (*found.alone, *found.formless) if f.log_evidence > 0.0]
-    pool.sort(key=lambda f: -f.log_evidence)
-    seen: dict[tuple[str, str], Clue] = {}
-    for f in pool:
-        key = (f.channel, f.coordinate)
-        seen.setdefault(key, Clue(*key, f.log_evidence / pool[0].log_evidence))
-    return tuple(seen.values())[:CLUES]
+def _clues(search_result: SearchResult) -> tuple[Clue, ...]:
+    """Channel and coordinate of an unknown effect, ranked by log evidence relative to the best."""
+    alternatives = (*search_result.non_parametric_alone, *search_result.non_parametric)
+    ranked = sorted((a for a in alternatives if a.log_evidence > 0.0), key=lambda a: -a.log_evidence)
+    clues: dict[tuple[str, str], Clue] = {}
+    for alternative in ranked:
+        key = (alternative.channel, alternative.coordinate)
+        clues.setdefault(key, Clue(*key, alternative.log_evidence / ranked[0].log_evidence))
+    return tuple(clues.values())[:CLUES]
 
 
-def _withheld(readout: Readout, before: Array, after_readout: Readout, after: Array, field: shrink.Field) -> Withheld:
-    return Withheld(
-        readout.baseline.rows[field.rows],
-        shrink.predicted_m(readout, before)[field.rows],
-        shrink.predicted_m(after_readout, after)[field.rows],
-    )
-
-
-def _visits(baseline: Baseline, field: shrink.Field) -> VisitGaps:
+def _visit_gaps(linear: LinearModel, field: GapField) -> VisitGaps:
     """Mean gap of the platform's reflectors at each visit."""
-    visit = baseline.visit[field.rows]
-    numbers, first, of = np.unique(visit, return_index=True, return_inverse=True)
-    count = np.bincount(of)[:, None]
-    moves = baseline.machine.dof[baseline.machine.dof < 3]
+    visit = linear.visit[field.rows]
+    numbers, first, visit_index = np.unique(visit, return_index=True, return_inverse=True)
+    count = np.bincount(visit_index)[:, None]
+    moves = linear.machine.dof[linear.machine.dof < 3]
 
     def mean(values: Array) -> Array:
         out = np.zeros((len(numbers), 3))
         for k, c in enumerate(moves):
-            out[:, c] = np.bincount(of, values[:, k])
+            out[:, c] = np.bincount(visit_index, values[:, k])
         return out / count
 
-    head = field.rows[first]
-    m = baseline.moments
+    first_rows = field.rows[first]
+    context = linear.context
     return VisitGaps(
-        tool_m=baseline.poses.tool_m()[numbers],
+        tool_m=linear.poses.tool_m()[numbers],
         before_m=mean(field.before),
         after_m=mean(field.after),
-        t_rig_s=m.t_s[head],
-        drives=m.drives[head],
-        direction=m.direction[head],
-        payload_kg=m.payload_kg[head],
-        dwell_s=m.dwell_s[head],
+        t_rig_s=context.t_s[first_rows],
+        drives=context.drives[first_rows],
+        direction=context.direction[first_rows],
+        payload_kg=context.payload_kg[first_rows],
+        dwell_s=context.dwell_s[first_rows],
     )
 
 
-def _remarks(found: Explanation, verdict: str, floor: float | None) -> tuple[str, ...]:
+def _remarks(search_result: SearchResult, verdict: str, noise_floor_m: float | None) -> tuple[str, ...]:
     out = []
-    if floor is None:
+    if noise_floor_m is None:
         out.append(
             "no target was visited three times alike: the noise floor is what the fullest model leaves of the readings"
         )
-    if verdict not in (NONE, UNKNOWN) and found.excess > 10.0:
-        f = found.formless[0]
+    is_effect = verdict not in (NONE, UNKNOWN)
+    if is_effect and search_result.excess_log_evidence > INEXACT:
+        strongest = search_result.non_parametric[0]
         out.append(
-            f"the effect's form is not exact: something at {f.channel} that depends on {f.coordinate} remains "
-            f"({found.excess:.0f} of log evidence, {found.log_evidence:.0f} explained)"
+            f"the effect's form is not exact: something at {strongest.channel} that depends on {strongest.coordinate} "
+            f"remains ({search_result.excess_log_evidence:.0f} of log evidence, "
+            f"{search_result.log_evidence:.0f} explained)"
         )
-    if verdict not in (NONE, UNKNOWN) and not any(c.effect.name == verdict for c in found.causes):
+    if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
     return tuple(out)

@@ -1,69 +1,71 @@
-"""The ordinary wander that a recording declares for its rig: columns with the declared standard deviations.
+"""The ordinary disturbances that a recording declares for its rig: columns with the declared standard deviations.
 
-Levels are those of docs/reference/definitions.md; what is not declared has no column.
+Levels are those of docs/reference/definitions.md; a disturbance that is not declared has no column.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
-from calibration.effects.basis_functions import brownian, waves
-from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
+from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
+from calibration.effects.basis_functions import fourier_basis, random_walk_basis
+from calibration.recording.header import DRIFT_LEVER_M, HOUR_S, AccuracyEntry, DisturbanceLevels
 
-if TYPE_CHECKING:
-    from calibration.diagnosis.linear_model import Baseline
-
-OVERWEIGHT = 0.05  # of the moving mass: what a strut's own weight may add at its joint
+STRUT_WEIGHT_SHARE = 0.05  # of the moving mass: standard deviation of a strut's own weight at its platform joint
 WALK_TERMS = 14
-LOUD_M, LOUD_TERMS = 8.0e-6, 24  # a rig that wanders more is followed closer
-WAVE_TERMS = 5
-LOUD_K, LOUD_WAVE_TERMS = 0.05, 8
+LARGE_DRIFT_M, LARGE_DRIFT_TERMS = 8.0e-6, 24  # a stronger drift is resolved more finely
+WAVE_PAIRS = 5
+LARGE_WANDER_K, LARGE_WANDER_PAIRS = 0.05, 8
+SHORTEST_WAVE_S = 1500.0
 
 
-def nuisance_columns(bare: Baseline) -> tuple[Array, tuple[str, ...]]:
-    """Columns (n, 3, k), each times its standard deviation, and their names."""
-    channels, m = Channels(bare), bare.moments
-    declared, stated = bare.recording.file.nuisance, bare.recording.file.station.accuracy
-    found: list[tuple[str, Array]] = []
+def disturbance_columns(
+    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels, accuracy: AccuracyEntry
+) -> tuple[Array, tuple[str, ...]]:
+    """Columns (n, 3, k), whitened by (n, 3, 3), each times its standard deviation, and their names."""
+    channels, context, machine = Channels(observed), observed.context, observed.machine
+    columns: list[tuple[str, Array]] = []
 
     def add(channel: str, shapes: Array, label: str) -> None:
-        response = bare.whitened(channels.shift_m(channel))
+        response = whitened_shift(whiten, observed.frame, channels.shift_m(channel))
         for k in range(shapes.shape[1]):
-            found.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
+            columns.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
 
-    # A strut's own weight is inside the geometry: taken up, but no cause.
-    for strut in bare.machine.strut_names:
-        add(f"weight.{strut}", np.full((len(m), 1), OVERWEIGHT * bare.machine.moving_mass_kg), "inside")
-    terms = WALK_TERMS if declared.drift_m < LOUD_M else LOUD_TERMS
-    walk = brownian(m.elapsed_s / HOUR_S, terms)
-    per_axis = declared.drift_m / np.sqrt(2.0)
-    for name in channels.stations():
-        kind = name.rsplit(".", 1)[1]
-        own = stated.drift_m_per_sqrt_h
-        if kind.startswith("r"):
-            own = stated.drift_rad_per_sqrt_h if kind == "rz" else stated.drift_of_level_rad_per_sqrt_h
-        sd = np.hypot(own, per_axis / (DRIFT_LEVER_M if kind.startswith("r") else 1.0))
-        add(name, walk * sd, "drift")
-    if declared.reseat_m > 0.0:
-        numbers = np.unique(m.exchanges)[1:]
-        sits = (m.exchanges[:, None] == numbers).astype(np.float64) * declared.reseat_m
-        for i in sorted(set(bare.smr[bare.on_platform].tolist())):
-            for name in channels.smrs(i):
-                add(name, sits, "reseat")
-    for a, drive in enumerate(bare.machine.drive_names):
-        if declared.reversal_m > 0.0:
-            add(f"travel.{drive}", m.direction[:, a : a + 1] * declared.reversal_m, "reversal")
-    if declared.temperature_k > 0.0:
-        pairs = WAVE_TERMS if declared.temperature_k < LOUD_K else LOUD_WAVE_TERMS
-        slow = waves(m.elapsed_s, 1500.0, pairs) * declared.temperature_k
-        expansion = bare.machine.expansion_per_k
-        for i, strut in enumerate(bare.machine.strut_names):
-            grown = expansion["struts"] * bare.machine.nominal.length_m[i]
-            add(f"length.{strut}", slow * grown, "temperature")
-        for a, drive in enumerate(bare.machine.drive_names):
-            add(f"travel.{drive}", slow * expansion["drives"] * m.drives[:, a : a + 1], "temperature")
-    return np.stack([column for _, column in found], axis=2), tuple(name for name, _ in found)
+    # A strut's own weight counts as geometry: calibration absorbs it, and it is never a cause.
+    for strut in machine.strut_names:
+        add(f"weight.{strut}", np.full((len(context), 1), STRUT_WEIGHT_SHARE * machine.moving_mass_kg), "inside")
+    walk = random_walk_basis(
+        context.elapsed_s / HOUR_S, WALK_TERMS if levels.drift_m < LARGE_DRIFT_M else LARGE_DRIFT_TERMS
+    )
+    for name in channels.station_channels():
+        add(name, walk * _drift_per_sqrt_h(name.rsplit(".", 1)[1], levels, accuracy), "drift")
+    if levels.reseat_m > 0.0:
+        numbers = np.unique(context.exchanges)[1:]
+        after_exchange = (context.exchanges[:, None] == numbers).astype(np.float64) * levels.reseat_m
+        for i in sorted(set(observed.smr[observed.on_platform].tolist())):
+            for name in channels.reflector_channels(i):
+                add(name, after_exchange, "reseat")
+    if levels.reversal_m > 0.0:
+        for a, drive in enumerate(machine.drive_names):
+            add(f"travel.{drive}", context.direction[:, a : a + 1] * levels.reversal_m, "reversal")
+    if levels.temperature_k > 0.0:
+        pairs = WAVE_PAIRS if levels.temperature_k < LARGE_WANDER_K else LARGE_WANDER_PAIRS
+        waves = fourier_basis(context.elapsed_s, SHORTEST_WAVE_S, pairs) * levels.temperature_k
+        for i, strut in enumerate(machine.strut_names):
+            grown = machine.expansion_per_k["struts"] * machine.nominal.length_m[i]
+            add(f"length.{strut}", waves * grown, "temperature")
+        for a, drive in enumerate(machine.drive_names):
+            grown = machine.expansion_per_k["drives"] * context.drives[:, a : a + 1]
+            add(f"travel.{drive}", waves * grown, "temperature")
+    return np.stack([column for _, column in columns], axis=2), tuple(name for name, _ in columns)
+
+
+def _drift_per_sqrt_h(axis: str, levels: DisturbanceLevels, accuracy: AccuracyEntry) -> float:
+    """Drift of the station's frame about or along an axis ('rx' ... 'z') after an hour, declared and stated."""
+    declared_m = levels.drift_m / np.sqrt(2.0)
+    if not axis.startswith("r"):
+        return float(np.hypot(accuracy.drift_m_per_sqrt_h, declared_m))
+    stated_rad = accuracy.drift_rad_per_sqrt_h if axis == "rz" else accuracy.drift_of_level_rad_per_sqrt_h
+    return float(np.hypot(stated_rad, declared_m / DRIFT_LEVER_M))

@@ -1,4 +1,4 @@
-"""What effects may know of a campaign, from its baseline."""
+"""The inputs of effects, from the readings of a recording and the forces of the fitted machine."""
 
 from __future__ import annotations
 
@@ -8,41 +8,40 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import Seen
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.periodogram import Periodogram
-from calibration.effects.api import Setting
+from calibration.effects.api import EffectInputs
 from calibration.machine.sensitivity import Sensitivity
 
-
-def setting_of(readout: Readout, found: tuple[Periodogram, ...]) -> Setting:
-    """The setting of a readout's readings; `found`: periodograms of its drives."""
-
-    def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        return found[drive].strongest(shortest_m, longest_m)
-
-    def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
-        return strongest_onsets(readout, channels)
-
-    return setting_from(readout.baseline, readout.channels, periods, onsets)
-
-
-APART_S = 40.0
-FEW_ONSETS = 6
+ONSETS_APART_S = 40.0
+MAX_ONSETS = 6
 Periods = Callable[[int, float, float], list[tuple[float, float]]]
 Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 
 
-def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onsets) -> Setting:
-    """The setting of readings, with the forces of the modelled machine."""
-    machine, visit = seen.machine, np.maximum(seen.visit, 0)
-    force = seen.poses.equilibrium.force_n[:, : len(machine.strut_names)]
-    direction = seen.poses.sensitivity.state.direction[:, : len(machine.strut_names)]
+def inputs_of_recording(likelihood: MarginalLikelihood, periodograms: tuple[Periodogram, ...]) -> EffectInputs:
+    """The inputs of effects on a recording's readings, with a periodogram for each drive."""
+
+    def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
+        return periodograms[drive].strongest_periods(shortest_m, longest_m)
+
+    def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
+        return strongest_onsets(likelihood, channels)
+
+    return inputs_of_readings(likelihood.linear, likelihood.channels, periods, onsets)
+
+
+def inputs_of_readings(observed: ObservedModel, channels: Channels, periods: Periods, onsets: Onsets) -> EffectInputs:
+    """The inputs of effects on any readings of a modelled machine."""
+    machine, visit = observed.machine, np.maximum(observed.visit, 0)
+    force = observed.poses.equilibrium.force_n[:, : len(machine.strut_names)]
+    direction = observed.poses.sensitivity.state.direction[:, : len(machine.strut_names)]
     if direction.shape[0] == 2:
         direction = np.concatenate([direction, np.zeros((1, *direction.shape[1:]))])
     drives = len(machine.drive_names)
     pull, moment = np.zeros((len(visit), drives, 3)), np.zeros((len(visit), drives))
-    joints = seen.poses.geometry.base_joint_m
+    joints = observed.poses.geometry.base_joint_m
     for a in range(drives):
         struts = np.flatnonzero(machine.strut_drive == a)
         middle = joints[struts].mean(axis=0) if struts.size else np.zeros(3)
@@ -51,63 +50,64 @@ def setting_from(seen: Seen, channels: Channels, periods: Periods, onsets: Onset
             on_slider = (force[:, i] * direction[:, i])[:, visit].T
             pull[:, a] += on_slider
             moment[:, a] += np.cross(np.broadcast_to(joints[i] - middle, on_slider.shape), on_slider)[:, 2]
-    return Setting(
+    return EffectInputs(
         machine=machine,
-        moments=seen.moments,
+        context=observed.context,
         tension_n=force[visit],
-        answer_n_per_m=_answers(seen.poses.sensitivity)[visit],
+        tension_response_n_per_m=_tension_response(observed.poses.sensitivity)[visit],
         pull_n=pull,
         moment_nm=moment,
-        sight_m=seen.position_m,
+        sight_m=observed.position_m,
         channels=channels.names,
         periods=periods,
         onsets=onsets,
     )
 
 
-def _answers(known: Sensitivity) -> Array:
+def _tension_response(sensitivity: Sensitivity) -> Array:
     """Change (v, s, s) of the tension of each strut with the length of each: dt_i = k_i (J_i dx - dl_i)."""
-    struts = len(known.geometry.length_m)
-    yielding = known.pose_derivatives([known.length(j) for j in range(struts)])
-    turned = np.einsum("fin,nfj->nij", known.state.wrench[:, :struts], yielding)
-    return np.asarray(known.geometry.stiffness_n_per_m[:struts, None] * (turned - np.eye(struts)))
+    struts = len(sensitivity.geometry.length_m)
+    pose_response = sensitivity.pose_derivatives([sensitivity.length(j) for j in range(struts)])
+    elongation = np.einsum("fin,nfj->nij", sensitivity.state.wrench[:, :struts], pose_response)
+    return np.asarray(sensitivity.geometry.stiffness_n_per_m[:struts, None] * (elongation - np.eye(struts)))
 
 
-def periodograms(readout: Readout) -> tuple[Periodogram, ...]:
-    """Periodogram of what is left over each drive's coordinate."""
+def periodograms(likelihood: MarginalLikelihood) -> tuple[Periodogram, ...]:
+    """Periodogram of the weighted residual along each drive's coordinate."""
     out = []
-    rows = np.flatnonzero(readout.baseline.visit >= 0)
-    for a, drive in enumerate(readout.baseline.machine.drive_names):
-        response = readout.response(f"travel.{drive}")
-        score = np.sum(response * readout.left, axis=1)[rows]
+    linear = likelihood.linear
+    rows = np.flatnonzero(linear.visit >= 0)
+    for a, drive in enumerate(linear.machine.drive_names):
+        response = likelihood.response(f"travel.{drive}")
+        score = np.sum(response * likelihood.weighted_residual, axis=1)[rows]
         information = float(np.sum(response[rows] ** 2))
-        out.append(Periodogram.of(readout.baseline.moments.drives[rows, a], score, information))
+        out.append(Periodogram.from_scores(linear.context.drives[rows, a], score, information))
     return tuple(out)
 
 
-def strongest_onsets(readout: Readout, channels: Sequence[str]) -> list[tuple[float, float]]:
-    """Moments, in s since the beginning, at which channels may have changed for good; each with its prior probability.
+def strongest_onsets(likelihood: MarginalLikelihood, channels: Sequence[str]) -> list[tuple[float, float]]:
+    """Times, in s since the campaign's start, of the most likely lasting changes of some channels, with their prior.
 
-    The likelihood ratio of a step at every arrival, a constant taken out; peaks apart by APART_S.
+    The likelihood ratio of a step at every arrival, a constant projected out; peaks at least ONSETS_APART_S apart.
     """
-    m = readout.baseline.moments
-    order = np.argsort(m.t_s, kind="stable")
-    t = m.elapsed_s[order]
+    context = likelihood.linear.context
+    order = np.argsort(context.t_s, kind="stable")
+    t = context.elapsed_s[order]
     gain = np.zeros(len(t))
     for channel in channels:
-        response = readout.response(channel)[order]
+        response = likelihood.response(channel)[order]
         information = np.cumsum(np.sum(response**2, axis=1)[::-1])[::-1]
-        score = np.cumsum(np.sum(response * readout.left[order], axis=1)[::-1])[::-1]
+        score = np.cumsum(np.sum(response * likelihood.weighted_residual[order], axis=1)[::-1])[::-1]
         share = information / max(float(information[0]), 1e-300)
-        left = information * (1.0 - share)
-        gain += np.where(left > 0.0, (score - score[0] * share) ** 2, 0.0) / np.maximum(left, 1e-300)
-    starts = np.flatnonzero(np.diff(m.arrival[order], prepend=-1) != 0)
-    starts = starts[t[starts] > 0.0]
-    found: list[float] = []
-    for k in starts[np.argsort(gain[starts])[::-1]]:
-        at = 0.5 * float(t[k] + t[k - 1])  # between the last reading before and the first one after
-        if all(abs(at - other) > APART_S for other in found):
-            found.append(at)
-        if len(found) == FEW_ONSETS:
+        remaining = information * (1.0 - share)
+        gain += np.where(remaining > 0.0, (score - score[0] * share) ** 2, 0.0) / np.maximum(remaining, 1e-300)
+    arrivals = np.flatnonzero(np.diff(context.arrival[order], prepend=-1) != 0)
+    arrivals = arrivals[t[arrivals] > 0.0]
+    onsets_s: list[float] = []
+    for row in arrivals[np.argsort(gain[arrivals])[::-1]]:
+        onset_s = 0.5 * float(t[row] + t[row - 1])  # between the last reading before and the first one after
+        if all(abs(onset_s - other) > ONSETS_APART_S for other in onsets_s):
+            onsets_s.append(onset_s)
+        if len(onsets_s) == MAX_ONSETS:
             break
-    return [(at, 1.0 / max(len(starts), 1)) for at in found]
+    return [(onset_s, 1.0 / max(len(arrivals), 1)) for onset_s in onsets_s]

@@ -1,6 +1,6 @@
-"""Alternatives without any physics: something acts at a channel and depends on a coordinate, in whatever form.
+"""Non-parametric alternatives: an arbitrary function of one coordinate that acts through one or several channels.
 
-Where they explain more than the catalogue, the effect is unknown, and they say where it lives and on what it depends.
+If they explain more than the catalogue, the effect is unknown; their channel and coordinate then tell where to look.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.evidence import Readout, log_evidence_of_sizes, log_sum
-from calibration.effects.api import Setting
-from calibration.effects.basis_functions import brownian, products, smooth
+from calibration.diagnosis.evidence import MarginalLikelihood, log_evidence_of_sizes, log_sum
+from calibration.effects.api import EffectInputs
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
 
-WITHOUT_VISITS = ("light.", "station.", "floor.", "smr.")
-UNSEEN = 1e-9  # sigma a unit of a channel
-REST_S = 6.0
+NOT_BY_VISIT_PREFIXES = ("light.", "station.", "floor.", "smr.")  # channels without independent shifts per visit
+NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
+DWELL_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
-CHANNELS_TRIED = 4  # coordinates are tried where single visits stand out most
+CHANNELS_TRIED = 4  # channels with the largest evidence of shifts per visit, on which all coordinates are tried
 
 
 @dataclass(frozen=True)
-class Formless:
-    """Something at channels that depends on a coordinate ('time', 'place', 'direction', 'rest', 'load', 'visit').
+class NonParametricEffect:
+    """An arbitrary function of a coordinate ('time', 'place', 'direction', 'rest', 'load', 'visit'), through channels.
 
-    channels: names, each with what is one sigma of it; shapes (n, k): functions of the coordinate, common to them.
-    log_evidence: over `none`; size: the likeliest, in sigma.
+    channels: names, each with the amount that moves a reading by one sigma; shapes (n, k): basis functions of the
+    coordinate, common to the channels. log_evidence: over `none`; size: the most likely one, in sigma.
     """
 
     channels: tuple[tuple[str, float], ...]
@@ -42,145 +42,161 @@ class Formless:
         """The first of its channels."""
         return self.channels[0][0]
 
-    def columns(self, readout: Readout) -> Array:
+    def columns(self, likelihood: MarginalLikelihood) -> Array:
         """Whitened columns (n, 3, k), each times its prior standard deviation."""
         parts = [
-            readout.response(name)[:, :, None] * self.shapes[:, None, :] * (self.size * unit)
+            likelihood.response(name)[:, :, None] * self.shapes[:, None, :] * (self.size * unit)
             for name, unit in self.channels
         ]
         return np.concatenate(parts, axis=2)
 
 
-def weigh_formless(readout: Readout, setting: Setting) -> list[Formless]:
-    """Form-free alternatives, the likeliest first.
+def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) -> list[NonParametricEffect]:
+    """Non-parametric alternatives, the most likely first.
 
-    Every visit on its own at each channel, roughly; then all coordinates at the channels where that says most.
+    First an approximate test with independent shifts per visit at each channel of the machine; then all coordinates at
+    the channels with the largest evidence.
     """
-    each = _each_visit(setting)
-    machines = [group for group in _groups(setting, readout.channels) if not group[0].startswith(WITHOUT_VISITS)]
-    machines.sort(key=lambda group: -log_sum(_of_single_visits(readout, group[0], setting, SIZES_SIGMA)))
-    tried = machines[:CHANNELS_TRIED]
-    found = [_weighed(readout, group, "visit", each) for group in tried]
-    found += [
-        _weighed(readout, group, coordinate, shapes)
-        for group, coordinate, shapes in _alternatives(setting, readout.channels, tried)
+    machine_groups = [
+        group
+        for group in _channel_groups(inputs, likelihood.channels)
+        if not group[0].startswith(NOT_BY_VISIT_PREFIXES)
     ]
-    return sorted(found, key=lambda f: -f.log_evidence)
+    machine_groups.sort(key=lambda group: -log_sum(_log_evidence_by_visit(likelihood, group[0], inputs, SIZES_SIGMA)))
+    tried_groups = machine_groups[:CHANNELS_TRIED]
+    by_visit = _visit_indicators(inputs)
+    alternatives = [_non_parametric_evidence(likelihood, group, "visit", by_visit) for group in tried_groups]
+    alternatives += [
+        _non_parametric_evidence(likelihood, group, coordinate, shapes)
+        for group, coordinate, shapes in _alternatives(inputs, likelihood.channels, tried_groups)
+    ]
+    return sorted(alternatives, key=lambda alternative: -alternative.log_evidence)
 
 
-def _each_visit(setting: Setting) -> Array:
-    arrival = setting.moments.arrival
+def _visit_indicators(inputs: EffectInputs) -> Array:
+    arrival = inputs.context.arrival
     return (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
 
 
-def _of_single_visits(readout: Readout, channel: str, setting: Setting, sizes_sigma: Array) -> Array:
-    """Logarithm (a,) of the evidence of single visits at a channel, as if independent of one another, by size (a,)."""
-    information, score = readout.by_visit(channel, setting.moments.arrival)
-    square = (sizes_sigma[:, None] * _sigma(readout, channel)) ** 2
+def _log_evidence_by_visit(
+    likelihood: MarginalLikelihood, channel: str, inputs: EffectInputs, sizes_sigma: Array
+) -> Array:
+    """Log evidence (a,) of shifts per visit at a channel, approximated as independent, for each size (a,)."""
+    information, score = likelihood.information_by_visit(channel, inputs.context.arrival)
+    square = (sizes_sigma[:, None] * _channel_unit(likelihood, channel)) ** 2
     grown = 1.0 + square * information
     return np.asarray(np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1))
 
 
-def platform_hides(readout: Readout, setting: Setting, sizes_sigma: Array) -> Array:
-    """The same (c, a) at each coordinate of the platform."""
-    return np.array([_of_single_visits(readout, c, setting, sizes_sigma) for c in readout.channels.poses()])
+def log_evidence_at_platform(likelihood: MarginalLikelihood, inputs: EffectInputs, sizes_sigma: Array) -> Array:
+    """Log evidence (c, a) of shifts per visit at each coordinate of the platform, for each size (a,)."""
+    channels = likelihood.channels.pose_channels()
+    return np.array([_log_evidence_by_visit(likelihood, channel, inputs, sizes_sigma) for channel in channels])
 
 
-def _sigma(readout: Readout, channel: str) -> float:
-    """What of a channel moves a reading by one standard deviation, RMS; zero where nothing sees it."""
-    rms = float(np.sqrt(np.mean(readout.response(channel) ** 2)))
-    return 1.0 / rms if rms > UNSEEN else 0.0
+def _channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:
+    """The amount of a channel that moves the readings by one standard deviation RMS; zero if no reading responds."""
+    rms = float(np.sqrt(np.mean(likelihood.response(channel) ** 2)))
+    return 1.0 / rms if rms > NEGLIGIBLE_RESPONSE else 0.0
 
 
-def _weighed(readout: Readout, group: tuple[str, ...], coordinate: str, shapes: Array) -> Formless:
-    channels = tuple((name, _sigma(readout, name)) for name in group)
-    logs = log_evidence_of_sizes(readout.judge_through(channels, shapes), SIZES_SIGMA)
+def _non_parametric_evidence(
+    likelihood: MarginalLikelihood, group: tuple[str, ...], coordinate: str, shapes: Array
+) -> NonParametricEffect:
+    channels = tuple((name, _channel_unit(likelihood, name)) for name in group)
+    logs = log_evidence_of_sizes(likelihood.information_and_score_through(channels, shapes), SIZES_SIGMA)
     evidence = float(log_sum(logs) - np.log(len(logs)))
-    return Formless(channels, coordinate, shapes, evidence, float(SIZES_SIGMA[int(np.argmax(logs))]))
+    return NonParametricEffect(channels, coordinate, shapes, evidence, float(SIZES_SIGMA[int(np.argmax(logs))]))
 
 
 def _alternatives(
-    setting: Setting, channels: Channels, tried: list[tuple[str, ...]]
+    inputs: EffectInputs, channels: Channels, tried_groups: list[tuple[str, ...]]
 ) -> Iterator[tuple[tuple[str, ...], str, Array]]:
-    """Channels, coordinate and shapes; of the machine's channels only those that are to be tried."""
-    shared = _shared(setting)
-    for group in _groups(setting, channels):
-        elsewhere = group[0].startswith(WITHOUT_VISITS)
-        if not elsewhere and group not in tried:
+    """Channels, coordinate and shapes (n, k); of the machine's channels only `tried_groups`."""
+    common = _common_basis_functions(inputs)
+    for group in _channel_groups(inputs, channels):
+        not_on_machine = group[0].startswith(NOT_BY_VISIT_PREFIXES)
+        if not not_on_machine and group not in tried_groups:
             continue
-        own = dict(shared)
-        drive = _drive_of(setting, group[0])
-        if elsewhere:
-            own = {"time": shared["time"]} | ({"place": _sight(setting)} if group[0].startswith("light") else {})
+        bases = dict(common)
+        drive = _drive_of(inputs, group[0])
+        if not_on_machine:
+            bases = {"time": common["time"]}
+            if group[0].startswith("light"):
+                bases["place"] = _line_of_sight_basis(inputs)
         elif drive is not None:
-            own |= _of_drive(setting, drive)
+            bases |= _drive_basis_functions(inputs, drive)
         elif group[0].startswith("length."):
-            strut = setting.machine.strut_names.index(group[0].split(".")[1])
-            own |= _of_drive(setting, max(int(setting.machine.strut_drive[strut]), 0))
-        for coordinate, shapes in own.items():
+            strut = inputs.machine.strut_names.index(group[0].split(".")[1])
+            bases |= _drive_basis_functions(inputs, max(int(inputs.machine.strut_drive[strut]), 0))
+        for coordinate, shapes in bases.items():
             yield group, coordinate, shapes
 
 
-def _groups(setting: Setting, channels: Channels) -> Iterator[tuple[str, ...]]:
-    machine = setting.machine
+def _channel_groups(inputs: EffectInputs, channels: Channels) -> Iterator[tuple[str, ...]]:
+    """Channels that are tried together, such as all coordinates of a reflector."""
+    machine = inputs.machine
     for a, drive in enumerate(machine.drive_names):
         yield (f"travel.{drive}",)
-        yield from ((c,) for c in (*channels.sideways(a), *channels.turns(a)))
+        yield from ((c,) for c in (*channels.sideways_channels(a), *channels.rotation_channels(a)))
     yield from ((f"length.{strut}",) for strut in machine.strut_names)
-    yield from ((c,) for c in channels.poses())
+    yield from ((c,) for c in channels.pose_channels())
     platform = [i for i, smr in enumerate(machine.smrs) if smr.on == "platform"]
-    yield from (channels.smrs(i) for i in platform)
-    yield tuple(c for i in platform for c in channels.smrs(i))
-    yield channels.stations()
-    yield channels.floors()
+    yield from (channels.reflector_channels(i) for i in platform)
+    yield tuple(c for i in platform for c in channels.reflector_channels(i))
+    yield channels.station_channels()
+    yield channels.floor_channels()
     yield ("light.v",)
     yield ("light.hz",)
 
 
-def _drive_of(setting: Setting, channel: str) -> int | None:
-    kind, _, rest = channel.partition(".")
+def _drive_of(inputs: EffectInputs, channel: str) -> int | None:
+    kind, _, place = channel.partition(".")
     if kind not in ("travel", "sideways", "turn"):
         return None
-    return setting.machine.drive_names.index(rest.split(".")[0])
+    return inputs.machine.drive_names.index(place.split(".")[0])
 
 
-def _with_load(setting: Setting, shapes: Array) -> Array:
-    """The same, and larger or smaller under load."""
-    return np.concatenate([shapes, shapes * (setting.load - 0.5)[:, None]], axis=1)
+def _with_payload_interaction(inputs: EffectInputs, shapes: Array) -> Array:
+    """Shapes (n, k), followed by their products with the payload."""
+    return np.concatenate([shapes, shapes * (inputs.payload_ratio - 0.5)[:, None]], axis=1)
 
 
-def _shared(setting: Setting) -> dict[str, Array]:
-    """Functions of what all channels share: time, side, rest and speed, load, place of the platform."""
-    m = setting.moments
-    t = m.elapsed_s / max(float(m.elapsed_s.max()), 1.0)
-    speed = m.speed_m_per_s / max(float(m.speed_m_per_s.max()), 1e-9)
-    rest = np.stack([np.exp(-m.dwell_s / tau) for tau in (1.5, REST_S, 4.0 * REST_S)], axis=1)
-    moved = np.concatenate([rest, rest * speed[:, None], rest * np.sqrt(speed)[:, None], speed[:, None]], axis=1)
-    sides = m.direction
-    places = [smooth(q, 4, roughness=1.0, constant=True) for q in m.drives.T]
-    place = places[0]
-    for other in places[1:]:
-        place = products(place, other)[:, :40]
+def _common_basis_functions(inputs: EffectInputs) -> dict[str, Array]:
+    """Basis functions for all channels: of time, approach direction, dwell and speed, payload, position."""
+    context = inputs.context
+    t = context.elapsed_s / max(float(context.elapsed_s.max()), 1.0)
+    speed = context.speed_m_per_s / max(float(context.speed_m_per_s.max()), 1e-9)
+    decay = np.stack([np.exp(-context.dwell_s / tau) for tau in (1.5, DWELL_S, 4.0 * DWELL_S)], axis=1)
+    settling = np.concatenate([decay, decay * speed[:, None], decay * np.sqrt(speed)[:, None], speed[:, None]], axis=1)
+    sides = context.direction
+    by_drive = [cosine_basis(q, 4, roughness=1.0, constant=True) for q in context.drives.T]
+    place = by_drive[0]
+    for other in by_drive[1:]:
+        place = tensor_product(place, other)[:, :40]
+    over_time = np.concatenate([random_walk_basis(t, 28), cosine_basis(t, 4)], axis=1)
     return {
-        "time": _with_load(setting, np.concatenate([brownian(t, 28), smooth(t, 4)], axis=1)),
-        "direction": _with_load(setting, sides),
-        "rest": np.concatenate([moved, products(sides, moved)], axis=1),
-        "load": np.stack([setting.load, setting.load**2], axis=1),
-        "place": _with_load(setting, place[:, 1:]),
-        "direction and place": products(sides, place),
-        "time and place": products(brownian(t, 12), place[:, :5]),
+        "time": _with_payload_interaction(inputs, over_time),
+        "direction": _with_payload_interaction(inputs, sides),
+        "rest": np.concatenate([settling, tensor_product(sides, settling)], axis=1),
+        "load": np.stack([inputs.payload_ratio, inputs.payload_ratio**2], axis=1),
+        "place": _with_payload_interaction(inputs, place[:, 1:]),
+        "direction and place": tensor_product(sides, place),
+        "time and place": tensor_product(random_walk_basis(t, 12), place[:, :5]),
     }
 
 
-def _of_drive(setting: Setting, drive: int) -> dict[str, Array]:
-    q = setting.moments.drives[:, drive]
-    curve = smooth(q, 16, roughness=1.0)
+def _drive_basis_functions(inputs: EffectInputs, drive: int) -> dict[str, Array]:
+    curve = cosine_basis(inputs.context.drives[:, drive], 16, roughness=1.0)
     return {
-        "place": _with_load(setting, curve),
-        "direction and place": products(setting.moments.direction[:, drive : drive + 1], curve),
+        "place": _with_payload_interaction(inputs, curve),
+        "direction and place": tensor_product(inputs.context.direction[:, drive : drive + 1], curve),
     }
 
 
-def _sight(setting: Setting) -> Array:
-    p = setting.sight_m
-    return products(smooth(p[:, 0], 5, roughness=1.0, constant=True), smooth(p[:, 2], 4, roughness=1.0, constant=True))
+def _line_of_sight_basis(inputs: EffectInputs) -> Array:
+    """Basis functions (n, k) of where the measured point is, seen from the station."""
+    across, height = inputs.sight_m[:, 0], inputs.sight_m[:, 2]
+    return tensor_product(
+        cosine_basis(across, 5, roughness=1.0, constant=True), cosine_basis(height, 4, roughness=1.0, constant=True)
+    )

@@ -1,9 +1,9 @@
-"""What a diagnosis says. Terms are those of docs/reference/definitions.md; units are in the names."""
+"""The result of a diagnosis. Terms are those of docs/reference/definitions.md; units are in the names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,8 @@ from calibration.base.arrays import Array
 
 NONE, UNKNOWN = "none", "unknown"
 KINDS = (
-    "drive",
-    "strut",
-    "smr",
-    "pose",
-    "region",
-    "direction",
-    "load",
-    "speed",
-    "dwell",
-    "time",
-    "temperature",
-    "period",
-)
+    "drive", "strut", "smr", "pose", "region", "direction", "load", "speed", "dwell", "time", "temperature", "period",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -39,11 +28,11 @@ class Quantity:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that is taken to be there: the first quantity is its size.
+    """An effect that is considered present.
 
-    place: name of a drive, strut or reflector, '' for the whole rig. probability: that this effect, at whatever
-    place, is there. raw_sigma, visible_sigma: RMS over the platform reflectors' coordinates, in units of sigma, of what
-    it does before and after frame, reflectors and geometry are fitted again.
+    place: name of a drive, strut or reflector, '' for the whole rig. probability: that this effect is present, at any
+    place. raw_sigma, visible_sigma: RMS shift of the platform reflectors' coordinates, in units of sigma, before and
+    after frame, reflectors and geometry are refitted.
     """
 
     effect: str
@@ -58,9 +47,9 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class Share:
-    """Part of the gap's variance that a form-free function of one coordinate predicts on withheld blocks.
+    """Share of the gap's variance that a non-parametric function of one coordinate predicts on withheld blocks.
 
-    kind: one of KINDS; name: which one of them ('left', 'x', 'tool'); low, high: 95 % interval.
+    kind: one of KINDS; name: of the coordinate ('left', 'x', 'tool'); low, high: 95 % interval.
     """
 
     kind: str
@@ -81,12 +70,16 @@ class GapFigures:
     shrink_interval: tuple[float, float]
     withheld: str
 
+    def without_effect(self) -> GapFigures:
+        """The figures if no effect is added: after equals before, and nothing shrinks."""
+        return replace(self, after_m=self.before_m, shrink=0.0, shrink_interval=(0.0, 0.0))
+
 
 @dataclass(frozen=True)
 class Withheld:
-    """Predictions (k, 3), station's frame, of readings that were not used: rows (k,) of the recording as it was given.
+    """Predictions (k, 3), station's frame, of withheld readings: rows (k,) of the recording as it was passed in.
 
-    Every platform reflector's reading is predicted once, its block left out.
+    Every platform reflector's reading is predicted once, without its block.
     """
 
     rows: NDArray[np.intp]
@@ -96,7 +89,7 @@ class Withheld:
 
 @dataclass(frozen=True)
 class VisitGaps:
-    """For pictures, one row a visit: tool (v, 3), gaps of the platform before and after (v, 3), machine frame, in m."""
+    """For pictures, one row per visit: tool (v, 3), gaps of the platform before and after (v, 3), machine frame, m."""
 
     tool_m: Array
     before_m: Array
@@ -110,7 +103,7 @@ class VisitGaps:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Power of the gap along a drive by spatial period, largest first period first; over the power of noise."""
+    """Power of the gap along a drive over that of noise, by spatial period, the longest first."""
 
     drive: str
     period_m: Array
@@ -118,8 +111,8 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
-class PlannedVisit:
-    """A visit to measure: tool pose (6,) as x, y, z and rotation vector, and how to come there."""
+class ProposedVisit:
+    """A visit to be measured: tool pose (6,) as x, y, z and rotation vector, and the approach to it."""
 
     target_m: tuple[float, ...]
     direction: tuple[int, ...]
@@ -129,10 +122,11 @@ class PlannedVisit:
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """An addition to the campaign and what it would tell. visits may be empty where a reflector is to be added.
+class CampaignAddition:
+    """A proposed addition to the campaign; visits may be empty, for instance if reflectors are to be added.
 
-    adds: what is new in words; settles: the names it would tell apart; gain_bit: expected information on the cause.
+    adds: the addition in words; settles: names of effects that it would distinguish; gain_bit: expected information on
+    the cause.
     """
 
     name: str
@@ -140,17 +134,17 @@ class Candidate:
     settles: tuple[str, ...]
     minutes: float
     gain_bit: float
-    visits: tuple[PlannedVisit, ...]
+    visits: tuple[ProposedVisit, ...]
 
     @property
     def gain_bit_per_min(self) -> float:
-        """By which candidates are ranked."""
+        """Expected information per minute; additions are ranked by it."""
         return self.gain_bit / self.minutes
 
 
 @dataclass(frozen=True)
 class Clue:
-    """Where an unknown effect lives and on what it depends: a channel of the machine, a coordinate, its share."""
+    """Where an unknown effect acts and on what it depends: a channel of the machine, a coordinate, its share."""
 
     channel: str
     coordinate: str
@@ -159,13 +153,13 @@ class Clue:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All of it. verdict: name of an effect, NONE or UNKNOWN.
+    """The whole result. verdict: name of an effect, NONE or UNKNOWN.
 
-    equivalent: other names that the data cannot tell from the verdict; matters_m: how far apart their predictions are
-    at most, RMS. effects: those taken to be there, strongest first, at most three (empty for NONE and UNKNOWN).
-    ranking: probability by name, NONE and UNKNOWN included, adding up to one. not_tested: name to reason. hidden_m:
-    RMS that an effect could have and still hide (95 %). inside_geometry: RMS in m by name of what is taken into the
-    geometry. where: empty for NONE, whose gap is noise. clues: of an unknown effect.
+    equivalent: other effects that the data cannot distinguish from the verdict; matters_m: largest RMS difference of
+    their predictions. effects: those considered present, the strongest first, at most three (empty for NONE and
+    UNKNOWN). ranking: probability by name, NONE and UNKNOWN included; they add up to one. not_tested: reason by name.
+    hidden_m: detection limit, the RMS that an undetected effect could still have (95 %). inside_geometry: RMS in m by
+    name of what the geometry has absorbed. where: empty for NONE, whose gap is noise. clues: of an unknown effect.
     """
 
     campaign: str
@@ -180,7 +174,7 @@ class Diagnosis:
     hidden_m: float
     inside_geometry: Mapping[str, float]
     clues: tuple[Clue, ...]
-    next_measurement: tuple[Candidate, ...]
+    next_measurement: tuple[CampaignAddition, ...]
     withheld: Withheld
     visits: VisitGaps
     spectra: tuple[Spectrum, ...]

@@ -1,4 +1,4 @@
-"""Which causes the readings speak for: every effect of the catalogue at every place, and form-free alternatives."""
+"""The search for causes: evidence of every effect at every place, and of non-parametric alternatives."""
 
 from __future__ import annotations
 
@@ -8,195 +8,192 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.curve_fit import refit
-from calibration.diagnosis.evidence import Readout, Weighed, log_sum, weigh
-from calibration.diagnosis.non_parametric import Formless, weigh_formless
-from calibration.effects.api import Acts, Effect, Setting
+from calibration.diagnosis.curve_fit import fit_curves
+from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
+from calibration.diagnosis.settings import VERDICT
+from calibration.effects.api import Contributions, Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
-
-MOST_CAUSES = 3
-SEEN = 6.0  # of log evidence: below it nothing is taken into the model
-LEAST_SHARE = 0.006  # of what is explained already, that a further cause must add
-LEAST_SHARE_NEARBY = 0.03  # the same where it could be what the former one's form leaves
-FURTHER, FURTHER_SHARE = 10.0, 0.02  # what every further cause costs: several together mimic much that is one
-WORTH_REFITTING = 0.25  # of the strongest effect's log evidence: below it curves are not looked at
-WORTH_REFITTING_THERE = 0.6  # of the effect's log evidence at its best place
-WORTH_A_LOOK = 4.0  # of log evidence that is left: below it nothing more is searched for
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect as far as the readings speak for it: over all its places and forms, and at its best.
+    """An effect with its evidence over all places and basis sets, and with the best of them.
 
-    log_evidence: over `none`, natural logarithm. places: probability of each, given the effect. acts: columns of the
-    best form, in the order of its coefficients.
+    log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
+    basis set; contributions: columns of that, in the order of its coefficients.
     """
 
     effect: Effect
     log_evidence: float
     places: dict[str, float]
     place: str
-    best: Weighed
-    acts: tuple[Acts, ...]
+    best: BasisSetEvidence
+    contributions: tuple[Contributions, ...]
 
     @property
-    def deviations(self) -> Array:
-        """Prior standard deviations (k,) of the best form's coefficients."""
-        return self.best.size * np.array(self.best.form.relative)
+    def prior_deviations(self) -> Array:
+        """Prior standard deviations (k,) of the best basis set's coefficients."""
+        return self.best.size * np.array(self.best.basis_set.relative)
 
 
-def weigh_effects(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> list[Cause]:
-    """All effects, the likeliest first; those without any form at any place are left out."""
-    found = [(effect, there) for effect in effects if (there := _by_forms(readout, setting, effect))]
-    most = max((_total(there) for _, there in found), default=0.0)
-    worth = max(SEEN, WORTH_REFITTING * most)
-    causes = [
-        _cause(effect, _by_curves(readout, setting, effect, there) if _total(there) > worth else there)
-        for effect, there in found
-    ]
+def rank_effects(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> list[Cause]:
+    """All effects, the most likely first; those without a basis set at any place are left out."""
+    by_effect = [(effect, places) for effect in effects if (places := _evidence_by_place(likelihood, inputs, effect))]
+    strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
+    threshold = max(VERDICT.detection_threshold, VERDICT.curve_fit_share * strongest)
+    causes = []
+    for effect, places in by_effect:
+        refine = _total_log_evidence(places) > threshold
+        causes.append(_cause(effect, _refine_with_curves(likelihood, inputs, effect, places) if refine else places))
     return sorted(causes, key=lambda cause: -cause.log_evidence)
 
 
 @dataclass(frozen=True)
-class _There:
-    """An effect at one of its places: log evidence with the place's prior, the best form, its columns."""
+class _PlaceEvidence:
+    """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns."""
 
     place: str
     log_evidence: float
-    best: Weighed
-    acts: tuple[Acts, ...]
+    best: BasisSetEvidence
+    contributions: tuple[Contributions, ...]
 
 
-def _by_forms(readout: Readout, setting: Setting, effect: Effect) -> list[_There]:
-    names = effect.places(setting.machine)
-    low = _smallest(readout, effect)
+def _evidence_by_place(likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect) -> list[_PlaceEvidence]:
+    names = effect.places(inputs.machine)
+    low = _smallest_size(likelihood, effect)
     out = []
     for index, name in enumerate(names):
-        forms = effect.forms(setting, index)
-        if not forms.forms:
+        built = effect.forms(inputs, index)
+        if not built.sets:
             continue
-        weighed = weigh(readout.judge(forms.acts), forms.forms, low, effect.size.high)
-        weights = np.array([w.form.weight for w in weighed])
-        # Weights that add up to less than one leave the rest to forms that were not worth listing.
+        columns = likelihood.information_and_score(built.contributions)
+        evidence = evidence_of_basis_sets(columns, built.sets, low, effect.size.high)
+        weights = np.array([entry.basis_set.weight for entry in evidence])
+        # Weights that add up to less than one leave the remainder to basis sets that were not listed.
         weights /= max(1.0, float(weights.sum()))
-        logs = np.array([w.log_evidence for w in weighed]) + np.log(weights)
-        best = weighed[int(np.argmax(logs))]
-        acts = tuple(forms.acts[c] for c in best.form.columns)
-        out.append(_There(name, float(log_sum(logs)) - float(np.log(len(names))), best, acts))
+        logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
+        best = evidence[int(np.argmax(logs))]
+        contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
+        out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
     return out
 
 
-def _by_curves(readout: Readout, setting: Setting, effect: Effect, found: list[_There]) -> list[_There]:
-    """The same with the effect's curves, at the places that its forms speak for."""
-    names, low = effect.places(setting.machine), _smallest(readout, effect)
-    most = max(there.log_evidence for there in found)
+def _refine_with_curves(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, places: list[_PlaceEvidence]
+) -> list[_PlaceEvidence]:
+    """The same with the effect's curves, at the places where its basis sets have evidence."""
+    names, low = effect.places(inputs.machine), _smallest_size(likelihood, effect)
+    strongest = max(place.log_evidence for place in places)
 
-    def closer(there: _There) -> _There:
-        curves = effect.curves(setting, names.index(there.place))
-        fitted = refit(readout, curves, low, effect.size.high)
-        if fitted is None:
-            return there
-        value = fitted.log_evidence - float(np.log(len(names) * len(curves)))
-        both = float(np.logaddexp(value, there.log_evidence)) - float(np.log(2.0))
-        if value > there.log_evidence:
-            return _There(there.place, both, fitted.best, fitted.acts)
-        return replace(there, log_evidence=both)
+    def refined(place: _PlaceEvidence) -> _PlaceEvidence:
+        curves = effect.curves(inputs, names.index(place.place))
+        fit = fit_curves(likelihood, curves, low, effect.size.high)
+        if fit is None:
+            return place
+        log_evidence = fit.log_evidence - float(np.log(len(names) * len(curves)))
+        both = float(np.logaddexp(log_evidence, place.log_evidence)) - float(np.log(2.0))
+        if log_evidence > place.log_evidence:
+            return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
+        return replace(place, log_evidence=both)
 
-    worth = WORTH_REFITTING_THERE * most
-    return [closer(there) if there.log_evidence > worth else there for there in found]
-
-
-def _cause(effect: Effect, found: list[_There]) -> Cause:
-    total, best = _total(found), max(found, key=lambda there: there.log_evidence)
-    places = {there.place: float(np.exp(there.log_evidence - total)) for there in found}
-    return Cause(effect, total, places, best.place, best.best, best.acts)
+    threshold = VERDICT.curve_fit_share_at_place * strongest
+    return [refined(place) if place.log_evidence > threshold else place for place in places]
 
 
-def _total(found: list[_There]) -> float:
-    return float(log_sum(np.array([there.log_evidence for there in found])))
+def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:
+    total, best = _total_log_evidence(places), max(places, key=lambda place: place.log_evidence)
+    probabilities = {place.place: float(np.exp(place.log_evidence - total)) for place in places}
+    return Cause(effect, total, probabilities, best.place, best.best, best.contributions)
 
 
-def _smallest(readout: Readout, effect: Effect) -> float:
-    return effect.smallest(readout.baseline.recording.file.nuisance)
+def _total_log_evidence(places: list[_PlaceEvidence]) -> float:
+    return float(log_sum(np.array([place.log_evidence for place in places])))
 
 
-def taken(readout: Readout, cause: Cause | Formless) -> Readout:
-    """The readout once a cause, in its best form or without one, belongs to the model."""
-    if isinstance(cause, Formless):
-        return readout.given(cause.columns(readout))
-    return readout.given(readout.columns(cause.acts) * cause.deviations)
+def _smallest_size(likelihood: MarginalLikelihood, effect: Effect) -> float:
+    return effect.smallest_size(likelihood.linear.recording.file.nuisance)
 
 
-def tested(setting: Setting, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
-    """The effects that the campaign can show, and why not by name of the others."""
-    reasons = {effect.name: effect.untested(setting) for effect in catalogue.effects}
-    can = [effect for effect in catalogue.effects if reasons[effect.name] is None]
-    return can, {name: reason for name, reason in reasons.items() if reason is not None}
+def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEffect) -> MarginalLikelihood:
+    """The marginal likelihood with a cause, in its best basis set, or a non-parametric effect added to the model."""
+    if isinstance(cause, NonParametricEffect):
+        return likelihood.including(cause.columns(likelihood))
+    return likelihood.including(likelihood.columns(cause.contributions) * cause.prior_deviations)
+
+
+def detectable_effects(inputs: EffectInputs, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
+    """The effects that the campaign can show; for the others, by name, the reason why not."""
+    reasons = {effect.name: effect.untested(inputs) for effect in catalogue.effects}
+    detectable = [effect for effect in catalogue.effects if reasons[effect.name] is None]
+    return detectable, {name: reason for name, reason in reasons.items() if reason is not None}
 
 
 @dataclass(frozen=True)
-class Explanation:
-    """What the readings are explained by.
+class SearchResult:
+    """The result of a search for causes.
 
-    ranking: all effects alone, the likeliest first. causes: effects of the catalogue that together explain most;
-    readouts: before any of them and after each. log_evidence: of the causes together over `none`, less what more than
-    one of them costs; excess: by how much the best form-free alternative, alone or on top of them, says more. formless:
-    what is left to form-free alternatives on top of the causes; alone: form-free alternatives without any cause (empty
-    where not needed).
+    ranking: all effects, each alone, the most likely first. causes: effects of the catalogue that together explain
+    most; likelihoods: without any of them and after each. log_evidence: of the causes together over `none`, less the
+    penalty for more than one; excess_log_evidence: how much more the best non-parametric alternative has, alone or in
+    addition to them. non_parametric: alternatives in addition to the causes; non_parametric_alone: alternatives without
+    any cause (empty if not needed).
     """
 
     ranking: tuple[Cause, ...]
     causes: tuple[Cause, ...]
-    readouts: tuple[Readout, ...]
+    likelihoods: tuple[MarginalLikelihood, ...]
     log_evidence: float
-    excess: float
-    formless: tuple[Formless, ...]
-    alone: tuple[Formless, ...]
+    excess_log_evidence: float
+    non_parametric: tuple[NonParametricEffect, ...]
+    non_parametric_alone: tuple[NonParametricEffect, ...]
 
 
-def explain(readout: Readout, setting: Setting, effects: Sequence[Effect]) -> Explanation:
-    """Take effects into the model as long as each tells more than chance; then look at what is left."""
-    ranking = weigh_effects(readout, setting, effects)
-    readouts, total, best = [readout], 0.0, 0.0
+def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> SearchResult:
+    """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives."""
+    ranking = rank_effects(likelihood, inputs, effects)
+    likelihoods, log_evidence, best_log_evidence = [likelihood], 0.0, 0.0
     causes: list[Cause] = []
-    left: list[Formless] = []
-    candidates = ranking
-    while candidates and len(causes) < MOST_CAUSES:
-        gain = candidates[0].log_evidence
-        nearby = any(_near(setting, candidates[0], cause) for cause in causes)
-        if gain < max(SEEN, (LEAST_SHARE_NEARBY if nearby else LEAST_SHARE) * total):
+    non_parametric: list[NonParametricEffect] = []
+    ranked = ranking
+    while ranked and len(causes) < VERDICT.max_causes:
+        gain = ranked[0].log_evidence
+        same_part = any(_same_part_of_machine(inputs, ranked[0], cause) for cause in causes)
+        share = VERDICT.min_gain_share_same_part if same_part else VERDICT.min_gain_share
+        if gain < max(VERDICT.detection_threshold, share * log_evidence):
             break
         if causes:
-            total -= FURTHER + FURTHER_SHARE * (total + gain)
-        causes.append(candidates[0])
-        total += gain
-        readouts.append(taken(readouts[-1], candidates[0]))
-        left = weigh_formless(readouts[-1], setting)
-        best = max(best, total + left[0].log_evidence)
-        if left[0].log_evidence < WORTH_A_LOOK:
+            share_of_explained = VERDICT.further_cause_penalty_share * (log_evidence + gain)
+            log_evidence -= VERDICT.further_cause_penalty + share_of_explained
+        causes.append(ranked[0])
+        log_evidence += gain
+        likelihoods.append(include_cause(likelihoods[-1], ranked[0]))
+        non_parametric = rank_non_parametric(likelihoods[-1], inputs)
+        best_log_evidence = max(best_log_evidence, log_evidence + non_parametric[0].log_evidence)
+        if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
             break
-        candidates = weigh_effects(readouts[-1], setting, effects)
-    alone: list[Formless] = []
-    if best - total > WORTH_A_LOOK or not causes:
-        alone = weigh_formless(readout, setting)
-        best = max(best, alone[0].log_evidence)
-        left = left or alone
+        ranked = rank_effects(likelihoods[-1], inputs, effects)
+    non_parametric_alone: list[NonParametricEffect] = []
+    if best_log_evidence - log_evidence > VERDICT.residual_search_threshold or not causes:
+        non_parametric_alone = rank_non_parametric(likelihood, inputs)
+        best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)
+        non_parametric = non_parametric or non_parametric_alone
     if len(causes) > 1:
-        causes, readouts = _in_order(readout, setting, causes)
-    return Explanation(
-        tuple(ranking),
-        tuple(causes),
-        tuple(readouts),
-        total,
-        max(best - total, 0.0),
-        tuple(left),
-        tuple(alone),
+        causes, likelihoods = _refit_causes(likelihood, inputs, causes)
+    return SearchResult(
+        ranking=tuple(ranking),
+        causes=tuple(causes),
+        likelihoods=tuple(likelihoods),
+        log_evidence=log_evidence,
+        excess_log_evidence=max(best_log_evidence - log_evidence, 0.0),
+        non_parametric=tuple(non_parametric),
+        non_parametric_alone=tuple(non_parametric_alone),
     )
 
 
-def _near(setting: Setting, one: Cause, other: Cause) -> bool:
-    """Whether two causes live at the same part of the machine, or are the same effect."""
-    machine = setting.machine
+def _same_part_of_machine(inputs: EffectInputs, one: Cause, other: Cause) -> bool:
+    """Whether two causes act at the same drive or its struts, or are the same effect."""
+    machine = inputs.machine
 
     def drives(cause: Cause) -> set[int]:
         if cause.effect.place == "drive":
@@ -208,17 +205,18 @@ def _near(setting: Setting, one: Cause, other: Cause) -> bool:
     return one.effect.name == other.effect.name or bool(drives(one) & drives(other))
 
 
-def _in_order(readout: Readout, setting: Setting, causes: list[Cause]) -> tuple[list[Cause], list[Readout]]:
-    """Each cause in the form that is best once the others belong to the model, the strongest first."""
-    again: list[Cause] = []
-    for number, cause in enumerate(causes):
-        without = readout
-        for other, there in enumerate(causes):
-            if other != number:
-                without = taken(without, again[other] if other < number else there)
-        again.append(weigh_effects(without, setting, [cause.effect])[0])
-    again.sort(key=lambda cause: -cause.log_evidence)
-    readouts = [readout]
-    for cause in again:
-        readouts.append(taken(readouts[-1], cause))
-    return again, readouts
+def _refit_causes(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, causes: list[Cause]
+) -> tuple[list[Cause], list[MarginalLikelihood]]:
+    """Each cause in its best basis set, given the others in the model; the strongest first."""
+    refitted: list[Cause] = []
+    for number in range(len(causes)):
+        likelihood_of_others = likelihood
+        for other in (*refitted, *causes[number + 1 :]):
+            likelihood_of_others = include_cause(likelihood_of_others, other)
+        refitted.append(rank_effects(likelihood_of_others, inputs, [causes[number].effect])[0])
+    refitted.sort(key=lambda cause: -cause.log_evidence)
+    likelihoods = [likelihood]
+    for cause in refitted:
+        likelihoods.append(include_cause(likelihoods[-1], cause))
+    return refitted, likelihoods

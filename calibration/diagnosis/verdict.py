@@ -1,9 +1,8 @@
 """From evidence to probabilities.
 
-Evidence takes a form at its word; a real part never follows one exactly, and the more there is to see, the more that
-counts. Differences are therefore divided by a temperature that grows with the evidence, and an excess of form-free
-alternatives is held against a share of it. The constants were fitted on simulated rigs whose forms differ from ours
-(docs/explanation/withheld.md); none of them is specific to an effect.
+Evidence assumes that a basis set is exact, which no real part is, and the stronger the signal, the larger this model
+error. Differences of log evidence are therefore divided by a temperature that grows with the evidence, and the excess
+of non-parametric alternatives is compared with a share of it.
 """
 
 from __future__ import annotations
@@ -15,37 +14,32 @@ from scipy.special import expit
 
 from calibration.diagnosis.evidence import log_sum
 from calibration.diagnosis.result import NONE, UNKNOWN
-from calibration.diagnosis.search import Cause, Explanation
-
-NOTHING = 7.0  # of log evidence: prior odds of `none`
-PLAIN_EXCESS = 12.0
-EXCESS_SHARE = 0.03
-WIDTH = 4.0
-WIDTH_SHARE = 0.008
-TEMPERATURE_SHARE = 0.01
+from calibration.diagnosis.search import Cause, SearchResult
+from calibration.diagnosis.settings import VERDICT
 
 
-def probabilities(found: Explanation) -> dict[str, float]:
+def probabilities(search_result: SearchResult) -> dict[str, float]:
     """Probability by name of each effect as the main cause, of NONE and of UNKNOWN; they add up to one."""
-    strongest = found.ranking[0].log_evidence if found.ranking else 0.0
-    total = max(found.log_evidence, 0.0)
-    something = float(expit(max(strongest, total + found.excess) - NOTHING))
-    unknown = float(expit((found.excess - PLAIN_EXCESS - EXCESS_SHARE * total) / (WIDTH + WIDTH_SHARE * total)))
-    logs = np.array([cause.log_evidence for cause in found.ranking])
-    ranked = np.empty(0)
+    ranking, excess = search_result.ranking, search_result.excess_log_evidence
+    strongest = ranking[0].log_evidence if ranking else 0.0
+    explained = max(search_result.log_evidence, 0.0)
+    any_effect = float(expit(max(strongest, explained + excess) - VERDICT.none_prior_log_odds))
+    threshold = VERDICT.excess_threshold + VERDICT.excess_share * explained
+    width = VERDICT.excess_width + VERDICT.excess_width_share * explained
+    unknown = float(expit((excess - threshold) / width))
+    logs = np.array([cause.log_evidence for cause in ranking])
+    tempered = np.empty(0)
     if logs.size:
-        temperature = 1.0 + TEMPERATURE_SHARE * max(strongest, 0.0)
-        ranked = np.exp(logs / temperature - log_sum(logs / temperature))
+        temperature = 1.0 + VERDICT.temperature_share * max(strongest, 0.0)
+        tempered = np.exp(logs / temperature - log_sum(logs / temperature))
     else:
         unknown = 1.0
-    out = {
-        cause.effect.name: float(p)
-        for cause, p in zip(found.ranking, something * (1.0 - unknown) * ranked, strict=True)
-    }
-    return out | {NONE: 1.0 - something, UNKNOWN: something * unknown}
+    named = any_effect * (1.0 - unknown) * tempered
+    out = {cause.effect.name: float(p) for cause, p in zip(ranking, named, strict=True)}
+    return out | {NONE: 1.0 - any_effect, UNKNOWN: any_effect * unknown}
 
 
-def presence(cause: Cause, ranking: Mapping[str, float]) -> float:
-    """Probability that a further cause is there, the others given: its evidence is over them."""
-    known = 1.0 - ranking[NONE] - ranking[UNKNOWN]
-    return float(known * expit(cause.log_evidence - NOTHING))
+def presence_probability(cause: Cause, ranking: Mapping[str, float]) -> float:
+    """Probability that a further cause is present, given the others: its evidence is conditioned on them."""
+    named = 1.0 - ranking[NONE] - ranking[UNKNOWN]
+    return float(named * expit(cause.log_evidence - VERDICT.none_prior_log_odds))

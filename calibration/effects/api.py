@@ -1,12 +1,14 @@
-"""What a catalogue effect is: a name, a place, a size with its range, and the forms that its physics may take.
+"""The interface of a catalogue effect: its name, place, size with range, and the basis sets that its physics may take.
 
-A form is a set of columns: functions of the readings' moments that act on the machine through channels
-(docs/reference/effects.md). Its unknown coefficients are normal with standard deviations relative to the size, which
-itself is unknown over its plausible range. The first column carries the size: one unit of it is one unit of the size.
+A basis set is a list of columns: functions of the readings' context that act on the machine through channels
+(docs/reference/effects.md). Its unknown coefficients are normally distributed with standard deviations relative to the
+size, which itself is unknown within its plausible range. The first column carries the size: a coefficient of one is a
+size of one.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,23 +17,24 @@ from typing import Literal
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.basis_functions import centred
-from calibration.effects.context import Moments
+from calibration.effects.basis_functions import scale_to_symmetric
+from calibration.effects.context import ReadingContext
+from calibration.effects.former_names import former_name
 from calibration.machine.description import Machine
 from calibration.recording.header import DisturbanceLevels
 
 Place = Literal["drive", "strut", "smr", "rig"]
-Measured = Literal["norm", "sum", "rms", "range"]
-Acts = tuple[tuple[str, Array], ...]
-OnCurve = tuple[int, tuple[float, ...]]  # number of a curve, parameters
+SizeMeasure = Literal["norm", "sum", "rms", "range"]
+Contributions = tuple[tuple[str, Array], ...]  # of one column: channels, each with a function (n,) of the readings
+CurvePoint = tuple[int, tuple[float, ...]]  # number of a curve, parameters on it
 
-ABOVE_DECLARED = 2.0
-FLEXIBLE = 0.3  # standard deviation of what a real part adds to the textbook's form, relative to the size
+MIN_RATIO_TO_DECLARED = 2.0
+FLEXIBLE_SHARE = 0.3  # standard deviation of what a real part adds to the textbook's law, relative to the size
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A number of an effect, its plausible range and its SI unit ('1' for a ratio)."""
+class EffectParameter:
+    """A parameter of an effect with its plausible range and its SI unit ('1' for a ratio)."""
 
     name: str
     low: float
@@ -41,63 +44,67 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Form:
+class BasisSet:
     """One way in which an effect may act: numbers of its columns, standard deviations relative to the size.
 
-    parameters: values of the effect's other parameters in this form. curve: which of the effect's curves it belongs to,
-    and where on it, if it was found by fitting again; size: weights with which the first coefficients then add up to
-    the size.
+    parameters: values of the effect's other parameters in this basis set; weight: its prior against the effect's other
+    basis sets. For the tangent of a curve, curve: the point at which it was taken; size: weights with which the first
+    coefficients add up to the size.
     """
 
     columns: tuple[int, ...]
     relative: tuple[float, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     weight: float = 1.0
-    curve: OnCurve | None = None
+    curve: CurvePoint | None = None
     size: tuple[float, ...] = ()
 
 
-class Forms:
-    """The columns and forms of an effect at one place."""
+class BasisSets:
+    """The columns and basis sets of an effect at one place."""
 
     def __init__(self) -> None:
-        self.acts: list[Acts] = []
-        self.forms: list[Form] = []
+        self.contributions: list[Contributions] = []
+        self.sets: list[BasisSet] = []
 
-    def add(self, *acts: tuple[str, Array]) -> list[int]:
-        """Columns through one or several channels at once, (n,) or (n, k) each; their numbers."""
-        wide = [(channel, shape[:, None] if shape.ndim == 1 else shape) for channel, shape in acts]
-        first = len(self.acts)
+    def add(self, *contributions: tuple[str, Array]) -> list[int]:
+        """Columns that act through one or several channels at once, (n,) or (n, k) each. Returns their numbers."""
+        wide = [(channel, shape[:, None] if shape.ndim == 1 else shape) for channel, shape in contributions]
+        first = len(self.contributions)
         for k in range(wide[0][1].shape[1]):
-            self.acts.append(tuple((channel, shape[:, k]) for channel, shape in wide))
-        return list(range(first, len(self.acts)))
+            self.contributions.append(tuple((channel, shape[:, k]) for channel, shape in wide))
+        return list(range(first, len(self.contributions)))
 
-    def form(
+    def add_set(
         self,
         main: Sequence[int],
         flexible: Sequence[int] = (),
         *,
-        share: float = FLEXIBLE,
+        share: float = FLEXIBLE_SHARE,
         weight: float = 1.0,
         **parameters: float,
     ) -> None:
-        """A form of main columns, and the same with flexible ones of a smaller size."""
-        self.forms.append(Form(tuple(main), (1.0,) * len(main), parameters, weight))
+        """A basis set of the main columns, and a second one with flexible columns of `share` times the size."""
+        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight))
         if flexible:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
-            self.forms.append(Form((*main, *flexible), relative, parameters, weight))
+            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight))
+
+    form = former_name("add_set")
+    forms = former_name("sets")
+    acts = former_name("contributions")
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """A curve near one of its points: columns, the first what it does there and then one by each parameter (p).
+    """Linearisation of a curve at one point: the first column is the value, the others the derivatives (p).
 
-    relative (1 + p,): standard deviations, relative to the size, for which the tangent is good; units (p,): of the
-    parameters by which their coefficients over the size count. size: weights with which the first coefficients add up
-    to the size. step: by how much coefficients (1 + p,) move the point (p,).
+    relative (1 + p,): standard deviations, relative to the size, within which the tangent is a good approximation;
+    units (p,): of the parameters, in which their coefficients over the size count. size: weights with which the first
+    coefficients add up to the size. step: change of the point (p,) for coefficients (1 + p,).
     """
 
-    acts: tuple[Acts, ...]
+    contributions: tuple[Contributions, ...]
     relative: tuple[float, ...]
     units: tuple[float, ...]
     size: tuple[float, ...]
@@ -106,10 +113,10 @@ class Tangent:
 
 @dataclass(frozen=True)
 class Curve:
-    """Forms that are not linear in their parameters (p): fitted again and again, from several starts (m, p).
+    """A family of columns that is not linear in its parameters (p), fitted iteratively from several starts (m, p).
 
-    The first parameter carries the size. low, high (p,): limits; spread (p,): standard deviations about zero, infinite
-    where limits are all that is known.
+    The first parameter carries the size. low, high (p,): limits; spread (p,): prior standard deviations about zero,
+    infinite where only the limits are known.
     """
 
     starts: Array
@@ -120,20 +127,20 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What an effect may know: the machine, the moments of the readings, and forces of the fitted model.
+class EffectInputs:
+    """Everything that an effect may use: the machine, the context of the readings, forces of the fitted model.
 
-    tension_n (n, s): of the struts; answer_n_per_m (n, s, s): change of each one's with the length of each; pull_n
-    (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m (n, 3): the
-    measured points in the station's frame. periods: spatial periods within limits in m that stand out at a drive, each
-    with its prior probability among all that the data could tell apart; onsets: the same of moments, in s since the
-    beginning, from which on something stays changed at some channels.
+    tension_n (n, s): of the struts; tension_response_n_per_m (n, s, s): change of each strut's tension with the length
+    of each; pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m
+    (n, 3): the measured points in the station's frame. periods: of a drive, between a shortest and a longest in m, the
+    most prominent spatial periods with the prior probability of each; onsets: of some channels, the most likely times,
+    in s since the campaign's start, of a lasting change, also with prior probabilities.
     """
 
     machine: Machine
-    moments: Moments
+    context: ReadingContext
     tension_n: Array
-    answer_n_per_m: Array
+    tension_response_n_per_m: Array
     pull_n: Array
     moment_nm: Array
     sight_m: Array
@@ -145,38 +152,46 @@ class Setting:
         """Name of a drive."""
         return self.machine.drive_names[index]
 
-    def partners(self, index: int) -> tuple[int, ...]:
-        """The other drives."""
+    def other_drives(self, index: int) -> tuple[int, ...]:
+        """Indices of all drives but one."""
         return tuple(i for i in range(len(self.machine.drive_names)) if i != index)
 
-    def of_drive(self, kind: str, index: int) -> tuple[str, ...]:
+    def channels_of_drive(self, kind: str, index: int) -> tuple[str, ...]:
         """Channels of a kind ('sideways', 'turn') at a drive."""
         return tuple(c for c in self.channels if c.startswith(f"{kind}.{self.drive(index)}."))
 
-    def middle_m(self, index: int) -> tuple[float, float]:
+    def travel_range_m(self, index: int) -> tuple[float, float]:
         """Middle and half width of the part of a drive's travel that was used."""
-        q = self.moments.drives[:, index]
+        q = self.context.drives[:, index]
         low, high = float(q.min()), float(q.max())
         return 0.5 * (low + high), max(0.5 * (high - low), 1e-9)
 
-    def along(self, index: int) -> Array:
-        """A drive's coordinate (n,) on [-1, 1]."""
-        return centred(self.moments.drives[:, index])
+    def normalised_travel(self, index: int) -> Array:
+        """A drive's coordinate (n,) scaled to [-1, 1]."""
+        return scale_to_symmetric(self.context.drives[:, index])
 
     def height_m(self, index: int) -> Array:
-        """Height (n,) of a slider along its axis over the floor nests, or over the lowest place it may reach."""
+        """Height (n,) of a slider along its axis above the floor nests, or above the lowest point of its travel."""
         axis = self.machine.nominal.axis[index]
         struts = np.flatnonzero(self.machine.strut_drive == index)
         joint = self.machine.nominal.base_joint_m[struts].mean(axis=0) @ axis
-        floor = [s.position_m @ axis for s in self.machine.smrs if s.on == "floor"]
+        floor = [smr.position_m @ axis for smr in self.machine.smrs if smr.on == "floor"]
         lowest = min(floor) if floor else joint + self.machine.travel[index, 0] - 1.0
-        return np.asarray(self.moments.drives[:, index] + joint - lowest)
+        return np.asarray(self.context.drives[:, index] + joint - lowest)
 
     @cached_property
-    def load(self) -> Array:
-        """Payload (n,) over the largest one."""
-        most = float(self.moments.payload_kg.max())
-        return self.moments.payload_kg / most if most > 0.0 else np.zeros(len(self.moments))
+    def payload_ratio(self) -> Array:
+        """Payload (n,) over the largest one of the campaign; zeros without payload."""
+        largest = float(self.context.payload_kg.max())
+        return self.context.payload_kg / largest if largest > 0.0 else np.zeros(len(self.context))
+
+    moments = former_name("context")
+    load = former_name("payload_ratio")
+    answer_n_per_m = former_name("tension_response_n_per_m")
+    along = former_name("normalised_travel")
+    middle_m = former_name("travel_range_m")
+    partners = former_name("other_drives")
+    of_drive = former_name("channels_of_drive")
 
 
 @dataclass(frozen=True)
@@ -184,38 +199,45 @@ class Effect:
     """An entry of the catalogue.
 
     size: its first parameter; others follow. reveals: what in a campaign shows it. confounded: names of effects that
-    look alike. forms: builds the forms at a place (index among drives, struts or platform reflectors; 0 for the rig).
-    untested: why a campaign cannot show it, or None. declared: what of it a recording may declare as ordinary, in the
-    size's unit: only what exceeds that twice is the effect. curves: forms that take longer, looked at where those of
-    `forms` say something. measured: what the size of several main columns together
-    is: the norm of their coefficients, their sum, or RMS or range over the readings of what they do at their channel.
+    look alike. forms: builds the basis sets at a place (index among drives, struts or platform reflectors; 0 for the
+    rig). untested: why a campaign cannot show it, or None. declared: how much of it a recording declares as ordinary,
+    in the size's unit: only more than twice as much is the effect. curves: families of columns that are not linear in
+    their parameters; they are fitted only where the basis sets have evidence. measured: how the size follows from
+    several main columns: the norm of their coefficients, their sum, or RMS or range over the readings of what they
+    contribute at their channel. order: position in the shipped catalogue and in its lists; a user's effect comes after
+    all shipped ones.
     """
 
     name: str
     place: Place
-    size: Parameter
+    size: EffectParameter
     reveals: str
     confounded: tuple[str, ...]
-    forms: Callable[[Setting, int], Forms]
-    others: tuple[Parameter, ...] = ()
-    untested: Callable[[Setting], str | None] = lambda setting: None
+    forms: Callable[[EffectInputs, int], BasisSets]
+    others: tuple[EffectParameter, ...] = ()
+    untested: Callable[[EffectInputs], str | None] = lambda inputs: None
     declared: Callable[[DisturbanceLevels], float] = lambda nuisance: 0.0
-    measured: Measured = "norm"
-    curves: Callable[[Setting, int], Sequence[Curve]] = lambda setting, place: ()
+    measured: SizeMeasure = "norm"
+    curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
+    order: float = math.inf
 
-    def acts(self, setting: Setting, place: int, curve: OnCurve | None = None) -> tuple[Acts, ...]:
-        """The columns of its forms in a setting, or those of a curve's tangent."""
+    def contributions(
+        self, inputs: EffectInputs, place: int, curve: CurvePoint | None = None
+    ) -> tuple[Contributions, ...]:
+        """The columns of its basis sets at a place, or those of the tangent at a point of one of its curves."""
         if curve is None:
-            return tuple(self.forms(setting, place).acts)
-        number, at = curve
-        chosen = self.curves(setting, place)[number]
-        if len(at) != len(chosen.low):
-            raise ValueError(f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(at)}")
-        return chosen.tangent(np.clip(at, chosen.low, chosen.high)).acts
+            return tuple(self.forms(inputs, place).contributions)
+        number, parameters = curve
+        chosen = self.curves(inputs, place)[number]
+        if len(parameters) != len(chosen.low):
+            raise ValueError(
+                f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(parameters)}"
+            )
+        return chosen.tangent(np.clip(parameters, chosen.low, chosen.high)).contributions
 
-    def smallest(self, nuisance: DisturbanceLevels) -> float:
-        """The smallest size that is this effect and not the declared wander of its rig."""
-        return min(max(self.size.low, ABOVE_DECLARED * self.declared(nuisance)), 0.5 * self.size.high)
+    def smallest_size(self, nuisance: DisturbanceLevels) -> float:
+        """The smallest size that counts as this effect and not as a disturbance that the recording declares."""
+        return min(max(self.size.low, MIN_RATIO_TO_DECLARED * self.declared(nuisance)), 0.5 * self.size.high)
 
     def places(self, machine: Machine) -> tuple[str, ...]:
         """Names of the places where it may be."""
@@ -224,20 +246,20 @@ class Effect:
         if self.place == "strut":
             return machine.strut_names
         if self.place == "smr":
-            return tuple(s.name for s in machine.smrs if s.on == "platform")
+            return tuple(smr.name for smr in machine.smrs if smr.on == "platform")
         return ("",)
 
 
-def ladder(low: float, high: float, count: int) -> list[float]:
+def geometric_series(low: float, high: float, count: int) -> list[float]:
     """Values at equal ratios."""
     return [float(x) for x in np.geomspace(low, high, count)]
 
 
-def varied(x: Array, least: float) -> bool:
-    """Whether a coordinate takes values at least so far apart."""
+def varies(x: Array, least: float) -> bool:
+    """Whether the values of a coordinate span at least so much."""
     return bool(np.ptp(x) >= least)
 
 
 def strongest_onset(onsets: Sequence[tuple[float, float]]) -> dict[str, float]:
-    """The parameter `onset_s` of a form that tells of no single moment: when most of it happened."""
+    """The parameter `onset_s` of a basis set without a single onset of its own: the time of the largest change."""
     return {"onset_s": onsets[0][0]} if onsets else {}

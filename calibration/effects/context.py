@@ -1,6 +1,6 @@
-"""When the machine was looked at: where its drives stood, how they came there, and what acted on it.
+"""The context of each reading: time, drive coordinates, how the drives arrived there, payload and temperatures.
 
-One row a reading (n); d drives. Effects are functions of these and of nothing else.
+One row per reading (n), d drives. Effects are functions of this context and of nothing else.
 """
 
 from __future__ import annotations
@@ -13,34 +13,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.effects.former_names import former_name
 from calibration.recording.recording import Recording
+
+LAG_GRID = 400  # points in time at which the temperature of a part is integrated
+# Fields with one row per reading; they are also keys of a twin's file.
+ARRAYS = (
+    "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
+    "payload_com_m", "exchanges",
+)  # fmt: skip
+NOT_CLIPPED = ("arrival", "payload_com_m", "direction", "velocity_m_per_s")
 
 
 @dataclass(frozen=True)
-class History:
-    """All arrivals so far, in order of time: arrived_s (k,), drives (k, d)."""
+class ArrivalHistory:
+    """All arrivals (k) at a target so far, in order of time: arrived_s (k,), drive coordinates (k, d)."""
 
     arrived_s: Array
     drives: Array
 
     @property
-    def way_m(self) -> Array:
-        """Way (k, d) of each drive from the arrival before; zero for the first."""
+    def travelled_m(self) -> Array:
+        """Distance (k, d) of each drive from the previous arrival; zero for the first."""
         return np.abs(np.diff(self.drives, axis=0, prepend=self.drives[:1]))
 
 
 @dataclass(frozen=True)
-class Moments:
-    """What is known of n readings.
+class ReadingContext:
+    """Context of n readings.
 
-    t_s (n,) rig time; arrival (n,): row of the history that the machine had reached; drives, direction,
-    velocity_m_per_s, torque (n, d): command coordinates, side of the last approach (+1 from below), torque over rated
-    torque; speed_m_per_s (n,) of the approach; dwell_s (n,) since the target was reached; payload_kg (n,),
-    payload_com_m (n, 3); exchanges (n,): how often the payload was exchanged before; temperatures_c by sensor (n,);
-    start_s: when the campaign began.
+    t_s (n,): rig time; arrival (n,): row of the history, the last arrival before the reading; drives, direction,
+    velocity_m_per_s, torque (n, d): drive coordinates, side of the last approach (+1 from below), torque over rated
+    torque; speed_m_per_s (n,): of the approach; dwell_s (n,): since the target was reached; payload_kg (n,),
+    payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; temperatures_c: by sensor,
+    (n,) each; start_s: rig time at the campaign's start.
     """
 
-    history: History
+    history: ArrivalHistory
     t_s: Array
     arrival: NDArray[np.intp]
     drives: Array
@@ -60,12 +69,12 @@ class Moments:
 
     @property
     def elapsed_s(self) -> Array:
-        """Time (n,) since the campaign began."""
+        """Time (n,) since the campaign's start."""
         return np.maximum(self.t_s - self.start_s, 0.0)
 
     @property
-    def former(self) -> Array:
-        """Where the drives (n, d) stood at the arrival before."""
+    def previous_drives(self) -> Array:
+        """Drive coordinates (n, d) at the previous arrival."""
         return self.history.drives[np.maximum(self.arrival - 1, 0)]
 
     @property
@@ -73,48 +82,53 @@ class Moments:
         """Readings (n,) taken on the fly."""
         return np.asarray(np.any(self.velocity_m_per_s != 0.0, axis=1))
 
-    def warmth(self, drive: int, tau_s: float) -> Array:
-        """How much heat of its own motion a drive holds (n,): its mean speed in m/s over the last tau_s."""
-        arrived, way = self.history.arrived_s, self.history.way_m[:, drive]
-        held = np.empty(len(arrived))
-        value, before = 0.0, arrived[0]
-        for i, (t, more) in enumerate(zip(arrived.tolist(), (way / tau_s).tolist(), strict=True)):
-            value = value * np.exp(-(t - before) / tau_s) + more
-            held[i], before = value, t
-        return held[self.arrival] * np.exp(-np.maximum(self.t_s - arrived[self.arrival], 0.0) / tau_s)
+    def motion_heat(self, drive: int, tau_s: float) -> Array:
+        """Heat of a drive's own motion (n,): its mean speed in m/s, exponentially weighted with time constant tau_s."""
+        arrived, travelled = self.history.arrived_s, self.history.travelled_m[:, drive]
+        heat_at_arrival = np.empty(len(arrived))
+        heat, previous_s = 0.0, arrived[0]
+        for i, (t, added) in enumerate(zip(arrived.tolist(), (travelled / tau_s).tolist(), strict=True)):
+            heat = heat * np.exp(-(t - previous_s) / tau_s) + added
+            heat_at_arrival[i], previous_s = heat, t
+        since_arrival_s = np.maximum(self.t_s - arrived[self.arrival], 0.0)
+        return heat_at_arrival[self.arrival] * np.exp(-since_arrival_s / tau_s)
 
-    def lag_k(self, sensor: str, tau_s: float) -> Array:
-        """A part of time constant tau_s that follows a sensor, minus the sensor (n,) in kelvin; zero at the start."""
+    def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
+        """Temperature of a part of time constant tau_s minus its sensor (n,) in kelvin; zero at the start."""
         order = np.argsort(self.t_s, kind="stable")
-        t, sensed = self.t_s[order], np.asarray(self.temperatures_c[sensor])[order]
-        grid = np.linspace(t[0], t[-1], 400)
-        on_grid = np.interp(grid, t, sensed)
-        keep = float(np.exp(-(grid[1] - grid[0]) / tau_s))
-        behind, out = 0.0, np.empty(len(grid))
+        t, sensor_c = self.t_s[order], np.asarray(self.temperatures_c[sensor])[order]
+        grid = np.linspace(t[0], t[-1], LAG_GRID)
+        on_grid = np.interp(grid, t, sensor_c)
+        decay = float(np.exp(-(grid[1] - grid[0]) / tau_s))
+        lag, lag_on_grid = 0.0, np.empty(len(grid))
         for i, change in enumerate(np.diff(on_grid, prepend=on_grid[0]).tolist()):
-            behind = (behind - change) * keep
-            out[i] = behind
-        return np.asarray(np.interp(self.t_s, grid, out))
+            lag = (lag - change) * decay
+            lag_on_grid[i] = lag
+        return np.asarray(np.interp(self.t_s, grid, lag_on_grid))
+
+    former = former_name("previous_drives")
+    warmth = former_name("motion_heat")
+    lag_k = former_name("thermal_lag_k")
 
 
-def moments_of(recording: Recording) -> Moments:
-    """The moments of all readings of a recording."""
+def context_of_recording(recording: Recording) -> ReadingContext:
+    """The context of all readings of a recording."""
     visit = recording["visit"]
     t, dwell, drives = recording["t_rig_s"], recording["dwell_s"], recording.drives("actual_m")
     on_pose = np.asarray(recording["phase"]) != "nests"
     in_time = np.flatnonzero(on_pose)[np.argsort(t[on_pose], kind="stable")]
-    head = in_time[np.unique(visit[in_time], return_index=True)[1]]
-    head = head[np.argsort(t[head], kind="stable")]
-    history = History(t[head] - dwell[head], drives[head])
-    place = {number: row for row, number in enumerate(visit[head].tolist())}
-    known = np.array([place.get(v, 0) for v in visit.tolist()], dtype=np.intp)
+    first_rows = in_time[np.unique(visit[in_time], return_index=True)[1]]
+    first_rows = first_rows[np.argsort(t[first_rows], kind="stable")]
+    history = ArrivalHistory(t[first_rows] - dwell[first_rows], drives[first_rows])
+    row_of_visit = {number: row for row, number in enumerate(visit[first_rows].tolist())}
+    arrival = np.array([row_of_visit.get(number, 0) for number in visit.tolist()], dtype=np.intp)
     payload, order = recording["payload"], np.argsort(t, kind="stable")
     exchanges = np.empty(len(t))
     exchanges[order] = np.cumsum(np.diff(payload[order], prepend=payload[order[0]]) != 0.0)
-    return Moments(
+    return ReadingContext(
         history=history,
         t_s=t,
-        arrival=known,
+        arrival=arrival,
         drives=drives,
         direction=recording.drives("direction"),
         velocity_m_per_s=np.where(on_pose[:, None], recording.drives("velocity_m_per_s"), 0.0),
@@ -129,112 +143,126 @@ def moments_of(recording: Recording) -> Moments:
     )
 
 
-ARRAYS = (
-    "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
-    "payload_com_m", "exchanges",
-)  # fmt: skip
+def clip_to_campaign(campaign: ReadingContext, context: ReadingContext) -> ReadingContext:
+    """Another context clipped to the range that the campaign covers; its time counts from the campaign's start."""
+    offset_s = campaign.start_s - context.start_s
+    shifted = replace(context, t_s=context.t_s + offset_s)
 
+    def clip(name: str) -> Array:
+        campaign_values = getattr(campaign, name)
+        return np.clip(getattr(shifted, name), campaign_values.min(axis=0), campaign_values.max(axis=0))
 
-def held(campaign: Moments, moments: Moments) -> Moments:
-    """Moments held within what the campaign saw; their time counts from its beginning."""
-    later = campaign.start_s - moments.start_s
-    since = replace(moments, t_s=moments.t_s + later)
-
-    def within(name: str) -> Array:
-        known, values = getattr(campaign, name), getattr(since, name)
-        return np.clip(values, known.min(axis=0), known.max(axis=0))
-
-    changed: dict[str, Any] = {
-        n: within(n) for n in ARRAYS if n not in ("arrival", "payload_com_m", "direction", "velocity_m_per_s")
-    }
+    clipped: dict[str, Any] = {name: clip(name) for name in ARRAYS if name not in NOT_CLIPPED}
     air = campaign.temperatures_c["air"]
     temperatures = {
-        name: np.clip(moments.temperatures_c.get(name, np.full(len(moments), air.mean())), t.min(), t.max())
+        name: np.clip(context.temperatures_c.get(name, np.full(len(context), air.mean())), t.min(), t.max())
         for name, t in campaign.temperatures_c.items()
     }
-    history = History(moments.history.arrived_s + later, moments.history.drives)
-    return replace(moments, history=history, start_s=campaign.start_s, temperatures_c=temperatures, **changed)
+    history = ArrivalHistory(context.history.arrived_s + offset_s, context.history.drives)
+    return replace(context, history=history, start_s=campaign.start_s, temperatures_c=temperatures, **clipped)
 
 
-def joined(campaign: Moments, moments: Moments) -> Moments:
-    """The campaign's moments, then others that continue it: its arrivals are their past."""
-    h, g = campaign.history, moments.history
-    history = History(np.concatenate([h.arrived_s, g.arrived_s]), np.concatenate([h.drives, g.drives]))
-    changed: dict[str, Any] = {
-        n: np.concatenate([getattr(campaign, n), getattr(moments, n)]) for n in ARRAYS if n != "arrival"
+def append_context(campaign: ReadingContext, later: ReadingContext) -> ReadingContext:
+    """The campaign's readings followed by later ones, whose history includes the campaign's arrivals."""
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(campaign, name), getattr(later, name)]) for name in ARRAYS if name != "arrival"
     }
-    temperatures = {n: np.concatenate([t, moments.temperatures_c[n]]) for n, t in campaign.temperatures_c.items()}
-    arrival = np.concatenate([campaign.arrival, moments.arrival + len(h.arrived_s)])
-    return replace(campaign, history=history, arrival=arrival, temperatures_c=temperatures, **changed)
+    return replace(
+        campaign,
+        history=_concatenate(campaign.history, later.history),
+        arrival=np.concatenate([campaign.arrival, later.arrival + len(campaign.history.arrived_s)]),
+        temperatures_c={n: np.concatenate([t, later.temperatures_c[n]]) for n, t in campaign.temperatures_c.items()},
+        **arrays,
+    )
 
 
-class Remembered:
-    """Moments whose memory of what was before is worked out once."""
+def _concatenate(first: ArrivalHistory, second: ArrivalHistory) -> ArrivalHistory:
+    return ArrivalHistory(
+        np.concatenate([first.arrived_s, second.arrived_s]), np.concatenate([first.drives, second.drives])
+    )
 
-    def __init__(self, moments: Moments) -> None:
-        self.moments = moments
-        self._known: dict[tuple[str, int | str, float], Array] = {}
 
-    def warmth(self, drive: int, tau_s: float) -> Array:
-        """As of the moments."""
-        return self._asked("warmth", drive, tau_s)
+class CachedContext:
+    """A context whose history-dependent quantities are computed once."""
 
-    def lag_k(self, sensor: str, tau_s: float) -> Array:
-        """As of the moments."""
-        return self._asked("lag_k", sensor, tau_s)
+    def __init__(self, context: ReadingContext) -> None:
+        self.context = context
+        self._motion_heat: dict[tuple[int, float], Array] = {}
+        self._thermal_lag_k: dict[tuple[str, float], Array] = {}
 
-    def _asked(self, what: str, of: int | str, tau_s: float) -> Array:
-        key = (what, of, tau_s)
-        if key not in self._known:
-            self._known[key] = np.asarray(getattr(self.moments, what)(of, tau_s))
-        return self._known[key]
+    def motion_heat(self, drive: int, tau_s: float) -> Array:
+        """As `ReadingContext.motion_heat`."""
+        key = (drive, tau_s)
+        if key not in self._motion_heat:
+            self._motion_heat[key] = self.context.motion_heat(drive, tau_s)
+        return self._motion_heat[key]
+
+    def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
+        """As `ReadingContext.thermal_lag_k`."""
+        key = (sensor, tau_s)
+        if key not in self._thermal_lag_k:
+            self._thermal_lag_k[key] = self.context.thermal_lag_k(sensor, tau_s)
+        return self._thermal_lag_k[key]
+
+
+def cached_context(clipped: ReadingContext, context: ReadingContext) -> CachedContext:
+    """The cache of a context in its own time, but with the temperatures of its clipped version."""
+    return CachedContext(replace(context, temperatures_c=clipped.temperatures_c))
 
 
 @dataclass(frozen=True)
-class Joined(Moments):
-    """The campaign's moments, then some of others; each remembers its own past, and no more than the campaign saw."""
+class CombinedContext(ReadingContext):
+    """The campaign's readings followed by rows of another context.
 
-    campaign: Remembered
-    others: Remembered
+    Each part keeps its own history; history-dependent quantities are clipped to the range that the campaign covers.
+    """
+
+    campaign: CachedContext
+    other: CachedContext
     rows: NDArray[np.intp]
 
     @property
-    def former(self) -> Array:
-        """Where the drives (n, d) stood at the arrival before."""
-        known = self.campaign.moments
-        stood = known.drives
-        own = self.others.moments.former[self.rows]
-        return np.concatenate([known.former, np.clip(own, stood.min(axis=0), stood.max(axis=0))])
+    def previous_drives(self) -> Array:
+        """Drive coordinates (n, d) at the previous arrival."""
+        campaign = self.campaign.context
+        requested = self.other.context.previous_drives[self.rows]
+        clipped = np.clip(requested, campaign.drives.min(axis=0), campaign.drives.max(axis=0))
+        return np.concatenate([campaign.previous_drives, clipped])
 
-    def warmth(self, drive: int, tau_s: float) -> Array:
-        """How much heat of its own motion a drive holds (n,)."""
-        return self._both(self.campaign.warmth(drive, tau_s), self.others.warmth(drive, tau_s))
+    def motion_heat(self, drive: int, tau_s: float) -> Array:
+        """Heat of a drive's own motion (n,)."""
+        return self._concatenate_clipped(self.campaign.motion_heat(drive, tau_s), self.other.motion_heat(drive, tau_s))
 
-    def lag_k(self, sensor: str, tau_s: float) -> Array:
-        """What a part of time constant tau_s lags behind a sensor (n,)."""
-        return self._both(self.campaign.lag_k(sensor, tau_s), self.others.lag_k(sensor, tau_s))
+    def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
+        """Temperature of a part of time constant tau_s minus its sensor (n,)."""
+        return self._concatenate_clipped(
+            self.campaign.thermal_lag_k(sensor, tau_s), self.other.thermal_lag_k(sensor, tau_s)
+        )
 
-    def _both(self, known: Array, own: Array) -> Array:
-        return np.concatenate([known, np.clip(own[self.rows], known.min(), known.max())])
-
-
-def remembered(own: Moments, moments: Moments) -> Remembered:
-    """The memory of moments of which `own` is what is `held`: their own time, but temperatures that are held."""
-    return Remembered(replace(moments, temperatures_c=own.temperatures_c))
+    def _concatenate_clipped(self, of_campaign: Array, of_other: Array) -> Array:
+        return np.concatenate([of_campaign, np.clip(of_other[self.rows], of_campaign.min(), of_campaign.max())])
 
 
-def beside(campaign: Remembered, own: Moments, others: Remembered, rows: NDArray[np.intp]) -> Joined:
-    """The campaign's moments, then rows (m,) of others, `own` as they are held; neither is the past of the other."""
-    known = campaign.moments
-    h, g = known.history, own.history
-    changed: dict[str, Any] = {n: np.concatenate([getattr(known, n), getattr(own, n)[rows]]) for n in ARRAYS}
-    changed["arrival"][len(known) :] += len(h.arrived_s)
-    return Joined(
-        history=History(np.concatenate([h.arrived_s, g.arrived_s]), np.concatenate([h.drives, g.drives])),
-        temperatures_c={n: np.concatenate([t, own.temperatures_c[n][rows]]) for n, t in known.temperatures_c.items()},
-        start_s=known.start_s,
+def combine_contexts(
+    campaign: CachedContext, clipped: ReadingContext, other: CachedContext, rows: NDArray[np.intp]
+) -> CombinedContext:
+    """The campaign's readings followed by rows (m,) of another context; neither is part of the other's history.
+
+    clipped: the other context as `clip_to_campaign` returns it; other: its cache, in its own time.
+    """
+    first = campaign.context
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(first, name), getattr(clipped, name)[rows]]) for name in ARRAYS
+    }
+    arrays["arrival"][len(first) :] += len(first.history.arrived_s)
+    return CombinedContext(
+        history=_concatenate(first.history, clipped.history),
+        temperatures_c={
+            n: np.concatenate([t, clipped.temperatures_c[n][rows]]) for n, t in first.temperatures_c.items()
+        },
+        start_s=first.start_s,
         campaign=campaign,
-        others=others,
+        other=other,
         rows=rows,
-        **changed,
+        **arrays,
     )

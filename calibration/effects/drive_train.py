@@ -1,49 +1,49 @@
-"""What lies between an encoder's count and the slider: cumulative and periodic errors, interpolation."""
+"""Errors between encoder and slider: cumulative and periodic errors of the screw, interpolation of the encoder."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import Effect, Forms, Parameter, Setting, varied
-from calibration.effects.basis_functions import smooth
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, varies
+from calibration.effects.basis_functions import cosine_basis
 
 LEAD_M = (4.0e-3, 4.0e-2)
 PITCH_M = (1.0e-5, 2.0e-3)
 FEWEST_POSITIONS = 30
 
 
-def cumulative(s: Setting, drive: int) -> Forms:
+def cumulative(inputs: EffectInputs, drive: int) -> BasisSets:
     """A smooth error along the travel; its straight part is the drive's scale."""
-    f, travel, q = Forms(), f"travel.{s.drive(drive)}", s.moments.drives[:, drive]
-    columns = f.add((travel, smooth(q, 14, roughness=1.5)))
-    f.form(columns[:4])
-    f.form(columns)
-    return f
+    sets, travel, q = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive]
+    columns = sets.add((travel, cosine_basis(q, 14, roughness=1.5)))
+    sets.add_set(columns[:4])
+    sets.add_set(columns)
+    return sets
 
 
-def screw_periodic(s: Setting, drive: int) -> Forms:
+def screw_periodic(inputs: EffectInputs, drive: int) -> BasisSets:
     """An error that repeats with every turn of the screw."""
-    return _periodic(s, drive, LEAD_M)
+    return _periodic(inputs, drive, LEAD_M)
 
 
-def interpolation(s: Setting, drive: int) -> Forms:
-    """An error within one period of the encoder's signals, or twice in it."""
-    return _periodic(s, drive, PITCH_M)
+def interpolation(inputs: EffectInputs, drive: int) -> BasisSets:
+    """An error that repeats with each period of the encoder's signals, or twice within it."""
+    return _periodic(inputs, drive, PITCH_M)
 
 
-def _periodic(s: Setting, drive: int, limits: tuple[float, float]) -> Forms:
-    """Sine and cosine; their harmonics; larger at one end, in the middle, or under load."""
-    f, travel, q = Forms(), f"travel.{s.drive(drive)}", s.moments.drives[:, drive]
-    u = s.along(drive)
-    for period, prior in s.periods(drive, *limits):
+def _periodic(inputs: EffectInputs, drive: int, limits: tuple[float, float]) -> BasisSets:
+    """Sine and cosine with their harmonics; the amplitude may vary along the travel and with the payload."""
+    sets, travel, q = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive]
+    u = inputs.normalised_travel(drive)
+    for period, prior in inputs.periods(drive, *limits):
         wave = _pair(q, period)
-        main = f.add((travel, wave))
-        harmonics = [f.add((travel, _pair(q, period / k))) for k in (2.0, 3.0)]
-        changing = [f.add((travel, wave * by[:, None])) for by in (u, u**2 - 0.5, s.load - 0.5)]
+        main = sets.add((travel, wave))
+        harmonics = [sets.add((travel, _pair(q, period / k))) for k in (2.0, 3.0)]
+        changing = [sets.add((travel, wave * by[:, None])) for by in (u, u**2 - 0.5, inputs.payload_ratio - 0.5)]
         rest = [c for columns in (*harmonics, *changing) for c in columns]
-        f.form(main, rest, share=0.5, weight=prior, period_m=period)
-    return f
+        sets.add_set(main, rest, share=0.5, weight=prior, period_m=period)
+    return sets
 
 
 def _pair(q: Array, period: float) -> Array:
@@ -51,33 +51,51 @@ def _pair(q: Array, period: float) -> Array:
     return np.stack([np.sin(phase), np.cos(phase)], axis=1)
 
 
-def _few_positions(s: Setting) -> str | None:
-    for column in s.moments.drives.T:
+def _untested_on_a_grid(inputs: EffectInputs) -> str | None:
+    for column in inputs.context.drives.T:
         if len(np.unique(np.round(column, 7))) < FEWEST_POSITIONS:
             return f"fewer than {FEWEST_POSITIONS} different drive positions; measure off a grid"
     return None
 
 
-def _short_travel(s: Setting) -> str | None:
-    return None if all(varied(q, 0.05) for q in s.moments.drives.T) else "the drives hardly moved"
+def _untested_with_short_travel(inputs: EffectInputs) -> str | None:
+    return None if all(varies(q, 0.05) for q in inputs.context.drives.T) else "the drives hardly moved"
 
 
-_PERIOD = Parameter("period_m", PITCH_M[0], LEAD_M[1], "m", "period of the error")
+_PERIOD = EffectParameter("period_m", PITCH_M[0], LEAD_M[1], "m", "period of the error")
 
 EFFECTS = (
     Effect(
-        "screw_cumulative_error", "drive", Parameter("amplitude_m", 1e-6, 5e-4, "m", "RMS along the travel"),
-        "drive coordinate, reflectors on the sliders", ("axis_coupling", "guide_straightness"), cumulative, (),
-        _short_travel, measured="rms",
+        name="screw_cumulative_error",
+        place="drive",
+        size=EffectParameter("amplitude_m", 1e-6, 5e-4, "m", "RMS along the travel"),
+        reveals="drive coordinate, reflectors on the sliders",
+        confounded=("axis_coupling", "guide_straightness"),
+        forms=cumulative,
+        untested=_untested_with_short_travel,
+        measured="rms",
+        order=90,
     ),
     Effect(
-        "screw_periodic_error", "drive", Parameter("amplitude_m", 5e-7, 3e-4, "m", "of the sine"),
-        "many drive positions off a grid, reflectors on the sliders", ("encoder_interpolation",), screw_periodic,
-        (_PERIOD,), _few_positions,
+        name="screw_periodic_error",
+        place="drive",
+        size=EffectParameter("amplitude_m", 5e-7, 3e-4, "m", "of the sine"),
+        reveals="many drive positions off a grid, reflectors on the sliders",
+        confounded=("encoder_interpolation",),
+        forms=screw_periodic,
+        others=(_PERIOD,),
+        untested=_untested_on_a_grid,
+        order=100,
     ),
     Effect(
-        "encoder_interpolation", "drive", Parameter("amplitude_m", 2e-7, 3e-4, "m", "of the sine"),
-        "many drive positions off a grid, reflectors on the sliders", ("screw_periodic_error",), interpolation,
-        (_PERIOD,), _few_positions,
+        name="encoder_interpolation",
+        place="drive",
+        size=EffectParameter("amplitude_m", 2e-7, 3e-4, "m", "of the sine"),
+        reveals="many drive positions off a grid, reflectors on the sliders",
+        confounded=("screw_periodic_error",),
+        forms=interpolation,
+        others=(_PERIOD,),
+        untested=_untested_on_a_grid,
+        order=110,
     ),
-)  # fmt: skip
+)

@@ -1,90 +1,111 @@
-"""Guides that are not straight, a foundation that settles."""
+"""Errors of guides and foundation: straightness, angular errors, settling."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import Effect, Forms, Parameter, Setting, strongest_onset, varied
-from calibration.effects.basis_functions import brownian, smooth
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, strongest_onset, varies
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
 
 
-def straightness(s: Setting, drive: int) -> Forms:
-    """The slider goes beside its axis along its way."""
-    return _along_the_way(s, drive, s.of_drive("sideways", drive))
+def straightness(inputs: EffectInputs, drive: int) -> BasisSets:
+    """The slider deviates sideways from its axis along the travel."""
+    return _along_travel(inputs, drive, inputs.channels_of_drive("sideways", drive))
 
 
-def angular(s: Setting, drive: int) -> Forms:
-    """The slider turns along its way."""
-    return _along_the_way(s, drive, s.of_drive("turn", drive))
+def angular(inputs: EffectInputs, drive: int) -> BasisSets:
+    """The slider rotates along its travel."""
+    return _along_travel(inputs, drive, inputs.channels_of_drive("turn", drive))
 
 
-def _along_the_way(s: Setting, drive: int, channels: tuple[str, ...]) -> Forms:
-    f, q = Forms(), s.moments.drives[:, drive]
+def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -> BasisSets:
+    sets, q = BasisSets(), inputs.context.drives[:, drive]
     span = float(np.ptp(q))
     fine = int(np.clip(2.0 * span / SHORTEST_WAVE_M, 6, 28))
     for channel in channels:
-        curve = f.add((channel, smooth(q, fine, roughness=1.0)))
-        loaded = f.add((channel, 2.0 * smooth(q, fine, roughness=1.0) * (s.load - 0.5)[:, None]))
-        f.form(curve[:6], loaded[:6], share=0.5)
-        f.form(curve, loaded, share=0.5)
-    return f
+        curve = sets.add((channel, cosine_basis(q, fine, roughness=1.0)))
+        loaded = sets.add((channel, 2.0 * cosine_basis(q, fine, roughness=1.0) * (inputs.payload_ratio - 0.5)[:, None]))
+        sets.add_set(curve[:6], loaded[:6], share=0.5)
+        sets.add_set(curve, loaded, share=0.5)
+    return sets
 
 
-def settling(s: Setting, drive: int) -> Forms:
+def settling(inputs: EffectInputs, drive: int) -> BasisSets:
     """The foot of a column sinks and the column leans: along the axis, sideways with the height, and in rotation."""
-    f, t, h = Forms(), s.moments.elapsed_s, s.height_m(drive)
-    travel = f"travel.{s.drive(drive)}"
-    pairs = list(zip(s.of_drive("sideways", drive), s.of_drive("turn", drive), strict=False))
+    sets, t, h = BasisSets(), inputs.context.elapsed_s, inputs.height_m(drive)
+    travel = f"travel.{inputs.drive(drive)}"
+    pairs = list(
+        zip(inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False)
+    )
 
     def columns(sunk: Array) -> tuple[list[int], list[int]]:
         wide = sunk[:, None] if sunk.ndim == 1 else sunk
-        down = f.add((travel, -wide))
-        lean = [f.add((side, -wide * h[:, None]), (turn, wide)) for side, turn in pairs]
-        return down, [c for each in lean for c in each]
+        down = sets.add((travel, -wide))
+        lean = [sets.add((side, -wide * h[:, None]), (turn, wide)) for side, turn in pairs]
+        return down, [column for pair in lean for column in pair]
 
     end = float(t.max())
-    onsets = s.onsets((travel, *s.of_drive("sideways", drive)))
+    onsets = inputs.onsets((travel, *inputs.channels_of_drive("sideways", drive)))
     for onset, prior in onsets:
         down, lean = columns((t >= onset).astype(np.float64))
-        f.form(down, lean, share=0.5, onset_s=onset, weight=prior * ONSETS)
+        sets.add_set(down, lean, share=0.5, onset_s=onset, weight=prior * ONSETS)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         for tau in SETTLING_S:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau))
-            f.form(down, lean, share=0.5, onset_s=float(onset))
-    down, lean = columns(brownian(t / max(end, 1.0), 24))
-    most = strongest_onset(onsets)
-    f.form(down, lean, share=0.5, weight=4.0, **most)
-    f.form(down[:6], lean[:6], share=0.5, weight=4.0, **most)
-    return f
+            sets.add_set(down, lean, share=0.5, onset_s=float(onset))
+    down, lean = columns(random_walk_basis(t / max(end, 1.0), 24))
+    onset_of_walk = strongest_onset(onsets)
+    sets.add_set(down, lean, share=0.5, weight=4.0, **onset_of_walk)
+    sets.add_set(down[:6], lean[:6], share=0.5, weight=4.0, **onset_of_walk)
+    return sets
 
 
-def _short(s: Setting) -> str | None:
-    return None if all(varied(q, 0.1) for q in s.moments.drives.T) else "the drives hardly moved"
+def _untested_with_short_travel(inputs: EffectInputs) -> str | None:
+    return None if all(varies(q, 0.1) for q in inputs.context.drives.T) else "the drives hardly moved"
 
 
-def _brief(s: Setting) -> str | None:
-    return None if varied(s.moments.t_s, 600.0) else "the campaign is too short"
+def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
+    return None if varies(inputs.context.t_s, 600.0) else "the campaign is too short"
 
 
 EFFECTS = (
     Effect(
-        "guide_straightness", "drive", Parameter("amplitude_m", 1e-6, 4e-4, "m", "RMS sideways"),
-        "drive coordinate, reflectors on the sliders", ("screw_cumulative_error",), straightness, (), _short,
+        name="guide_straightness",
+        place="drive",
+        size=EffectParameter("amplitude_m", 1e-6, 4e-4, "m", "RMS sideways"),
+        reveals="drive coordinate, reflectors on the sliders",
+        confounded=("screw_cumulative_error",),
+        forms=straightness,
+        untested=_untested_with_short_travel,
         measured="rms",
+        order=120,
     ),
     Effect(
-        "guide_angular", "drive", Parameter("amplitude_rad", 2e-6, 4e-3, "rad", "RMS rotation"),
-        "drive coordinate, platform rotation; not a slider's reflector", ("joint_clearance",), angular, (), _short,
+        name="guide_angular",
+        place="drive",
+        size=EffectParameter("amplitude_rad", 2e-6, 4e-3, "rad", "RMS rotation"),
+        reveals="drive coordinate, platform rotation; not a slider's reflector",
+        confounded=("joint_clearance",),
+        forms=angular,
+        untested=_untested_with_short_travel,
         measured="rms",
+        order=130,
     ),
     Effect(
-        "foundation_settling", "drive", Parameter("settled_m", 1e-6, 8e-4, "m", "how far the foot sinks"),
-        "time, reflectors on the sliders against the floor nests", ("column_thermal_growth", "tracker_drift"),
-        settling, (Parameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin"),), _brief, measured="range",
+        name="foundation_settling",
+        place="drive",
+        size=EffectParameter("settled_m", 1e-6, 8e-4, "m", "how far the foot sinks"),
+        reveals="time, reflectors on the sliders against the floor nests",
+        confounded=("column_thermal_growth", "tracker_drift"),
+        forms=settling,
+        others=(EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin"),),
+        untested=_untested_in_short_campaign,
+        measured="range",
+        order=140,
     ),
-)  # fmt: skip
+)

@@ -1,7 +1,7 @@
-"""What gives way under force: columns and carriages, single struts, joints with play.
+"""Elastic effects: compliance of columns and carriages, softness of single struts, joint clearance.
 
-Forces are those of the fitted model. The preload in them follows from misfits that readings hardly show, so that forms
-are tried with several shares of it.
+Forces are those of the fitted model. Their preload results from misfits that the readings barely determine, so basis
+sets with several shares of it are tried.
 """
 
 from __future__ import annotations
@@ -11,103 +11,115 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import Curve, Effect, Forms, Parameter, Setting
-from calibration.effects.basis_functions import smooth
-from calibration.effects.strut_laws import Held, Law, Range, curve, misfit_m, one_way, play, slipping, softer
+from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter
+from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.strut_laws import (
+    ElongationLaw,
+    LawParameter,
+    RestrainedStrut,
+    clearance_law,
+    curve_of_law,
+    misfit_m,
+    one_sided_spring,
+    series_spring,
+    slipping_law,
+)
 
 LEVER_M = 0.25
-SOFT_N = (300.0, 1500.0)  # over which play is taken up
+SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
-MISFIT_UNIT = 0.07  # of its standard deviation: so much a strut's misfit counts
-NARROW = 0.02  # of the typical tension: over which a strut goes from tension to compression
+MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
+NARROW = 0.02  # tension over which a one-sided spring sets in, over the typical tension
 
 
-def compliance(s: Setting, drive: int) -> Forms:
-    """The column or the carriage on it gives way: across the guide, in rotation, along the screw."""
-    f, u = Forms(), s.along(drive)
+def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
+    """The column or the carriage on it yields: across the guide, in rotation, along the screw."""
+    sets, u = BasisSets(), inputs.normalised_travel(drive)
     higher = np.stack([u, u**2], axis=1)
-    axis = s.machine.nominal.axis[drive]
-    pull = s.pull_n[:, drive]
-    directions = [(c, pull @ np.eye(3)["xyz".index(c[-1])]) for c in s.of_drive("sideways", drive)]
-    directions += [(c, s.moment_nm[:, drive] / LEVER_M**2) for c in s.of_drive("turn", drive)]
-    directions += [(f"travel.{s.drive(drive)}", pull @ axis)]
+    axis = inputs.machine.nominal.axis[drive]
+    pull = inputs.pull_n[:, drive]
+    directions = [(c, pull @ np.eye(3)["xyz".index(c[-1])]) for c in inputs.channels_of_drive("sideways", drive)]
+    directions += [(c, inputs.moment_nm[:, drive] / LEVER_M**2) for c in inputs.channels_of_drive("turn", drive)]
+    directions += [(f"travel.{inputs.drive(drive)}", pull @ axis)]
     for channel, force in directions:
         size = max(float(np.std(force)), 1.0)
         mean = force.mean()
-        main = f.add((channel, force))
-        loaded = f.add((channel, mean * (s.load - 0.5)))
-        placed = f.add((channel, force[:, None] * higher))
-        hard = f.add((channel, np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)))
-        f.form(main)
-        f.form(main, placed, share=0.6)
-        f.form(main, (*placed, *hard, *loaded), share=0.2)
-    return f
+        main = sets.add((channel, force))
+        loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)))
+        placed = sets.add((channel, force[:, None] * higher))
+        hard = sets.add((channel, np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)))
+        sets.add_set(main)
+        sets.add_set(main, placed, share=0.6)
+        sets.add_set(main, (*placed, *hard, *loaded), share=0.2)
+    return sets
 
 
-def link_stiffness(s: Setting, strut: int) -> Forms:
-    """One strut is softer than the model has it, in some poses or under load more than in others."""
-    f, name = Forms(), f"length.{s.machine.strut_names[strut]}"
-    drive = int(s.machine.strut_drive[strut])
-    t = s.tension_n[:, strut] / s.machine.nominal.stiffness_n_per_m[strut]
+def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
+    """One strut is softer than in the model, more so in some poses or under load."""
+    sets, name = BasisSets(), f"length.{inputs.machine.strut_names[strut]}"
+    drive = int(inputs.machine.strut_drive[strut])
+    t = inputs.tension_n[:, strut] / inputs.machine.nominal.stiffness_n_per_m[strut]
     size = max(float(np.std(t)), 1e-9)
-    u = s.along(drive) if drive >= 0 else np.zeros(len(t))
-    main = f.add((name, t))
-    loaded = f.add((name, np.stack([t * s.load, s.load * size], axis=1)))
-    swung = f.add((name, np.stack([t * u**k for k in (1, 2, 3, 4)], axis=1)))
-    leant = f.add((name, np.stack([size * u**k for k in (1, 2, 3, 4)], axis=1)))
-    pressed = f.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
+    u = inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(t))
+    main = sets.add((name, t))
+    loaded = sets.add((name, np.stack([t * inputs.payload_ratio, inputs.payload_ratio * size], axis=1)))
+    by_angle = sets.add((name, np.stack([t * u**k for k in (1, 2, 3, 4)], axis=1)))
+    angle_alone = sets.add((name, np.stack([size * u**k for k in (1, 2, 3, 4)], axis=1)))
+    one_sided = sets.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
     away = t - t.mean()
-    bent = f.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)))
-    f.form(main)
-    f.form(loaded[:1], (*main, *loaded[1:]), share=0.6)
-    f.form(swung[:2], (*main, *leant[:2]), share=0.6)
-    # Where it bends far, the joint gives way more than in proportion, and the strut's own share of the preload with it.
-    others = [s.along(other) for other in s.partners(drive)] if drive >= 0 else []
-    beside = [c for v in others for c in f.add((name, np.stack([t * v, size * v, size * u * v, size * v**2], axis=1)))]
-    f.form((*main, *swung), (*leant, *loaded, *beside), share=0.7)
-    f.form(pressed)
-    f.form((*main, *bent), loaded, share=0.7)
-    f.form(main, (*loaded, *swung, *bent), share=0.5)
-    return f
+    bent = sets.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)))
+    sets.add_set(main)
+    sets.add_set(loaded[:1], (*main, *loaded[1:]), share=0.6)
+    sets.add_set(by_angle[:2], (*main, *angle_alone[:2]), share=0.6)
+    # At a large angle the joint yields more than in proportion, and so does the strut's own share of the preload.
+    others = [inputs.normalised_travel(other) for other in inputs.other_drives(drive)] if drive >= 0 else []
+    coupled = [
+        c for v in others for c in sets.add((name, np.stack([t * v, size * v, size * u * v, size * v**2], axis=1)))
+    ]
+    sets.add_set((*main, *by_angle), (*angle_alone, *loaded, *coupled), share=0.7)
+    sets.add_set(one_sided)
+    sets.add_set((*main, *bent), loaded, share=0.7)
+    sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5)
+    return sets
 
 
-def clearance(s: Setting, strut: int) -> Forms:
-    """A joint of a strut has play: taken up to one side or the other by the strut's force, or by the pin's weight."""
-    f, name = Forms(), f"length.{s.machine.strut_names[strut]}"
-    drive = int(s.machine.strut_drive[strut])
-    t = s.tension_n[:, strut]
+def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
+    """A joint of a strut has play, which the strut's force or the weight of the pin closes to one side or the other."""
+    sets, name = BasisSets(), f"length.{inputs.machine.strut_names[strut]}"
+    drive = int(inputs.machine.strut_drive[strut])
+    t = inputs.tension_n[:, strut]
     size = max(float(np.std(t)), 1.0)
     for shift in (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0):
         for soft in SOFT_N:
             side = np.tanh((t - t.mean() + shift * size) / soft)
-            main = f.add((name, side))
-            loaded = f.add((name, np.stack([side * s.load, s.load], axis=1)))
-            f.form(main, loaded, share=0.7)
+            main = sets.add((name, side))
+            loaded = sets.add((name, np.stack([side * inputs.payload_ratio, inputs.payload_ratio], axis=1)))
+            sets.add_set(main, loaded, share=0.7)
     if drive >= 0:
-        # A pin that lies in its hole follows the strut's angle, which goes with the drive and the pose.
-        seated = f.add((name, smooth(s.moments.drives[:, drive], 4, roughness=1.0)))
-        f.form(seated, weight=4.0)
-    f.form(f.add((name, s.load)), weight=2.0)
-    return f
+        # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
+        seated = sets.add((name, cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)))
+        sets.add_set(seated, weight=4.0)
+    sets.add_set(sets.add((name, inputs.payload_ratio)), weight=2.0)
+    return sets
 
 
-def link_stiffness_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
-    """A strut that is softer by its angle, gives way above a tension, or is softer in tension or compression alone."""
-    held = Held.of(s, strut)
-    compliance, typical = 1.0 / held.stiffness_n_per_m, held.typical_n
-    drive = int(s.machine.strut_drive[strut])
-    u = s.along(drive) if drive >= 0 else np.zeros(len(s.moments))
-    ratio, bend = Range(np.log(0.02), np.log(50.0)), Range(-6.0, 6.0, 2.0)
-    threshold, power = Range(np.log(0.02), np.log(4.0)), Range(np.log(0.5), np.log(8.0))
+def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
+    """Softness that depends on the strut's angle, sets in above a tension, or acts in tension or compression only."""
+    restrained = RestrainedStrut.from_inputs(inputs, strut)
+    compliance, typical = 1.0 / restrained.stiffness_n_per_m, restrained.typical_n
+    drive = int(inputs.machine.strut_drive[strut])
+    u = inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(inputs.context))
+    ratio, bend = LawParameter(np.log(0.02), np.log(50.0)), LawParameter(-6.0, 6.0, 2.0)
+    threshold, power = LawParameter(np.log(0.02), np.log(4.0)), LawParameter(np.log(0.5), np.log(8.0))
 
-    def by_angle(at: Array) -> Law:
-        return softer(compliance * np.exp(at[0] + at[1] * u + at[2] * u**2))
+    def by_angle(at: Array) -> ElongationLaw:
+        return series_spring(compliance * np.exp(at[0] + at[1] * u + at[2] * u**2))
 
-    def above(at: Array) -> Law:
-        return slipping(compliance, typical * float(np.exp(at[0])), float(np.exp(at[1])))
+    def above(at: Array) -> ElongationLaw:
+        return slipping_law(compliance, typical * float(np.exp(at[0])), float(np.exp(at[1])))
 
-    def towards(side: float) -> Callable[[Array], Law]:
-        return lambda at: one_way(compliance * float(np.exp(at[0])), side, NARROW * typical)
+    def towards(side: float) -> Callable[[Array], ElongationLaw]:
+        return lambda at: one_sided_spring(compliance * float(np.exp(at[0])), side, NARROW * typical)
 
     def stated(at: Array, _: Array) -> float:
         return float(np.exp(at[0]))
@@ -115,60 +127,93 @@ def link_stiffness_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
     def mean(_: Array, growth: Array) -> float:
         return max(float(np.sqrt(np.mean(growth**2))) / (typical * compliance), 1e-6)
 
-    def unit(_: Array) -> float:
-        return MISFIT_UNIT * misfit_m(s)
+    def misfit_unit_m(_: Array) -> float:
+        return MISFIT_UNIT * misfit_m(inputs)
 
     ratios = [np.log(r) for r in (0.3, 1.0, 5.0)]
-    thresholds = [(np.log(f), np.log(p)) for f in (0.15, 0.5, 1.2) for p in (1.5, 6.0)]
+    thresholds = [(np.log(t), np.log(p)) for t in (0.15, 0.5, 1.2) for p in (1.5, 6.0)]
     angles = [(r, by, 0.0) for r in ratios for by in (-1.5, 0.0, 1.5)]
     far, near = (-3.0, -1.0, 0.0, 1.0, 3.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
+    own_misfit_m = misfit_m(inputs)
     return (
-        curve(held, by_angle, (ratio, bend, bend), angles, (), stated, unit, misfit_m(s)),
-        curve(held, above, (threshold, power), thresholds, far, mean, unit, misfit_m(s)),
+        curve_of_law(
+            restrained, by_angle, (ratio, bend, bend), starts=angles, middles=(), size=stated,
+            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
+        ),
+        curve_of_law(
+            restrained, above, (threshold, power), starts=thresholds, middles=far, size=mean,
+            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
+        ),
         *(
-            curve(held, towards(side), (ratio,), [(r,) for r in ratios[::2]], near, stated, unit, misfit_m(s))
+            curve_of_law(
+                restrained, towards(side), (ratio,), starts=[(r,) for r in ratios[::2]], middles=near, size=stated,
+                misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
+            )
             for side in (-1.0, 1.0)
         ),
-    )
+    )  # fmt: skip
 
 
-def clearance_curves(s: Setting, strut: int) -> tuple[Curve, ...]:
-    """Play that the tension takes up, more of it or less under load."""
-    held = Held.of(s, strut)
-    play_m, by_load = Range(np.log(1e-6), np.log(4e-4)), Range(-3.0, 3.0, 0.7)
-    width = Range(np.log(0.005), np.log(2.0))  # over the typical tension
+def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
+    """Play that the tension closes, and that may vary with the payload."""
+    restrained = RestrainedStrut.from_inputs(inputs, strut)
+    play_m, by_load = LawParameter(np.log(1e-6), np.log(4e-4)), LawParameter(-3.0, 3.0, 0.7)
+    width = LawParameter(np.log(0.005), np.log(2.0))  # over the typical tension
 
-    def law(at: Array) -> Law:
-        return play(np.exp(at[0] + at[2] * s.load), held.typical_n * float(np.exp(at[1])))
+    def law(at: Array) -> ElongationLaw:
+        return clearance_law(np.exp(at[0] + at[2] * inputs.payload_ratio), restrained.typical_n * float(np.exp(at[1])))
 
     def stated(at: Array, _: Array | None = None) -> float:
         return float(np.exp(at[0]))
 
     starts = [(np.log(c), np.log(w), 0.0) for c in (1e-5, 4e-5, 1.6e-4) for w in (0.015, 0.15)]
     middles = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
-    return (curve(held, law, (play_m, width, by_load), starts, middles, stated, stated, misfit_m(s)),)
+    return (
+        curve_of_law(
+            restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=stated,
+            misfit_unit_m=stated, misfit_m=misfit_m(inputs),
+        ),
+    )  # fmt: skip
 
 
-def _one_load(s: Setting) -> str | None:
-    if float(np.ptp(s.moments.payload_kg)) >= LEAST_KG:
+def _untested_with_one_payload(inputs: EffectInputs) -> str | None:
+    if float(np.ptp(inputs.context.payload_kg)) >= LEAST_KG:
         return None
     return "every pose was measured with the same payload; measure two"
 
 
 EFFECTS = (
     Effect(
-        "column_compliance", "drive",
-        Parameter("compliance_m_per_n", 5e-10, 2e-6, "m/N", "of the carriage, at 0.25 m lever if in rotation"),
-        "payload, reflectors on the sliders, height", ("friction_windup", "link_stiffness"), compliance, (), _one_load,
+        name="column_compliance",
+        place="drive",
+        size=EffectParameter(
+            "compliance_m_per_n", 5e-10, 2e-6, "m/N", "of the carriage, at 0.25 m lever if in rotation"
+        ),
+        reveals="payload, reflectors on the sliders, height",
+        confounded=("friction_windup", "link_stiffness"),
+        forms=compliance,
+        untested=_untested_with_one_payload,
+        order=60,
     ),
     Effect(
-        "link_stiffness", "strut", Parameter("compliance_ratio", 0.05, 20.0, "1", "additional over nominal compliance"),
-        "payload", ("joint_clearance", "column_compliance"), link_stiffness, (), _one_load,
+        name="link_stiffness",
+        place="strut",
+        size=EffectParameter("compliance_ratio", 0.05, 20.0, "1", "additional over nominal compliance"),
+        reveals="payload",
+        confounded=("joint_clearance", "column_compliance"),
+        forms=link_stiffness,
+        untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
+        order=70,
     ),
     Effect(
-        "joint_clearance", "strut", Parameter("clearance_m", 1e-6, 4e-4, "m", "play each way"),
-        "poses where the strut's force changes its sign, payload", ("link_stiffness", "link_thermal_growth"), clearance,
+        name="joint_clearance",
+        place="strut",
+        size=EffectParameter("clearance_m", 1e-6, 4e-4, "m", "play each way"),
+        reveals="poses where the strut's force changes its sign, payload",
+        confounded=("link_stiffness", "link_thermal_growth"),
+        forms=clearance,
         curves=clearance_curves,
+        order=80,
     ),
-)  # fmt: skip
+)

@@ -1,9 +1,9 @@
-"""What a strut does that is not a linear spring, inside a structure that is one.
+"""Nonlinear elongation of one strut within an otherwise linear elastic structure.
 
-A strut with an elongation g(T) beyond that of its nominal stiffness yields to the tension T, and what holds it lets the
-tension fall by r for each metre: T = T0 - r g(T), with the tension T0 that a linear strut would carry (Thevenin's
-equivalent of the structure at the strut; exact as long as the rest is linear). T0 itself is known badly: it holds the
-preload, which follows from misfits of all struts that readings hardly show, so those are parameters too.
+A strut elongates under the tension T by g(T) beyond its nominal stiffness, and the surrounding structure lets the
+tension fall by r per metre: T = T0 - r g(T), where T0 is the tension of a linear strut (Thevenin's equivalent of the
+structure at the strut; exact as long as everything else is linear). T0 itself is poorly known: it contains the preload,
+which follows from misfits of all struts that the readings barely determine, so these misfits are parameters too.
 """
 
 from __future__ import annotations
@@ -14,23 +14,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import Curve, Setting, Tangent
+from calibration.effects.api import Curve, EffectInputs, Tangent
 
-# Elongation in m beyond the linear spring's and its derivative, at tensions (n,); it grows with the tension from zero.
-Law = Callable[[Array], tuple[Array, Array]]
+# From tensions (n,) in N: elongation in m beyond the linear spring's, and its derivative; it rises from zero at zero.
+ElongationLaw = Callable[[Array], tuple[Array, Array]]
 
-MISFIT = 3.0  # standard deviation of a misfit, in tolerances of a strut's length: it sums up those of a loop
-SHARE = 0.4  # of every parameter's column, relative to the size
+MISFIT_TOLERANCES = 3.0  # standard deviation of a misfit, in tolerances of a strut's length: a loop sums up several
+COLUMN_SHARE = 0.4  # standard deviation of every parameter's column, relative to the size
 ITERATIONS = 40
-LEAST_SHARE = 0.5  # that is counted on when the first parameter is to make up for a size that does not fit
-STEP = 0.02  # of a parameter of a law, for its derivative
-LEAST_RESTRAINT = 1e-3  # over the strut's stiffness: with less the strut is as good as free
+MIN_GROWTH_SHARE = 0.5  # assumed at least, when the first parameter is changed to correct the size
+DERIVATIVE_STEP = 0.02  # of a parameter, for the numerical derivative of a law
+LEAST_RESTRAINT = 1e-3  # over the strut's stiffness; with less the strut counts as unrestrained
 
 
 @dataclass(frozen=True)
-class Held:
-    """A strut in its structure: tension_n (n,) of a linear one, restraint_n_per_m (n,) of what holds it, misfit (n, j):
-    change of the tension in N per metre of each misfit. The first misfit is the strut's own length."""
+class RestrainedStrut:
+    """A strut within the structure that restrains it.
+
+    tension_n (n,): as a linear strut; restraint_n_per_m (n,): tension lost per metre of elongation; misfit (n, j):
+    change of the tension in N per metre of each misfit, the first of which is the strut's own length.
+    """
 
     channel: str
     stiffness_n_per_m: float
@@ -39,18 +42,18 @@ class Held:
     misfit: Array
 
     @classmethod
-    def of(cls, s: Setting, strut: int) -> Held:
-        """A strut of a setting. Misfits: lengths of all struts, and its own along the drives and with the payload."""
-        answer = s.answer_n_per_m[:, strut]
-        own = answer[:, strut]
-        order = [strut, *(i for i in range(answer.shape[1]) if i != strut)]
-        along = [own * s.along(drive) for drive in range(len(s.machine.drive_names))]
+    def from_inputs(cls, inputs: EffectInputs, strut: int) -> RestrainedStrut:
+        """A strut by its index. Misfits: lengths of all struts; its own in proportion to each drive and the payload."""
+        response = inputs.tension_response_n_per_m[:, strut]
+        own = response[:, strut]
+        order = [strut, *(i for i in range(response.shape[1]) if i != strut)]
+        along_drives = [own * inputs.normalised_travel(drive) for drive in range(len(inputs.machine.drive_names))]
         return cls(
-            f"length.{s.machine.strut_names[strut]}",
-            float(s.machine.nominal.stiffness_n_per_m[strut]),
-            s.tension_n[:, strut],
+            f"length.{inputs.machine.strut_names[strut]}",
+            float(inputs.machine.nominal.stiffness_n_per_m[strut]),
+            inputs.tension_n[:, strut],
             np.maximum(-own, 0.0),
-            np.column_stack([answer[:, order], *along, own * s.load]),
+            np.column_stack([response[:, order], *along_drives, own * inputs.payload_ratio]),
         )
 
     @property
@@ -58,94 +61,98 @@ class Held:
         """RMS of its tension."""
         return max(float(np.sqrt(np.mean(self.tension_n**2))), 1.0)
 
-    def shifts_m(self, middles: Sequence[float]) -> list[float]:
-        """Misfits of its own to start from: none, and what puts its mean tension at so many standard deviations."""
+    def starting_misfits_m(self, middles: Sequence[float]) -> list[float]:
+        """Starts for its own misfit: zero, and those that put the mean tension at given standard deviations."""
         restraint = float(np.mean(self.restraint_n_per_m))
         if restraint <= LEAST_RESTRAINT * self.stiffness_n_per_m:
             return [0.0]
         spread, mean = float(np.std(self.tension_n)), float(np.mean(self.tension_n))
         return [0.0, *((mean - middle * spread) / restraint for middle in middles)]
 
-    def taken_up(self, law: Law, misfit_m: Array) -> tuple[Array, Array, Array]:
-        """Its tension T (n,), g'(T) (n,) and 1 / (1 + r g'(T)): Newton's steps, halving where they do not converge."""
+    def solve_tension(self, law: ElongationLaw, misfit_m: Array) -> tuple[Array, Array, Array]:
+        """Tension T (n,), g'(T) (n,) and 1 / (1 + r g'(T)), by Newton's method safeguarded with bisection."""
         free = self.tension_n + self.misfit @ misfit_m
         low, high, tension = np.minimum(free, 0.0), np.maximum(free, 0.0), 0.5 * free
-        last = high - low
+        last_step = high - low
         for _ in range(ITERATIONS):
             growth, slope = law(tension)
-            over = tension + self.restraint_n_per_m * growth - free
-            low, high = np.where(over < 0.0, tension, low), np.where(over >= 0.0, tension, high)
-            newton = tension - over / (1.0 + self.restraint_n_per_m * slope)
-            good = (newton >= low) & (newton <= high) & (np.abs(newton - tension) <= 0.5 * last)
-            then = np.where(good, newton, 0.5 * (low + high))
-            last, tension = np.abs(then - tension), then
+            imbalance = tension + self.restraint_n_per_m * growth - free
+            low, high = np.where(imbalance < 0.0, tension, low), np.where(imbalance >= 0.0, tension, high)
+            newton = tension - imbalance / (1.0 + self.restraint_n_per_m * slope)
+            accept = (newton >= low) & (newton <= high) & (np.abs(newton - tension) <= 0.5 * last_step)
+            next_tension = np.where(accept, newton, 0.5 * (low + high))
+            last_step, tension = np.abs(next_tension - tension), next_tension
         slope = law(tension)[1]
         return tension, slope, 1.0 / (1.0 + self.restraint_n_per_m * slope)
 
 
-def misfit_m(s: Setting) -> float:
+def misfit_m(inputs: EffectInputs) -> float:
     """Standard deviation of a strut's misfit."""
-    return MISFIT * s.machine.file.tolerances.strut_length_m
+    return MISFIT_TOLERANCES * inputs.machine.file.tolerances.strut_length_m
 
 
 @dataclass(frozen=True)
-class Range:
-    """A parameter of a law: limits, and its standard deviation about zero (infinite if limits are all there is)."""
+class LawParameter:
+    """A parameter of a law: limits, and prior standard deviation about zero (infinite if only the limits are known)."""
 
     low: float
     high: float
     spread: float = np.inf
 
 
-def curve(
-    held: Held,
-    law: Callable[[Array], Law],
-    parameters: Sequence[Range],
+def curve_of_law(
+    strut: RestrainedStrut,
+    law: Callable[[Array], ElongationLaw],
+    parameters: Sequence[LawParameter],
+    *,
     starts: Sequence[Sequence[float]],
     middles: Sequence[float],
     size: Callable[[Array, Array], float],
     misfit_unit_m: Callable[[Array], float],
     misfit_m: float,
 ) -> Curve:
-    """The curve of a law at a strut.
+    """The curve of an elongation law at a strut.
 
-    law: of its own parameters, the first of which alone says how much it grows; starts: of those. middles: mean
-    tensions to start from, in standard deviations. size: of the effect, from parameters and growth (n,).
-    misfit_unit_m: of misfits that count; misfit_m: their standard deviation.
+    law: from its parameters, of which the first alone sets how much the strut elongates; starts: values of them to
+    start from; middles: mean tensions to start from, in standard deviations. size: of the effect, from the parameters
+    and the elongation (n,). misfit_unit_m: unit in which misfits count; misfit_m: their standard deviation.
     """
-    own, misfits = len(parameters), held.misfit.shape[1]
+    n, misfits = len(parameters), strut.misfit.shape[1]
 
-    def tangent(at: Array) -> Tangent:
-        here = at[:own]
-        tension, slope, kept = held.taken_up(law(here), at[own:])
-        growth = law(here)(tension)[0]
-        by = [(law(here + STEP * np.eye(own)[i])(tension)[0] - growth) / STEP * kept for i in range(own)]
-        big, unit = size(here, growth), misfit_unit_m(here)
-        columns = [growth, *by, *((slope * kept)[:, None] * held.misfit * unit).T]
-        # By how much of itself it grows with the first parameter.
-        share = float(growth @ by[0]) / max(float(growth @ growth), 1e-300)
+    def tangent(point: Array) -> Tangent:
+        at = point[:n]
+        tension, slope, restraint_factor = strut.solve_tension(law(at), point[n:])
+        growth = law(at)(tension)[0]
+        by_parameter = [
+            (law(at + DERIVATIVE_STEP * np.eye(n)[i])(tension)[0] - growth) / DERIVATIVE_STEP * restraint_factor
+            for i in range(n)
+        ]
+        size_here, unit_m = size(at, growth), misfit_unit_m(at)
+        columns = [growth, *by_parameter, *((slope * restraint_factor)[:, None] * strut.misfit * unit_m).T]
+        # Relative growth of the elongation with the first parameter.
+        share = float(growth @ by_parameter[0]) / max(float(growth @ growth), 1e-300)
 
         def step(coefficients: Array) -> Array:
-            main = max(float(coefficients[0]), 0.2 * big)
+            main = max(float(coefficients[0]), 0.2 * size_here)
             out = coefficients[1:] / main
-            out[own:] *= unit
-            out[0] += np.log(main / big) / (np.sign(share) * max(abs(share), LEAST_SHARE))
+            out[n:] *= unit_m
+            out[0] += np.log(main / size_here) / (np.sign(share) * max(abs(share), MIN_GROWTH_SHARE))
             return np.asarray(out)
 
-        units = (1.0,) * own + (unit,) * misfits
-        acts = tuple(((held.channel, column / big),) for column in columns)
-        return Tangent(acts, (1.0,) + (SHARE,) * len(units), units, (1.0, share), step)
+        units = (1.0,) * n + (unit_m,) * misfits
+        contributions = tuple(((strut.channel, column / size_here),) for column in columns)
+        return Tangent(contributions, (1.0,) + (COLUMN_SHARE,) * len(units), units, (1.0, share), step)
 
     low = np.array([*(p.low for p in parameters), *[-5.0 * misfit_m] * misfits])
     high = np.array([*(p.high for p in parameters), *[5.0 * misfit_m] * misfits])
-    rest = np.zeros(misfits - 1)
-    all_starts = np.array([[*start, shift, *rest] for start in starts for shift in held.shifts_m(middles)])
+    others = np.zeros(misfits - 1)
+    all_starts = np.array([[*start, own, *others] for start in starts for own in strut.starting_misfits_m(middles)])
     spread = np.array([*(p.spread for p in parameters), *[misfit_m] * misfits])
     return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent)
 
 
-def play(clearance_m: Array | float, width_n: float) -> Law:
-    """Play to each side, taken up over a width of tension."""
+def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:
+    """Play to each side, which closes over a width of tension."""
 
     def law(tension: Array) -> tuple[Array, Array]:
         hypotenuse = np.hypot(tension, width_n)
@@ -154,8 +161,8 @@ def play(clearance_m: Array | float, width_n: float) -> Law:
     return law
 
 
-def softer(compliance_m_per_n: Array | float) -> Law:
-    """A spring in line."""
+def series_spring(compliance_m_per_n: Array | float) -> ElongationLaw:
+    """A linear spring in series."""
 
     def law(tension: Array) -> tuple[Array, Array]:
         return compliance_m_per_n * tension, compliance_m_per_n + 0.0 * tension
@@ -163,8 +170,8 @@ def softer(compliance_m_per_n: Array | float) -> Law:
     return law
 
 
-def slipping(compliance_m_per_n: float, tension_n: float, power: float) -> Law:
-    """Gives way more and more above a tension."""
+def slipping_law(compliance_m_per_n: float, tension_n: float, power: float) -> ElongationLaw:
+    """Yields progressively above a tension."""
 
     def law(tension: Array) -> tuple[Array, Array]:
         grown = compliance_m_per_n * np.minimum(np.abs(tension / tension_n), 1e3) ** power
@@ -173,8 +180,8 @@ def slipping(compliance_m_per_n: float, tension_n: float, power: float) -> Law:
     return law
 
 
-def one_way(compliance_m_per_n: float, side: float, width_n: float) -> Law:
-    """A spring in line for tension (side 1) or compression (side -1) alone."""
+def one_sided_spring(compliance_m_per_n: float, side: float, width_n: float) -> ElongationLaw:
+    """A spring in series that acts in tension (side 1) or in compression (side -1) only."""
 
     def law(tension: Array) -> tuple[Array, Array]:
         hypotenuse = np.hypot(tension, width_n)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from calibration.base.toml_text import to_toml
-from calibration.diagnosis.result import Candidate, PlannedVisit
+from calibration.diagnosis.result import CampaignAddition, ProposedVisit
 from calibration.machine.description import COORDINATES, Machine
 from calibration.model.payload import PayloadEntry
 from pkm_rig.rig.campaign_sections import CampaignFile, VisitEntry, VisitsSection
@@ -14,7 +14,9 @@ from pkm_rig.rig.campaign_sections import CampaignFile, VisitEntry, VisitsSectio
 DECIMALS = 9  # of a target: well below what a drive can resolve
 
 
-def campaign_text(candidate: Candidate, machine: Machine, payloads: tuple[PayloadEntry, ...], campaign: str) -> str:
+def campaign_text(
+    candidate: CampaignAddition, machine: Machine, payloads: tuple[PayloadEntry, ...], campaign: str
+) -> str:
     """A candidate's visits as TOML, with what they are for as comments."""
     visits = tuple(_entry(visit, machine) for visit in candidate.visits)
     used = sorted({visit.payload for visit in candidate.visits})
@@ -37,7 +39,11 @@ def campaign_text(candidate: Candidate, machine: Machine, payloads: tuple[Payloa
 
 
 def write_campaign_files(
-    candidates: list[Candidate], machine: Machine, payloads: tuple[PayloadEntry, ...], campaign: str, folder: Path
+    candidates: list[CampaignAddition],
+    machine: Machine,
+    payloads: tuple[PayloadEntry, ...],
+    campaign: str,
+    folder: Path,
 ) -> dict[str, str | None]:
     """Write one file a candidate that has visits, in the order given; name to path, None without visits.
 
@@ -55,7 +61,7 @@ def write_campaign_files(
     return files
 
 
-def _entry(visit: PlannedVisit, machine: Machine) -> VisitEntry:
+def _entry(visit: ProposedVisit, machine: Machine) -> VisitEntry:
     low, high = machine.commanded_limits.T
     target = [
         min(max(round(float(visit.target_m[c]), DECIMALS), float(a)), float(b))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.diagnosis.result import KINDS, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.diagnosis.result import KINDS, CampaignAddition, Diagnosis, FoundEffect, GapFigures, Quantity, Share
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
 MOST_SHARES = 10
@@ -97,7 +97,7 @@ def largest_shares(diagnosis: Diagnosis) -> list[Share]:
     return sorted(diagnosis.where, key=lambda s: -s.share)[:MOST_SHARES]
 
 
-def additions_by_gain(diagnosis: Diagnosis) -> list[Candidate]:
+def additions_by_gain(diagnosis: Diagnosis) -> list[CampaignAddition]:
     """Candidates, the most telling a minute first."""
     return sorted(diagnosis.next_measurement, key=lambda c: -c.gain_bit_per_min)
 

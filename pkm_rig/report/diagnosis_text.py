@@ -11,7 +11,16 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.diagnosis.result import (
+    NONE,
+    UNKNOWN,
+    CampaignAddition,
+    Diagnosis,
+    FoundEffect,
+    GapFigures,
+    Quantity,
+    Share,
+)
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.diagnosis_json import additions_by_gain, largest_shares, ranking_by_probability
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
@@ -165,7 +174,7 @@ def _shares(where: Sequence[Share]) -> Padding:
     return _table(("over", "which", "share", "95 %"), rows, left=2)
 
 
-def _candidates(candidates: Sequence[Candidate]) -> Padding:
+def _candidates(candidates: Sequence[CampaignAddition]) -> Padding:
     rows = [
         (c.name, c.adds, ", ".join(c.settles), f"{c.minutes:.0f}", f"{c.gain_bit:.2f}", f"{c.gain_bit_per_min:.3f}")
         for c in candidates

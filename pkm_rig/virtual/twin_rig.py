@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.effects.context import History, Moments
+from calibration.effects.context import ArrivalHistory, ReadingContext
 
 PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 
@@ -22,7 +22,7 @@ PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 class ReflectorModel(Protocol):
     """What a twin provides."""
 
-    def places_m(self, moments: Moments, rows: NDArray[np.intp]) -> Array:
+    def places_m(self, context: ReadingContext, rows: NDArray[np.intp]) -> Array:
         """All reflectors (n, smrs, 3) in the machine's frame, in the order of the machine file, at rows (n,)."""
         ...
 
@@ -31,7 +31,7 @@ class ReflectorModel(Protocol):
 class InstantState:
     """The machine as it is at one instant; d drives.
 
-    drives_m, velocity_m_per_s, direction, torque (d,): as in `Moments`; speed_after: highest speed in m/s of the
+    drives_m, velocity_m_per_s, direction, torque (d,): as in `ReadingContext`; speed_after: highest speed in m/s of the
     motions that began after a time; arrived_s: when the last motion ended (or will end, while `moving`).
     """
 
@@ -69,10 +69,10 @@ class RunningTwin:
     def places_m(self, look: InstantState) -> Array:
         """All reflectors (smrs, 3) in the machine's frame."""
         self._record_arrival(look)
-        moments = self.moments(look)
-        return np.asarray(self._twin.places_m(moments, np.array([len(moments) - 1]))[0])
+        context = self.context(look)
+        return np.asarray(self._twin.places_m(context, np.array([len(context) - 1]))[0])
 
-    def moments(self, look: InstantState) -> Moments:
+    def context(self, look: InstantState) -> ReadingContext:
         """The current state as the last row, preceded by earlier times for parts that lag behind a temperature."""
         times = np.append(np.linspace(self._start_s, look.t_s, PAST_ROWS + 1)[:-1], look.t_s)
         n = len(times)
@@ -80,8 +80,8 @@ class RunningTwin:
         def same(value: float | Array | tuple[float, ...]) -> Array:
             return np.repeat(np.asarray(value, dtype=np.float64)[None], n, axis=0)
 
-        return Moments(
-            history=History(np.array(self._arrived_s), np.array(self._arrival_drives_m)),
+        return ReadingContext(
+            history=ArrivalHistory(np.array(self._arrived_s), np.array(self._arrival_drives_m)),
             t_s=times,
             arrival=np.full(n, len(self._arrived_s) - 1, dtype=np.intp),
             drives=same(look.drives_m),

@@ -9,12 +9,12 @@ import numpy as np
 from calibration.diagnosis.result import (
     NONE,
     UNKNOWN,
-    Candidate,
+    CampaignAddition,
     Clue,
     Diagnosis,
     FoundEffect,
     GapFigures,
-    PlannedVisit,
+    ProposedVisit,
     Quantity,
     Share,
     Spectrum,
@@ -63,8 +63,10 @@ def example(visits: int = 160) -> Diagnosis:
         inside_geometry={"smr_offset": 3.0e-6, "joint_spacing": 1.1e-5},
         clues=(),
         next_measurement=(
-            Candidate("other dwell", "dwells of 0.5 to 60 s", ("backlash", "friction_windup"), 40.0, 0.4, planned()),
-            Candidate("an SMR on the slider", "a reflector on slider left", ("unknown",), 30.0, 0.9, ()),
+            CampaignAddition(
+                "other dwell", "dwells of 0.5 to 60 s", ("backlash", "friction_windup"), 40.0, 0.4, planned()
+            ),
+            CampaignAddition("an SMR on the slider", "a reflector on slider left", ("unknown",), 30.0, 0.9, ()),
         ),
         withheld=Withheld(np.arange(3), np.zeros((3, 3)), np.zeros((3, 3))),
         visits=VisitGaps(
@@ -80,9 +82,9 @@ def example(visits: int = 160) -> Diagnosis:
     )  # fmt: skip
 
 
-def planned() -> tuple[PlannedVisit, ...]:
+def planned() -> tuple[ProposedVisit, ...]:
     return tuple(
-        PlannedVisit((x, y, 0.0, 0.0, 0.0, 0.0), (side, -side), payload, 0.25, dwell)
+        ProposedVisit((x, y, 0.0, 0.0, 0.0, 0.0), (side, -side), payload, 0.25, dwell)
         for payload in (0, 2)
         for x, y, side, dwell in ((-0.3, 0.2, 1, 0.5), (0.1, 0.123456789012, -1, 60.0), (0.35, -0.3, 1, 4.0))
     )

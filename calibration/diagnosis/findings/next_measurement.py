@@ -1,16 +1,15 @@
-"""What to measure next: additions to a campaign, ranked by the information on the cause that they promise a minute.
+"""What to measure next: additions to a campaign, ranked by the expected information on the cause per minute.
 
-Each hypothesis (nothing, an effect of the ranking as it was fitted, an effect that the campaign could not show, of a
-plausible size) predicts what further visits would see otherwise than the visit next to them that was measured: the
-rest, calibration has taken up. How much an addition tells is bounded from below by the distances of the predictions
-(Kolchinsky and Tracey 2017, eq. 10, with the Bhattacharyya distance).
+Each hypothesis (no effect, an effect of the ranking as fitted, an effect that the campaign could not show, at a
+plausible size) predicts by how much readings at further visits differ from those at the nearest measured visit; the
+calibration has absorbed the rest. The information of an addition is bounded from below by the distances between these
+predictions (Kolchinsky and Tracey 2017, eq. 10, with the Bhattacharyya distance).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,277 +17,228 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.effect_inputs import setting_from
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import Baseline, Seen
-from calibration.diagnosis.result import NONE, UNKNOWN, Candidate, PlannedVisit
-from calibration.diagnosis.search import Explanation
-from calibration.effects.api import Acts, Effect
-from calibration.effects.context import History, Moments, held, joined
-from calibration.machine.description import Machine
+from calibration.diagnosis.effect_inputs import inputs_of_readings
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.proposals import VISITS, Proposal, duration_min, proposals
+from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.observed_model import ObservedModel
+from calibration.diagnosis.result import NONE, UNKNOWN, CampaignAddition
+from calibration.diagnosis.search import SearchResult
+from calibration.effects.api import Contributions, Effect
+from calibration.effects.context import ArrivalHistory, ReadingContext, append_context, clip_to_campaign
 from calibration.machine.inverse import rigid_drives
 from calibration.model.visits import Visits
 
-VISITS = 60
-SEED = 4  # of the poses that are proposed, so that a diagnosis says the same twice
-WORTH = 0.005  # probability from which on an effect is a hypothesis
-UNTESTED = 0.4  # of the probability, for what the campaign could not show
-SUPPOSED_SIGMA = 2.0  # RMS at the platform of what it could not show
-DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-SUPPOSED_FRICTION = 0.1  # of the drive's median torque, by the side of approach
-EXCHANGE_S, SET_UP_S = 300.0, 1800.0  # what people take, roughly: exchange of a payload; station, nests and warming
-READING_S = 1.0  # half of what aiming and a reading take
+HYPOTHESIS_MIN_PROBABILITY = 0.005
+UNTESTED_PRIOR_SHARE = 0.4  # of the probability, for effects that the campaign could not show
+ASSUMED_SIGMA = 2.0  # RMS at the platform of such an effect
+ASSUMED_FRICTION = 0.1  # of the drive's median torque, by approach direction
+READING_S = 1.0  # half the duration of aiming and a reading
+DISTINGUISHABLE_DISTANCE = 2.0  # Bhattacharyya distance from which on two hypotheses count as distinguished
+MAX_ADDITIONS = 6
 LEAST_SWING_K, SWING_MIN, REFLECTORS_MIN = 1.0, 120.0, 60.0
-TOLD_APART = 2.0  # Bhattacharyya distance from which on two hypotheses are taken to be told apart
-MOST = 6
 
 
-@dataclass(frozen=True)
-class _Idea:
-    """An addition before it is judged."""
-
-    name: str
-    adds: str
-    visits: tuple[PlannedVisit, ...]
-
-
-def candidates(
-    readout: Readout,
-    found: Explanation,
+def rank_additions(
+    likelihood: MarginalLikelihood,
+    search_result: SearchResult,
     ranking: Mapping[str, float],
     untested: tuple[Effect, ...],
-) -> tuple[Candidate, ...]:
-    """Additions to the campaign, the most informative a minute first."""
-    known = readout.baseline
-    ideas = list(_ideas(known))
-    if not ideas:
+) -> tuple[CampaignAddition, ...]:
+    """Additions to the campaign, the most informative per minute first."""
+    linear = likelihood.linear
+    proposed = list(proposals(linear))
+    if not proposed:
         return ()
-    hypotheses = _Hypotheses(readout, found, ranking, untested)
-    # All visits at once: forms are built over the campaign only once.
-    everything = _Idea("", "", tuple(visit for idea in ideas for visit in idea.visits))
-    parts = np.split(hypotheses.predicted(everything), len(ideas), axis=1)
-    pairs = zip(ideas, parts, strict=True)
-    out = [hypotheses.judged(idea, predicted, _minutes(known, idea)) for idea, predicted in pairs]
-    out.sort(key=lambda candidate: -candidate.gain_bit_per_min)
-    return (*out[:MOST], *_beyond_visits(known))
-
-
-def _ideas(known: Baseline) -> Iterator[_Idea]:
-    """Further visits, each varying what a campaign may vary, and all of it together."""
-    m, machine = known.moments, known.machine
-    rng = np.random.default_rng(SEED)
-    poses = _poses(machine, rng, VISITS)
-    side = np.sign(m.direction[known.visit >= 0].mean(axis=0) + 1e-9)
-    same = tuple(int(s) for s in np.where(side == 0.0, 1.0, side))
-    speed = float(np.median(m.speed_m_per_s[known.visit >= 0]))
-    dwell = _usual_rest_s(known)
-    payload = int(np.median(known.recording["payload"][known.rows]))
-    heavy = int(np.argmax([p.mass_kg for p in known.recording.file.payloads]))
-    speeds = (0.4 * speed, speed, 2.0 * speed)
-
-    def visits(**varied: bool) -> tuple[PlannedVisit, ...]:
-        out = []
-        for k, pose in enumerate(poses):
-            sides = tuple(int(s) for s in rng.choice([-1, 1], len(same))) if varied.get("sides") else same
-            rest = float(rng.choice(DWELLS_S)) if varied.get("dwells") else dwell
-            at = float(rng.choice(speeds)) if varied.get("speeds") else speed
-            load = heavy if varied.get("loads") and 2 * k >= VISITS else payload
-            out.append(PlannedVisit(tuple(float(x) for x in pose), sides, load, at, rest))
-        return tuple(out)
-
-    yield _Idea("random poses", "poses off the campaign's, as it was measured", visits())
-    yield _Idea("both directions", "random poses, approached from either side", visits(sides=True))
-    yield _Idea("varied rest", "random poses, rests from 0.5 to 16 s, three speeds", visits(dwells=True, speeds=True))
-    yield _Idea(
-        "directions and rest", "either side, rests from 0.5 to 16 s, three speeds",
-        visits(sides=True, dwells=True, speeds=True),
-    )  # fmt: skip
-    if heavy != payload:
-        yield _Idea("another payload", "random poses, half of them with the heaviest payload", visits(loads=True))
-        yield _Idea(
-            "everything varied", "either side, varied rest and speed, half with the heaviest payload",
-            visits(sides=True, dwells=True, speeds=True, loads=True),
-        )  # fmt: skip
-
-
-def _poses(machine: Machine, rng: np.random.Generator, count: int) -> Array:
-    """Tool poses (v, 6) drawn over the workspace, denser towards its edge."""
-    low, high = machine.workspace.T
-    unit = 0.5 - 0.5 * np.cos(np.pi * rng.uniform(0.0, 1.0, (count, len(machine.commanded))))
-    out = np.repeat(machine.workspace.mean(axis=1)[None], count, axis=0)
-    out[:, machine.commanded] = low[machine.commanded] + (high - low)[machine.commanded] * unit
-    return out
-
-
-def _usual_rest_s(known: Baseline) -> float:
-    """Median over visits of the rest before their first reading."""
-    on_pose = known.visit >= 0
-    first = np.full(int(known.visit.max()) + 1, np.inf)
-    np.minimum.at(first, known.visit[on_pose], known.moments.dwell_s[on_pose])
-    return float(np.median(first))
-
-
-def _minutes(known: Baseline, idea: _Idea) -> float:
-    """How long it takes: setting up, visits at the campaign's pace with their rests, exchanges of payload."""
-    pace = float(np.median(np.diff(known.moments.history.arrived_s)))
-    loads = [known.recording["payload"][known.rows][-1], *(v.payload for v in idea.visits)]
-    exchanges = sum(a != b for a, b in pairwise(loads))
-    without_rest_s = max(pace - _usual_rest_s(known), 1.0)
-    visits_s = sum(without_rest_s + v.dwell_s for v in idea.visits)
-    return float(SET_UP_S + visits_s + EXCHANGE_S * exchanges) / 60.0
+    hypotheses = _Hypotheses(likelihood, search_result, ranking, untested)
+    # All visits at once, because basis sets are built over the campaign and all further visits.
+    everything = Proposal("", "", tuple(visit for proposal in proposed for visit in proposal.visits))
+    parts = np.split(hypotheses.predict(everything), len(proposed), axis=1)
+    out = [
+        hypotheses.evaluate(proposal, predictions, duration_min(linear, proposal))
+        for proposal, predictions in zip(proposed, parts, strict=True)
+    ]
+    out.sort(key=lambda addition: -addition.gain_bit_per_min)
+    return (*out[:MAX_ADDITIONS], *_additions_without_visits(linear))
 
 
 class _Hypotheses:
-    """What each hypothesis predicts, judged addition by addition."""
+    """The predictions of each hypothesis, evaluated addition by addition."""
 
     def __init__(
-        self, readout: Readout, found: Explanation, ranking: Mapping[str, float], untested: tuple[Effect, ...]
+        self,
+        likelihood: MarginalLikelihood,
+        search_result: SearchResult,
+        ranking: Mapping[str, float],
+        untested: tuple[Effect, ...],
     ) -> None:
-        self._readout, self._known = readout, readout.baseline
-        self._fitted = [c for c in found.ranking if ranking.get(c.effect.name, 0.0) >= WORTH]
-        self._supposed = [(e, i) for e in untested for i in range(len(e.places(self._known.machine)))]
-        rest = 1.0 - UNTESTED if self._supposed else 1.0
-        self.names = [NONE, *(c.effect.name for c in self._fitted), *(e.name for e, _ in self._supposed)]
+        self._linear = likelihood.linear
+        self._fitted = [
+            cause
+            for cause in search_result.ranking
+            if ranking.get(cause.effect.name, 0.0) >= HYPOTHESIS_MIN_PROBABILITY
+        ]
+        self._assumed = [(effect, i) for effect in untested for i in range(len(effect.places(self._linear.machine)))]
+        tested_share = 1.0 - UNTESTED_PRIOR_SHARE if self._assumed else 1.0
+        self.names = [
+            NONE,
+            *(cause.effect.name for cause in self._fitted),
+            *(effect.name for effect, _ in self._assumed),
+        ]
         weights = [ranking.get(NONE, 0.0) + ranking.get(UNKNOWN, 0.0)]
-        weights += [ranking[c.effect.name] for c in self._fitted]
-        shared = UNTESTED / max(len(self._supposed), 1)
-        self.prior = np.array([*(rest * w for w in weights), *([shared] * len(self._supposed))])
+        weights += [ranking[cause.effect.name] for cause in self._fitted]
+        assumed_share = UNTESTED_PRIOR_SHARE / max(len(self._assumed), 1)
+        self.prior = np.array([*(tested_share * w for w in weights), *([assumed_share] * len(self._assumed))])
         self.prior /= self.prior.sum()
 
-    def judged(self, idea: _Idea, predicted: Array, minutes: float) -> Candidate:
-        """The idea with its gain, and the names that it would tell apart; predicted (h, r) at its visits."""
-        distance = np.sum((predicted[:, None] - predicted[None]) ** 2, axis=2) / 8.0
+    def evaluate(self, proposal: Proposal, predictions: Array, minutes: float) -> CampaignAddition:
+        """A proposal with its gain and the names that it would distinguish; predictions (h, r) at its visits."""
+        distance = np.sum((predictions[:, None] - predictions[None]) ** 2, axis=2) / 8.0
         gain = -float(self.prior @ np.log2(np.exp(-distance) @ self.prior))
         settles = {
             name
             for i, name in enumerate(self.names)
-            if name != NONE and np.min(np.delete(distance[i], i), initial=np.inf) > TOLD_APART
+            if name != NONE and np.min(np.delete(distance[i], i), initial=np.inf) > DISTINGUISHABLE_DISTANCE
         }
-        return Candidate(idea.name, idea.adds, tuple(sorted(settles)), minutes, gain, idea.visits)
+        return CampaignAddition(proposal.name, proposal.adds, tuple(sorted(settles)), minutes, gain, proposal.visits)
 
-    def predicted(self, idea: _Idea) -> Array:
+    def predict(self, proposal: Proposal) -> Array:
         """Whitened readings (h, r) of the platform's and the sliders' reflectors at the visits, by hypothesis."""
-        known = self._known
-        smrs = np.array(sorted(set(known.smr[known.visit >= 0].tolist())), dtype=np.intp)
-        new, pose = self._moments(idea)
-        after = joined(known.moments, held(known.moments, new))
-        seen = self._seen(new, pose, smrs)
-        everything = self._both(after, seen)
-        setting = setting_from(everything, Channels(everything), lambda *_: [], lambda *_: [])
-        first = len(known.smr)
-        rows = np.repeat(np.arange(first, len(after)), len(smrs))
-        measured = np.flatnonzero(known.visit >= 0)
-        distance = np.sum((new.drives[:, None] - known.moments.drives[measured][None]) ** 2, axis=2)
-        next_to = np.repeat(measured[np.argmin(distance, axis=1)], len(smrs))
-        through = _Through(known, seen, rows, next_to)
-        nothing = np.zeros(len(seen.smr) * 3)
-        out = [nothing]
+        linear = self._linear
+        smrs = np.array(sorted(set(linear.smr[linear.visit >= 0].tolist())), dtype=np.intp)
+        planned, pose = self._planned_context(proposal)
+        appended = append_context(linear.context, clip_to_campaign(linear.context, planned))
+        observed = self._observed_model(planned, pose, smrs)
+        with_campaign = self._with_campaign(appended, observed)
+        inputs = inputs_of_readings(with_campaign, Channels(with_campaign), lambda *_: [], lambda *_: [])
+        rows = np.repeat(np.arange(len(linear.smr), len(appended)), len(smrs))
+        measured = np.flatnonzero(linear.visit >= 0)
+        distance = np.sum((planned.drives[:, None] - linear.context.drives[measured][None]) ** 2, axis=2)
+        nearest_row = np.repeat(measured[np.argmin(distance, axis=1)], len(smrs))
+        response = _ChannelResponse(linear, observed, rows, nearest_row)
+        no_change = np.zeros(len(observed.smr) * 3)
+        predictions = [no_change]
         for cause in self._fitted:
-            place = cause.effect.places(known.machine).index(cause.place)
-            best = cause.best
-            acts = cause.effect.acts(setting, place, best.form.curve)
-            if best.form.parameters.keys() & {"period_m", "onset_s"} or max(best.form.columns) >= len(acts):
-                out.append(nothing)  # what stood out in the campaign says nothing of visits after it
+            place = cause.effect.places(linear.machine).index(cause.place)
+            best, basis_set = cause.best, cause.best.basis_set
+            contributions = cause.effect.contributions(inputs, place, basis_set.curve)
+            if basis_set.parameters.keys() & {"period_m", "onset_s"} or max(basis_set.columns) >= len(contributions):
+                predictions.append(no_change)  # periods and onsets of the campaign do not tell about later visits
                 continue
-            shifts = [c * through(acts[k]) for k, c in zip(best.form.columns, best.coefficients, strict=True)]
-            out.append(np.sum(shifts, axis=0))
-        for effect, place in self._supposed:
-            forms = effect.forms(setting, place)
-            if not forms.forms:
-                out.append(nothing)
+            shifts = [
+                coefficient * response(contributions[k])
+                for k, coefficient in zip(basis_set.columns, best.coefficients, strict=True)
+            ]
+            predictions.append(np.sum(shifts, axis=0))
+        for effect, place in self._assumed:
+            built = effect.forms(inputs, place)
+            if not built.sets:
+                predictions.append(no_change)
                 continue
-            main = forms.acts[forms.forms[0].columns[0]]
-            whole = float(np.sqrt(np.mean(through(main, whole=True) ** 2)))
-            out.append(through(main) * (SUPPOSED_SIGMA / max(whole, 1e-300)))
-        return np.array(out)
+            main = built.contributions[built.sets[0].columns[0]]
+            absolute = float(np.sqrt(np.mean(response(main, absolute=True) ** 2)))
+            predictions.append(response(main) * (ASSUMED_SIGMA / max(absolute, 1e-300)))
+        return np.array(predictions)
 
-    def _moments(self, idea: _Idea) -> tuple[Moments, Array]:
-        """Moments of the visits, one a visit, after the campaign, and rough poses (v, 6) of the platform."""
-        known, machine = self._known, self._known.machine
-        m, n = known.moments, len(idea.visits)
-        target = np.array([v.target_m for v in idea.visits])
+    def _planned_context(self, proposal: Proposal) -> tuple[ReadingContext, Array]:
+        """Context of the visits, one row each, after the campaign, and approximate poses (v, 6) of the platform."""
+        linear, machine = self._linear, self._linear.machine
+        context, n = linear.context, len(proposal.visits)
+        target = np.array([visit.target_m for visit in proposal.visits])
         pose = target.copy()
         pose[:, :3] -= rotation_matrix(target[:, 3:]) @ machine.tool_point_m
-        drives = rigid_drives(machine, known.poses.geometry, pose)
+        drives = rigid_drives(machine, linear.poses.geometry, pose)
         drives = np.where(np.isfinite(drives), drives, np.nanmean(drives, axis=0))
-        pace = float(np.median(np.diff(m.history.arrived_s)))
-        times = np.asarray(float(m.t_s.max()) + pace * (1.0 + np.arange(n) % VISITS), dtype=np.float64)
-        payloads = known.recording.file.payloads
-        load = np.array([payloads[v.payload].mass_kg for v in idea.visits])
-        weight = (machine.moving_mass_kg + load) / (machine.moving_mass_kg + float(np.median(m.payload_kg)))
-        direction = np.array([v.direction for v in idea.visits], dtype=np.float64)
-        moments = Moments(
-            history=History(times, drives),
+        pace = float(np.median(np.diff(context.history.arrived_s)))
+        times = np.asarray(float(context.t_s.max()) + pace * (1.0 + np.arange(n) % VISITS), dtype=np.float64)
+        payloads = linear.recording.file.payloads
+        payload = np.array([payloads[visit.payload].mass_kg for visit in proposal.visits])
+        median_payload = float(np.median(context.payload_kg))
+        weight = (machine.moving_mass_kg + payload) / (machine.moving_mass_kg + median_payload)
+        direction = np.array([visit.direction for visit in proposal.visits], dtype=np.float64)
+        planned = ReadingContext(
+            history=ArrivalHistory(times, drives),
             t_s=times,
             arrival=np.arange(n),
             drives=drives,
             direction=direction,
             velocity_m_per_s=np.zeros_like(drives),
-            torque=np.median(m.torque, axis=0) * (weight[:, None] + SUPPOSED_FRICTION * direction),
-            speed_m_per_s=np.array([v.speed_m_per_s for v in idea.visits]),
-            dwell_s=np.array([v.dwell_s for v in idea.visits]) + READING_S,
-            payload_kg=load,
-            payload_com_m=np.array([payloads[v.payload].com_m for v in idea.visits]),
-            exchanges=np.full(n, float(m.exchanges.max())),
-            temperatures_c={name: np.full(n, float(np.median(t))) for name, t in m.temperatures_c.items()},
-            start_s=m.start_s,
+            torque=np.median(context.torque, axis=0) * (weight[:, None] + ASSUMED_FRICTION * direction),
+            speed_m_per_s=np.array([visit.speed_m_per_s for visit in proposal.visits]),
+            dwell_s=np.array([visit.dwell_s for visit in proposal.visits]) + READING_S,
+            payload_kg=payload,
+            payload_com_m=np.array([payloads[visit.payload].com_m for visit in proposal.visits]),
+            exchanges=np.full(n, float(context.exchanges.max())),
+            temperatures_c={name: np.full(n, float(np.median(t))) for name, t in context.temperatures_c.items()},
+            start_s=context.start_s,
         )
-        return moments, pose
+        return planned, pose
 
-    def _seen(self, moments: Moments, pose: Array, smrs: NDArray[np.intp]) -> Seen:
-        known = self._known
-        temperatures = {name: t for name, t in moments.temperatures_c.items() if name != "air"}
-        visits = Visits(moments.drives, pose, moments.payload_kg, moments.payload_com_m, temperatures)
-        values = known.poses.values
-        poses = known.poses.model.predict(values, visits)
-        n, k = len(moments), len(smrs)
-        return Seen(
-            known.machine, moments, np.tile(smrs, n), np.repeat(np.arange(n), k), poses, known.frame, known.mounted_m,
-            np.repeat(known.position_m[known.visit >= 0].mean(axis=0)[None], n * k, axis=0),
-        )  # fmt: skip
-
-    def _both(self, after: Moments, seen: Seen) -> Seen:
-        """One row a moment, old and new: what forms are built over."""
-        known = self._known
-        visits = known.poses.visits.concatenate(seen.poses.visits)
-        poses = known.poses.model.predict(known.poses.values, visits)
-        count = len(known.poses.visits)
-        of_old = np.where(known.visit >= 0, known.visit, 0)
-        visit = np.concatenate([of_old, count + np.arange(len(seen.moments))])
-        position = np.concatenate(
-            [known.position_m, np.repeat(known.position_m.mean(axis=0)[None], len(seen.moments), 0)]
+    def _observed_model(self, planned: ReadingContext, pose: Array, smrs: NDArray[np.intp]) -> ObservedModel:
+        """All reflectors (k) at all planned visits (v), visit by visit."""
+        linear = self._linear
+        temperatures = {name: t for name, t in planned.temperatures_c.items() if name != "air"}
+        visits = Visits(planned.drives, pose, planned.payload_kg, planned.payload_com_m, temperatures)
+        poses = linear.poses.model.predict(linear.poses.values, visits)
+        n, k = len(planned), len(smrs)
+        middle = linear.position_m[linear.visit >= 0].mean(axis=0)
+        return ObservedModel(
+            machine=linear.machine,
+            context=planned,
+            smr=np.tile(smrs, n),
+            visit=np.repeat(np.arange(n), k),
+            poses=poses,
+            frame=linear.frame,
+            mounted_m=linear.mounted_m,
+            position_m=np.repeat(middle[None], n * k, axis=0),
         )
-        smr = np.zeros(len(after), dtype=np.intp)
-        return replace(seen, moments=after, smr=smr, visit=visit, poses=poses, position_m=position)
+
+    def _with_campaign(self, appended: ReadingContext, observed: ObservedModel) -> ObservedModel:
+        """One row per reading of the campaign and per planned visit: the rows over which basis sets are built."""
+        linear = self._linear
+        visits = linear.poses.visits.concatenate(observed.poses.visits)
+        poses = linear.poses.model.predict(linear.poses.values, visits)
+        count, planned = len(linear.poses.visits), len(observed.context)
+        visit = np.concatenate([np.where(linear.visit >= 0, linear.visit, 0), count + np.arange(planned)])
+        middle = np.repeat(linear.position_m.mean(axis=0)[None], planned, 0)
+        return replace(
+            observed,
+            context=appended,
+            smr=np.zeros(len(appended), dtype=np.intp),
+            visit=visit,
+            poses=poses,
+            position_m=np.concatenate([linear.position_m, middle]),
+        )
 
 
-class _Through:
-    """What shapes through their channels do to new visits, beyond what they did to the visits next to them."""
+class _ChannelResponse:
+    """Shifts of the readings at planned visits by a column, beyond its shift at the nearest measured visits."""
 
-    def __init__(self, known: Baseline, seen: Seen, rows: NDArray[np.intp], next_to: NDArray[np.intp]) -> None:
-        self._channels, self._rows, self._next_to = Channels(seen), rows, next_to
-        self._sigma_m = float(np.median(1.0 / np.linalg.norm(known.whiten[:, 0], axis=1)))
+    def __init__(
+        self, linear: LinearModel, observed: ObservedModel, rows: NDArray[np.intp], nearest_row: NDArray[np.intp]
+    ) -> None:
+        self._channels, self._rows, self._nearest_row = Channels(observed), rows, nearest_row
+        self._sigma_m = float(np.median(1.0 / np.linalg.norm(linear.whiten[:, 0], axis=1)))
 
-    def __call__(self, acts: Acts, *, whole: bool = False) -> Array:
-        """In sigma, (m,); `whole`: all they do there."""
+    def __call__(self, contributions: Contributions, *, absolute: bool = False) -> Array:
+        """In sigma, (m,); `absolute`: without subtracting the shift at the nearest measured visit."""
+        measured = 0.0 if absolute else 1.0
         shift = sum(
-            self._channels.shift_m(name) * (shape[self._rows] - (0.0 if whole else 1.0) * shape[self._next_to])[:, None]
-            for name, shape in acts
+            self._channels.shift_m(name) * (shape[self._rows] - measured * shape[self._nearest_row])[:, None]
+            for name, shape in contributions
         )
-        return np.nan_to_num(np.asarray(shift).ravel() / self._sigma_m)  # nothing is told of what cannot be reached
+        return np.nan_to_num(np.asarray(shift).ravel() / self._sigma_m)  # a pose out of reach carries no information
 
 
-def _beyond_visits(known: Baseline) -> Iterator[Candidate]:
-    """What visits alone do not add, its worth not computed: reflectors not measured, a swing of temperature."""
-    swing_k = max(float(np.ptp(t)) for t in known.moments.temperatures_c.values())
+def _additions_without_visits(linear: LinearModel) -> Iterator[CampaignAddition]:
+    """Additions whose gain is not computed: a swing of temperature, reflectors that were not measured."""
+    swing_k = max(float(np.ptp(t)) for t in linear.context.temperatures_c.values())
     if swing_k < LEAST_SWING_K:
         adds = f"let the shop warm and cool by 2 K while measuring; so far it was {swing_k:.1f} K"
-        yield Candidate("temperature swing", adds, (), SWING_MIN, 0.0, ())
-    measured = set(known.smr.tolist())
-    for place, adds in (("slider", "on the sliders"), ("floor", "on the floor")):
-        missing = [s.name for i, s in enumerate(known.machine.smrs) if s.on == place and i not in measured]
+        yield CampaignAddition("temperature swing", adds, (), SWING_MIN, 0.0, ())
+    measured = set(linear.smr.tolist())
+    for place, where in (("slider", "on the sliders"), ("floor", "on the floor")):
+        missing = [s.name for i, s in enumerate(linear.machine.smrs) if s.on == place and i not in measured]
         if missing:
-            yield Candidate(
-                f"reflectors {adds}", f"measure {', '.join(missing)} at every visit or nest check",
-                (), REFLECTORS_MIN, 0.0, (),
-            )  # fmt: skip
+            adds = f"measure {', '.join(missing)} at every visit or nest check"
+            yield CampaignAddition(f"reflectors {where}", adds, (), REFLECTORS_MIN, 0.0, ())

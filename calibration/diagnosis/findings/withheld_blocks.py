@@ -1,9 +1,9 @@
-"""How far the gap shrinks: the model with and without the effects, on regions of the workspace that were withheld.
+"""How far the gap shrinks: the model with and without the effects, on withheld regions of the workspace.
 
-With C^-1 = 1 - q q' of all readings, those of a block are predicted from all others without any new fit:
-e = (C^-1)_bb^-1 (C^-1 y)_b is what the readings of block b differ from their prediction (Rasmussen and Williams 2006,
-eq. 5.12, for blocks). The true error is estimated without noise: under the full model the noise-free readings have the
-mean y - C^-1 y and the covariance q q'.
+With C^-1 = 1 - q q' of all readings, those of a block are predicted from all others without a new fit:
+e = (C^-1)_bb^-1 (C^-1 y)_b is the difference of the readings of block b from their prediction (Rasmussen and Williams
+2006, eq. 5.12, for blocks). The true error is estimated without noise: under the full model the noise-free readings
+have the mean y - C^-1 y and the covariance q q'.
 """
 
 from __future__ import annotations
@@ -14,25 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import Baseline
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import GapFigures
 
 REGIONS = 5
-LEAST_VISITS = 3
+LEAST_VISITS = 3  # of one target under the same conditions, for the noise floor
 SAMPLES = 400
-FORM_AFTER, FORM_BEFORE = (
-    0.12,
-    0.03,
-)  # relative, standard deviations found on simulated rigs (docs/explanation/withheld.md)
-SEED = 20  # of the samples, so that a diagnosis says the same twice
+# Relative standard deviations of the errors with and without an effect, because no model of an effect is exact. Tuned
+# on simulated rigs so that the interval of the shrink contains the true one as often as stated (docs/decisions/0007).
+MODEL_ERROR_AFTER, MODEL_ERROR_BEFORE = 0.12, 0.03
+SEED = 20  # of the samples, so that repeated diagnoses agree
 
 
 @dataclass(frozen=True)
-class Field:
-    """Errors of the platform's reflectors, of the machine's moving coordinates (c), readings (m), in m.
+class GapField:
+    """Errors of the platform's reflectors in the machine's moving coordinates (c), of readings (m), in m.
 
-    rows (m,): readings of the baseline. before, after (m, c): estimated error of predictions, noise removed. spread
+    rows (m,): readings of the linear model. before, after (m, c): estimated error of predictions, noise removed. spread
     (m, c, b): factor of its covariance. noise_m: RMS of the readings' noise.
     """
 
@@ -43,12 +42,11 @@ class Field:
     noise_m: float
 
 
-def regions(baseline: Baseline) -> NDArray[np.intp]:
-    """Region (v,) of the workspace of each visit: equal counts, by angle about the middle, the middle apart."""
-    moves = baseline.machine.commanded
-    place = baseline.poses.visits.target_m[:, moves]
-    span = np.ptp(place, axis=0)
-    place = (place - place.mean(axis=0)) / np.where(span > 0.0, span, 1.0)
+def regions(linear: LinearModel) -> NDArray[np.intp]:
+    """Region (v,) of the workspace of each visit: equal counts, by angle about the centre, the centre separate."""
+    target = linear.poses.visits.target_m[:, linear.machine.commanded]
+    span = np.ptp(target, axis=0)
+    place = (target - target.mean(axis=0)) / np.where(span > 0.0, span, 1.0)
     if place.shape[1] == 1:
         order = np.argsort(place[:, 0], kind="stable")
         out = np.empty(len(place), dtype=np.intp)
@@ -64,91 +62,94 @@ def regions(baseline: Baseline) -> NDArray[np.intp]:
     return out
 
 
-def withheld(readout: Readout, region: NDArray[np.intp]) -> Array:
-    """Whitened differences (n, 3) of the readings of every visit from predictions that did not use its region."""
-    known = readout.baseline
-    of_reading = np.where(known.visit >= 0, region[np.maximum(known.visit, 0)], -1)
-    out = np.zeros_like(readout.left)
+def region_of_readings(linear: LinearModel, region: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Region (n,) of each reading from those of the visits (v,); -1 for floor nests."""
+    return np.where(linear.visit >= 0, region[np.maximum(linear.visit, 0)], -1)
+
+
+def withheld_differences(likelihood: MarginalLikelihood, region: NDArray[np.intp]) -> Array:
+    """Whitened differences (n, 3) of the readings from predictions that did not use their region (v,)."""
+    of_reading = region_of_readings(likelihood.linear, region)
+    out = np.zeros_like(likelihood.weighted_residual)
     for block in range(int(region.max()) + 1):
         rows = np.flatnonzero(of_reading == block)
-        q = readout.q[rows].reshape(-1, readout.q.shape[2])
-        left = readout.left[rows].ravel()
-        inner = np.eye(q.shape[1]) - q.T @ q
-        out[rows] = (left + q @ np.linalg.solve(inner, q.T @ left)).reshape(-1, 3)
+        q = likelihood.q[rows].reshape(-1, likelihood.q.shape[2])
+        weighted_residual = likelihood.weighted_residual[rows].ravel()
+        block_matrix = np.eye(q.shape[1]) - q.T @ q
+        out[rows] = (weighted_residual + q @ np.linalg.solve(block_matrix, q.T @ weighted_residual)).reshape(-1, 3)
     return out
 
 
-def field(readout: Readout, before: Array, after: Array) -> Field:
-    """Errors of predictions, from differences (n, 3) of `withheld`; the readout says what the truth is taken to be."""
-    known = readout.baseline
-    rows = np.flatnonzero(known.on_platform)
-    moves = known.machine.dof[known.machine.dof < 3]
-    # Whitened to metres in the machine's frame, of the coordinates that the machine moves.
-    to_m = np.linalg.inv(known.whiten[rows])
-    turn = known.frame.rotation.T[moves]
-    metres = np.einsum("ci,nij->ncj", turn, to_m)
-    noise = np.einsum("ncj,nj->nc", metres, readout.left[rows])
-    spread = np.einsum("ncj,njb->ncb", metres, readout.q[rows])
+def gap_field(truth_likelihood: MarginalLikelihood, before: Array, after: Array) -> GapField:
+    """Errors of predictions, from `withheld_differences` (n, 3) with and without the effects.
+
+    truth_likelihood: the model by which the noise-free readings are estimated.
+    """
+    linear = truth_likelihood.linear
+    rows = np.flatnonzero(linear.on_platform)
+    moves = linear.machine.dof[linear.machine.dof < 3]
+    # From whitened numbers to metres in the machine's frame, of the coordinates that the machine moves.
+    metres = np.einsum("ci,nij->ncj", linear.frame.rotation.T[moves], np.linalg.inv(linear.whiten[rows]))
+    noise = np.einsum("ncj,nj->nc", metres, truth_likelihood.weighted_residual[rows])
+    spread = np.einsum("ncj,njb->ncb", metres, truth_likelihood.q[rows])
     variance = np.sum(metres**2, axis=2) - np.sum(spread**2, axis=2)
     noise_m = float(np.sqrt(np.mean(noise**2) * np.mean(np.sum(metres**2, axis=2)) / np.mean(variance)))
-    return Field(
-        rows,
-        np.einsum("ncj,nj->nc", metres, before[rows]) - noise,
-        np.einsum("ncj,nj->nc", metres, after[rows]) - noise,
-        spread,
-        noise_m,
+    return GapField(
+        rows=rows,
+        before=np.einsum("ncj,nj->nc", metres, before[rows]) - noise,
+        after=np.einsum("ncj,nj->nc", metres, after[rows]) - noise,
+        spread=spread,
+        noise_m=noise_m,
     )
 
 
-def figures(found: Field) -> GapFigures:
+def gap_figures(field: GapField) -> GapFigures:
     """RMS before and after, and the shrink with its 95 % interval, by samples of the noise-free readings."""
     rng = np.random.default_rng(SEED)
-    flat = found.spread.reshape(-1, found.spread.shape[2])
+    flat = field.spread.reshape(-1, field.spread.shape[2])
     deviation = flat @ rng.standard_normal((flat.shape[1], SAMPLES))
     count = flat.shape[0]
     squares = np.sum(deviation**2, axis=0)
-    before = found.before.ravel()
-    after = found.after.ravel()
-    b2 = (before @ before + 2.0 * (before @ deviation) + squares) / count
-    a2 = (after @ after + 2.0 * (after @ deviation) + squares) / count
-    # Forms are never exact, and the error that is left suffers most from it.
-    a2 = a2 * np.exp(2.0 * FORM_AFTER * rng.standard_normal(SAMPLES))
-    b2 = b2 * np.exp(2.0 * FORM_BEFORE * rng.standard_normal(SAMPLES))
-    shrink = 1.0 - np.sqrt(a2 / b2)
+    before, after = field.before.ravel(), field.after.ravel()
+    before_squares = (before @ before + 2.0 * (before @ deviation) + squares) / count
+    after_squares = (after @ after + 2.0 * (after @ deviation) + squares) / count
+    after_squares = after_squares * np.exp(2.0 * MODEL_ERROR_AFTER * rng.standard_normal(SAMPLES))
+    before_squares = before_squares * np.exp(2.0 * MODEL_ERROR_BEFORE * rng.standard_normal(SAMPLES))
+    shrink = 1.0 - np.sqrt(after_squares / before_squares)
     low, high = np.quantile(shrink, [0.025, 0.975])
     return GapFigures(
-        before_m=float(np.sqrt(np.mean(b2))),
-        after_m=float(np.sqrt(np.mean(a2))),
-        noise_floor_m=found.noise_m,
+        before_m=float(np.sqrt(np.mean(before_squares))),
+        after_m=float(np.sqrt(np.mean(after_squares))),
+        noise_floor_m=field.noise_m,
         shrink=float(np.median(shrink)),
         shrink_interval=(float(low), float(high)),
         withheld=f"{REGIONS} regions of the workspace in turn",
     )
 
 
-def repeated_m(baseline: Baseline) -> float | None:
-    """Noise floor: RMS scatter of the platform's reflectors over visits of one target, side and payload.
+def repeatability_m(linear: LinearModel) -> float | None:
+    """Noise floor: RMS scatter of the platform's reflectors over visits of one target, approach and payload.
 
-    In the machine's frame, of a coordinate that the machine moves, at rest; None where no target was visited often
-    enough (LEAST_VISITS) alike.
+    In the machine's frame, per moving coordinate, at rest; None if no target was visited LEAST_VISITS times under the
+    same conditions.
     """
-    m, moves = baseline.moments, baseline.machine.dof[baseline.machine.dof < 3]
-    rows = np.flatnonzero(baseline.on_platform & ~m.moving)
-    places = ((baseline.position_m[rows] - baseline.frame.translation_m) @ baseline.frame.rotation)[:, moves]
-    target = np.round(baseline.poses.visits.target_m[baseline.visit[rows]], 7)
-    alike = np.column_stack([target, m.direction[rows], m.payload_kg[rows], baseline.smr[rows]])
-    group = np.unique(alike, axis=0, return_inverse=True)[1].ravel()
+    context, moves = linear.context, linear.machine.dof[linear.machine.dof < 3]
+    rows = np.flatnonzero(linear.on_platform & ~context.moving)
+    position_m = ((linear.position_m[rows] - linear.frame.translation_m) @ linear.frame.rotation)[:, moves]
+    target = np.round(linear.poses.visits.target_m[linear.visit[rows]], 7)
+    conditions = np.column_stack([target, context.direction[rows], context.payload_kg[rows], linear.smr[rows]])
+    group = np.unique(conditions, axis=0, return_inverse=True)[1].ravel()
     visits = np.bincount(group)
-    known = visits[group] >= LEAST_VISITS
-    if not np.any(known):
+    repeated = visits[group] >= LEAST_VISITS
+    if not np.any(repeated):
         return None
-    mean = np.stack([np.bincount(group, x) for x in places.T], axis=1) / visits[:, None]
-    square = float(np.sum((places - mean[group])[known] ** 2))
-    freedom = int(np.sum(visits[visits >= LEAST_VISITS] - 1)) * len(moves)
-    return float(np.sqrt(square / freedom))
+    mean = np.stack([np.bincount(group, x) for x in position_m.T], axis=1) / visits[:, None]
+    square = float(np.sum((position_m - mean[group])[repeated] ** 2))
+    degrees_of_freedom = int(np.sum(visits[visits >= LEAST_VISITS] - 1)) * len(moves)
+    return float(np.sqrt(square / degrees_of_freedom))
 
 
-def predicted_m(readout: Readout, differences: Array) -> Array:
+def predicted_positions_m(likelihood: MarginalLikelihood, differences: Array) -> Array:
     """Predicted positions (n, 3) in the station's frame from whitened differences (n, 3) of the readings from them."""
-    known = readout.baseline
-    return known.position_m - np.linalg.solve(known.whiten, differences[:, :, None])[:, :, 0]
+    linear = likelihood.linear
+    return linear.position_m - np.linalg.solve(linear.whiten, differences[:, :, None])[:, :, 0]

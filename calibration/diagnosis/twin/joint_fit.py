@@ -1,9 +1,9 @@
-"""Calibration and causes found together, with the nonlinear model: the solution that a twin is made of.
+"""Joint fit of calibration and causes with the nonlinear model: the solution that a twin is made of.
 
 The diagnosis is linear at the machine that calibration alone finds. Once the causes belong to the model, geometry and
-above all stiffness move by what they had taken up of them, further than one linearisation holds: Gauss-Newton goes on
-from there, over calibration's unknowns (all of `Baseline.columns`, with their priors) and the causes' coefficients.
-The causes' own columns stay those of the diagnosis.
+above all stiffness release what they had absorbed of them, which takes them out of the range of one linearisation:
+Gauss-Newton continues from there, over the unknowns of the calibration (all of `LinearModel.columns`, with their
+priors) and the causes' coefficients. The causes' own columns remain those of the diagnosis.
 """
 
 from __future__ import annotations
@@ -17,194 +17,201 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import NEST_PRIOR_M, Baseline
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import NEST_PRIOR_M, LinearModel
 from calibration.diagnosis.search import Cause
-from calibration.diagnosis.twin.twin_model import Fit, whole_model
+from calibration.diagnosis.twin.twin_model import FittedMachine, full_model
 from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
 
-MOST_STEPS = 12
-HALVINGS = 6
-SETTLED = 0.01  # RMS of what a step still changes, in standard deviations of a reading
+MAX_STEPS = 12
+MAX_HALVINGS = 6
+CONVERGED_SIGMA = 0.01  # RMS change of the last step, in standard deviations of a reading
+NO_EQUILIBRIUM = 1e9  # residual of a model without an equilibrium: worse than any other
 
 
 @dataclass(frozen=True)
 class Solution:
-    """z (b,): unknowns of the baseline over their standard deviations; c (k,): coefficients of all causes over theirs.
+    """z (b,): unknowns of the linear model over their standard deviations; c (k,): coefficients of all causes over
+    theirs.
 
-    fit: of machine and station; ranges: range constant, scale and refraction by name; coefficients: of each cause;
-    wander (n, 3): whitened shifts of all readings by the declared nuisance.
+    fitted_machine: of these unknowns; ranges: range constant, scale and refraction by name; coefficients: of each
+    cause; disturbance_shift (n, 3): whitened shifts of all readings by the declared disturbances.
     """
 
     z: Array
     c: Array
-    fit: Fit
+    fitted_machine: FittedMachine
     ranges: dict[str, float]
     coefficients: tuple[Array, ...]
-    wander: Array
+    disturbance_shift: Array
 
 
 @dataclass(frozen=True)
-class _Linear:
-    """The model at z: columns (n, 3, b) and what it misses of the readings (n, 3) there, whitened; poses (v, 6)."""
+class _Linearisation:
+    """The model at z: whitened columns (n, 3, b) and residual of the readings (n, 3) there; poses (v, 6)."""
 
     z: Array
     columns: Array
-    missed: Array
-    rest: Array
+    residual: Array
+    poses: Array
 
 
-class Joint:
-    """The joint fit of a baseline's readings with some causes."""
+class JointFit:
+    """The joint fit of a linear model's readings with some causes."""
 
-    def __init__(self, readout: Readout, causes: Sequence[Cause]) -> None:
-        self._known = known = readout.baseline
+    def __init__(self, likelihood: MarginalLikelihood, causes: Sequence[Cause]) -> None:
+        self._linear = linear = likelihood.linear
         self._causes = tuple(causes)
-        deviations = [cause.deviations for cause in causes]
-        self._deviations = np.concatenate([*deviations, np.empty(0)])
-        columns = [readout.columns(cause.acts) for cause in causes]
-        self._acting = np.concatenate([*columns, np.empty((*known.residual.shape, 0))], axis=2) * self._deviations
-        self._on_pose = np.flatnonzero(known.visit >= 0)
-        count = known.sigma.size
-        self._first = known.names.index("frame.rx")
-        accuracy = known.recording.file.station.accuracy
-        smrs = tuple(sorted(set(known.smr[self._on_pose].tolist())))
-        # The frame's unknowns count from the one where the baseline is linear, not from where its fit began.
+        self._deviations = np.concatenate([*(cause.prior_deviations for cause in causes), np.empty(0)])
+        columns = [likelihood.columns(cause.contributions) for cause in causes]
+        self._cause_columns = (
+            np.concatenate([*columns, np.empty((*linear.residual.shape, 0))], axis=2) * self._deviations
+        )
+        self._on_pose = rows = np.flatnonzero(linear.visit >= 0)
+        accuracy = linear.recording.file.station.accuracy
+        smrs = tuple(sorted(set(linear.smr[rows].tolist())))
+        # The unknowns of the frame count from the frame at which the model is linear, not from where its fit began.
         self._station = StationModel(
-            known.frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M
+            linear.frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M
         )
-        self._before = np.zeros(count)
-        self._before[self._first : self._first + 6] = known.values[self._first : self._first + 6]
-        rows = self._on_pose
-        spread = np.linalg.inv(known.whiten[rows])
-        covariances = spread @ spread.transpose(0, 2, 1)  # the baseline's weights among them
-        visits = known.poses.visits
-        self._readings = SmrPositions(
-            ReflectorObservations(visits, known.visit[rows], known.smr[rows], known.position_m[rows], covariances),
-            self._station,
+        first = linear.names.index("frame.rx")
+        self._offset = np.zeros(linear.sigma.size)
+        self._offset[first : first + 6] = linear.values[first : first + 6]
+        spread = np.linalg.inv(linear.whiten[rows])
+        covariances = spread @ spread.transpose(0, 2, 1)  # including the weights of outliers
+        observations = ReflectorObservations(
+            linear.poses.visits, linear.visit[rows], linear.smr[rows], linear.position_m[rows], covariances
         )
+        self._readings = SmrPositions(observations, self._station)
 
     @cached_property
     def solution(self) -> Solution:
         """Of all readings."""
-        return self._solution(
-            *self._search(self._at_baseline, np.zeros(self._deviations.size), np.ones(len(self._known.smr), dtype=bool))
+        all_rows = np.ones(len(self._linear.smr), dtype=bool)
+        return self._build_solution(
+            *self._gauss_newton(self._at_linear_model, np.zeros(self._deviations.size), all_rows)
         )
 
     def without(self, rows: NDArray[np.intp]) -> Solution:
-        """The same without some rows of readings."""
-        keep = np.ones(len(self._known.smr), dtype=bool)
+        """The solution without some rows of readings."""
+        keep = np.ones(len(self._linear.smr), dtype=bool)
         keep[rows] = False
-        return self._solution(*self._search(self._at_solution, self.solution.c, keep))
+        return self._build_solution(*self._gauss_newton(self._at_solution, self.solution.c, keep))
 
     @cached_property
-    def _at_baseline(self) -> _Linear:
-        known, count = self._known, self._known.sigma.size
-        z = np.zeros(known.columns.shape[2])
-        z[:count] = known.values / known.sigma
-        return _Linear(z, known.columns, known.residual - known.columns @ z, known.poses.equilibrium.coordinates())
+    def _at_linear_model(self) -> _Linearisation:
+        linear, count = self._linear, self._linear.sigma.size
+        z = np.zeros(linear.columns.shape[2])
+        z[:count] = linear.values / linear.sigma
+        residual = linear.residual - linear.columns @ z
+        return _Linearisation(z, linear.columns, residual, linear.poses.equilibrium.coordinates())
 
     @cached_property
-    def _at_solution(self) -> _Linear:
-        return self._linear(self.solution.z, self._at_baseline.rest)
+    def _at_solution(self) -> _Linearisation:
+        return self._linearise(self.solution.z, self._at_linear_model.poses)
 
-    def _search(self, at: _Linear, c: Array, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Unknowns z (b,) and c (k,) by Gauss-Newton, steps that gain nothing halved."""
-        best = self._loss(at, c, keep)
-        for _ in range(MOST_STEPS):
-            z_new, c_new = self._solve(at, keep)
-            change = at.columns @ (z_new - at.z) + self._acting @ (c_new - c)
-            if float(np.sqrt(np.mean(change[keep] ** 2))) < SETTLED:
+    def _gauss_newton(self, start: _Linearisation, c: Array, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Unknowns z (b,) and c (k,); a step that does not reduce the loss is halved."""
+        current, best = start, self._loss(start, c, keep)
+        for _ in range(MAX_STEPS):
+            z_new, c_new = self._solve(current, keep)
+            change = current.columns @ (z_new - current.z) + self._cause_columns @ (c_new - c)
+            if float(np.sqrt(np.mean(change[keep] ** 2))) < CONVERGED_SIGMA:
                 return z_new, c_new
-            share = 1.0
-            for _ in range(HALVINGS):
-                z, tried = at.z + share * (z_new - at.z), c + share * (c_new - c)
-                trial = self._linear(z, at.rest)
-                loss = self._loss(trial, tried, keep)
+            step_length = 1.0
+            for _ in range(MAX_HALVINGS):
+                z, trial_c = current.z + step_length * (z_new - current.z), c + step_length * (c_new - c)
+                trial = self._linearise(z, current.poses)
+                loss = self._loss(trial, trial_c, keep)
                 if loss <= best:
                     break
-                share *= 0.5
+                step_length *= 0.5
             else:
-                return at.z, c
-            at, c, best = trial, tried, loss
-        return at.z, c
+                return current.z, c
+            current, c, best = trial, trial_c, loss
+        return current.z, c
 
-    def _loss(self, at: _Linear, c: Array, keep: NDArray[np.bool_]) -> float:
-        missed = at.missed - self._acting @ c
-        return float(np.sum(missed[keep] ** 2) + at.z @ at.z + c @ c)
+    def _loss(self, at: _Linearisation, c: Array, keep: NDArray[np.bool_]) -> float:
+        residual = at.residual - self._cause_columns @ c
+        return float(np.sum(residual[keep] ** 2) + at.z @ at.z + c @ c)
 
-    def _solve(self, at: _Linear, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
-        columns = np.concatenate([at.columns, self._acting], axis=2)[keep]
+    def _solve(self, at: _Linearisation, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
+        columns = np.concatenate([at.columns, self._cause_columns], axis=2)[keep]
         flat = columns.reshape(-1, columns.shape[2])
-        right = (at.missed + at.columns @ at.z)[keep].ravel()
-        found = np.linalg.solve(flat.T @ flat + np.eye(flat.shape[1]), flat.T @ right)
-        return found[: at.z.size], found[at.z.size :]
+        target = (at.residual + at.columns @ at.z)[keep].ravel()
+        unknowns = np.linalg.solve(flat.T @ flat + np.eye(flat.shape[1]), flat.T @ target)
+        return unknowns[: at.z.size], unknowns[at.z.size :]
 
-    def _linear(self, z: Array, start: Array) -> _Linear:
-        """The model at z, its poses searched from `start`."""
-        known, rows, count = self._known, self._on_pose, self._known.sigma.size
-        values = z[:count] * known.sigma
-        model = known.poses.model
+    def _linearise(self, z: Array, start: Array) -> _Linearisation:
+        """The model at z, its poses searched from `start` (v, 6)."""
+        linear, rows, count = self._linear, self._on_pose, self._linear.sigma.size
+        values = z[:count] * linear.sigma
+        model = linear.poses.model
         with np.errstate(all="ignore"):
-            poses = model.predict(values[: len(model)], known.poses.visits, start)
+            poses = model.predict(values[: len(model)], linear.poses.visits, start)
         if not np.all(poses.equilibrium.converged):
-            return _Linear(z, known.columns, np.full_like(known.residual, 1e9), start)
-        compared = self._readings.compare(poses, known.visit[rows, None], (values - self._before)[len(model) :])
-        columns = known.columns.copy()
-        columns[rows, :, :count] = np.concatenate([compared.by_model, compared.by_own], axis=2) * known.sigma
-        missed = known.residual - known.columns @ z
-        missed[rows] = -compared.residual - columns[rows][:, :, count:] @ z[count:]
-        return _Linear(z, columns, missed, poses.equilibrium.coordinates())
+            return _Linearisation(z, linear.columns, np.full_like(linear.residual, NO_EQUILIBRIUM), start)
+        compared = self._readings.compare(poses, linear.visit[rows, None], (values - self._offset)[len(model) :])
+        columns = linear.columns.copy()
+        columns[rows, :, :count] = np.concatenate([compared.by_model, compared.by_own], axis=2) * linear.sigma
+        residual = linear.residual - linear.columns @ z
+        residual[rows] = -compared.residual - columns[rows][:, :, count:] @ z[count:]
+        return _Linearisation(z, columns, residual, poses.equilibrium.coordinates())
 
-    def _solution(self, z: Array, c: Array) -> Solution:
-        known, count, names = self._known, self._known.sigma.size, self._known.names
-        values = z[:count] * known.sigma
-        at = dict(zip(names[:count], values.tolist(), strict=True))
-        mounted = known.mounted_m.copy()
-        nests = dict(zip(names[count:], (z[count:] * NEST_PRIOR_M).tolist(), strict=True))
-        for i, smr in enumerate(known.machine.smrs):
-            for k, axis in enumerate("xyz"):
-                mounted[i, k] = smr.position_m[k] + at.get(f"mounting.{smr.name}.{axis}", 0.0)
-                mounted[i, k] += nests.get(f"nest.{smr.name}.{axis}", 0.0)
-        frame = self._station.frame((values - self._before)[len(known.poses.model) :])
-        nuisance = next((k for k, n in enumerate(names) if k >= count and not n.startswith("nest.")), len(names))
-        sizes = [cause.deviations.size for cause in self._causes]
-        fit = Fit(_whole(known, values), frame, mounted)
-        ranges = {name: value for name, value in at.items() if name.startswith(("range.", "refraction."))}
-        for i, smr in enumerate(known.machine.smrs):
-            if smr.on == "floor":  # a nest's unknowns hold what the station states, its errors of range included
-                stated = _stated_m(known, fit.frame, ranges, mounted[i : i + 1])[0]
-                mounted[i] -= (stated - fit.frame.to_station(mounted[i : i + 1])[0]) @ fit.frame.rotation
+    def _build_solution(self, z: Array, c: Array) -> Solution:
+        linear, count, names = self._linear, self._linear.sigma.size, self._linear.names
+        values = z[:count] * linear.sigma
+        by_name = dict(zip(names[:count], values.tolist(), strict=True))
+        frame = self._station.frame((values - self._offset)[len(linear.poses.model) :])
+        ranges = {name: value for name, value in by_name.items() if name.startswith(("range.", "refraction."))}
+        mounted = self._mounted_m(z, by_name)
+        for i, smr in enumerate(linear.machine.smrs):
+            if smr.on == "floor":  # the unknowns of a nest contain what the station reports, its range errors included
+                reported = _as_station_reports_m(linear, frame, ranges, mounted[i : i + 1])[0]
+                mounted[i] -= (reported - frame.to_station(mounted[i : i + 1])[0]) @ frame.rotation
+        disturbances = next((k for k, n in enumerate(names) if k >= count and not n.startswith("nest.")), len(names))
+        sizes = [cause.prior_deviations.size for cause in self._causes]
         return Solution(
             z=z,
             c=c,
-            fit=fit,
+            fitted_machine=FittedMachine(_all_unknowns(linear, values), frame, mounted),
             ranges=ranges,
             coefficients=tuple(np.split(c * self._deviations, np.cumsum(sizes)[:-1])) if sizes else (),
-            wander=known.columns[:, :, nuisance:] @ z[nuisance:],
+            disturbance_shift=linear.columns[:, :, disturbances:] @ z[disturbances:],
         )
 
+    def _mounted_m(self, z: Array, by_name: dict[str, float]) -> Array:
+        """Positions (smrs, 3) of the reflectors on their parts; of nests, with the range errors of the station."""
+        linear, count = self._linear, self._linear.sigma.size
+        nests = dict(zip(linear.names[count:], (z[count:] * NEST_PRIOR_M).tolist(), strict=True))
+        mounted = linear.mounted_m.copy()
+        for i, smr in enumerate(linear.machine.smrs):
+            for k, axis in enumerate("xyz"):
+                mounted[i, k] = smr.position_m[k] + by_name.get(f"mounting.{smr.name}.{axis}", 0.0)
+                mounted[i, k] += nests.get(f"nest.{smr.name}.{axis}", 0.0)
+        return mounted
 
-def fit_before(known: Baseline) -> Fit:
-    """The machine at which a baseline is linear."""
-    return Fit(_whole(known, known.values), known.frame, known.mounted_m)
+
+def machine_of_linear_model(linear: LinearModel) -> FittedMachine:
+    """The machine at which a linear model was linearised."""
+    return FittedMachine(_all_unknowns(linear, linear.values), linear.frame, linear.mounted_m)
 
 
-def _whole(known: Baseline, values: Array) -> Array:
-    """Values of all unknowns of the machine's model, from those of a baseline."""
-    model = known.poses.model
+def _all_unknowns(linear: LinearModel, values: Array) -> Array:
+    """Values of all unknowns of the full model, from those of a linear model."""
+    model = linear.poses.model
     fitted = dict(zip([u.name for u in model.unknowns], values[: len(model)].tolist(), strict=True))
-    return np.array([fitted.get(u.name, 0.0) for u in whole_model(known.machine).unknowns])
+    return np.array([fitted.get(u.name, 0.0) for u in full_model(linear.machine).unknowns])
 
 
-def stated_m(known: Baseline, solution: Solution, places_m: Array) -> Array:
-    """Places (n, 3) of the machine's frame as the station states them."""
-    return _stated_m(known, solution.fit.frame, solution.ranges, places_m)
+def as_station_reports_m(linear: LinearModel, solution: Solution, positions_m: Array) -> Array:
+    """Positions (n, 3) in the machine's frame as the station reports them, in its own frame."""
+    return _as_station_reports_m(linear, solution.fitted_machine.frame, solution.ranges, positions_m)
 
 
-def _stated_m(known: Baseline, frame: Frame, ranges: dict[str, float], places_m: Array) -> Array:
-    accuracy = known.recording.file.station.accuracy
+def _as_station_reports_m(linear: LinearModel, frame: Frame, ranges: dict[str, float], positions_m: Array) -> Array:
+    accuracy = linear.recording.file.station.accuracy
     constant_u_m, scale_u = accuracy.range_constant_u_m, accuracy.range_scale_u
     station = StationModel(frame, (), constant_u_m, scale_u, REFRACTION_U_PER_M, known_frame=True)
-    own = np.array([ranges.get(u.name, 0.0) for u in station.unknowns(known.machine)])
-    return station.observe(known.machine, own, places_m)[0]
+    unknowns = np.array([ranges.get(u.name, 0.0) for u in station.unknowns(linear.machine)])
+    return station.observe(linear.machine, unknowns, positions_m)[0]

@@ -1,9 +1,9 @@
-"""A twin as plain data, and back: whatever comes in is checked as hostile input."""
+"""A twin as plain data, and back: data that are read are checked as untrusted input."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
-from calibration.diagnosis.twin.twin_model import Added, Campaign, Fit, whole_model
-from calibration.effects.api import OnCurve
+from calibration.diagnosis.twin.answers import OnsetQuestion, PeriodQuestion, RecordedAnswers, Use, Values
+from calibration.diagnosis.twin.twin_model import FittedMachine, TwinCampaign, TwinEffect, full_model
+from calibration.effects.api import CurvePoint, EffectInputs
 from calibration.effects.catalogue import Catalogue
-from calibration.effects.context import ARRAYS, History, Moments
+from calibration.effects.context import ARRAYS, ArrivalHistory, ReadingContext
 from calibration.machine.description import Machine
 
 FORMAT = 2
@@ -22,64 +23,70 @@ LARGEST = 1e12  # of any number
 LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
 NOT_A_ROTATION = 1e-6
-MOST_ADDED, MOST_ANSWERS = 16, 1000
+MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS = 16, 1000, 1000
+Question = TypeVar("Question", PeriodQuestion, OnsetQuestion)
 
 
-def to_data(campaign: Campaign, fit: Fit, added: Sequence[Added]) -> dict[str, Any]:
+def to_data(campaign: TwinCampaign, fitted_machine: FittedMachine, added: Sequence[TwinEffect]) -> dict[str, Any]:
     """Plain data for a JSON file."""
-    m = campaign.moments
+    context = campaign.context
     return {
         "format": FORMAT,
-        "fit": _fit_data(fit),
-        "linear_at": _fit_data(campaign.at),
-        "added": [
-            {
-                "effect": a.effect,
-                "place": a.place,
-                "columns": list(a.columns),
-                "curve": None if a.curve is None else [a.curve[0], *a.curve[1]],
-                "coefficients": list(a.coefficients),
-                "periods_m": [list(p) for p in a.periods_m],
-                "onsets_s": [list(o) for o in a.onsets_s],
-            }
-            for a in added
-        ],
+        "fit": _fitted_machine_data(fitted_machine),
+        "linear_at": _fitted_machine_data(campaign.linearised_at),
+        "added": [_twin_effect_data(effect) for effect in added],
         "smr": campaign.smr.tolist(),
         "visit": campaign.visit.tolist(),
-        "rest": campaign.rest.tolist(),
-        "history": {"arrived_s": m.history.arrived_s.tolist(), "drives": m.history.drives.tolist()},
-        "moments": {name: np.asarray(getattr(m, name)).tolist() for name in ARRAYS},
-        "temperatures_c": {name: t.tolist() for name, t in m.temperatures_c.items()},
-        "start_s": m.start_s,
+        "rest": campaign.equilibrium_poses.tolist(),
+        "history": {"arrived_s": context.history.arrived_s.tolist(), "drives": context.history.drives.tolist()},
+        "moments": {name: np.asarray(getattr(context, name)).tolist() for name in ARRAYS},
+        "temperatures_c": {name: t.tolist() for name, t in context.temperatures_c.items()},
+        "start_s": context.start_s,
     }
 
 
-def _fit_data(fit: Fit) -> dict[str, Any]:
-    frame = {"rotation": fit.frame.rotation.tolist(), "translation_m": fit.frame.translation_m.tolist()}
-    return {"values": fit.values.tolist(), "frame": frame, "mounted_m": fit.mounted_m.tolist()}
+def _fitted_machine_data(fitted: FittedMachine) -> dict[str, Any]:
+    frame = {"rotation": fitted.frame.rotation.tolist(), "translation_m": fitted.frame.translation_m.tolist()}
+    return {"values": fitted.values.tolist(), "frame": frame, "mounted_m": fitted.mounted_m.tolist()}
+
+
+def _twin_effect_data(added: TwinEffect) -> dict[str, Any]:
+    answers = added.answers
+    return {
+        "effect": added.effect,
+        "place": added.place,
+        "columns": list(added.columns),
+        "curve": None if added.curve is None else [added.curve[0], *added.curve[1]],
+        "coefficients": list(added.coefficients),
+        "periods_m": [list(values) for values in answers.periods_m.values()],
+        "periods_asked": [list(question) for question in answers.periods_m],
+        "onsets_s": [list(values) for values in answers.onsets_s.values()],
+        "onsets_asked": [list(question) for question in answers.onsets_s],
+    }
 
 
 def from_data(
     machine: Machine, data: Mapping[str, Any], catalogue: Catalogue
-) -> tuple[Campaign, Fit, tuple[Added, ...]]:
-    """What `to_data` was given. InputError in one line where it is not fit."""
+) -> tuple[TwinCampaign, FittedMachine, tuple[TwinEffect, ...]]:
+    """The arguments of `to_data`. Raises InputError, in one line, if the data are invalid."""
     try:
         if data["format"] != FORMAT:
             raise ValueError(f"format {str(data['format'])[:20]!r} is not known")
-        moments = _moments(machine, data)
-        campaign = Campaign(machine, moments, *_rows(machine, data, moments), _fit(machine, data["linear_at"]))
-        fit = _fit(machine, data["fit"])
+        context = _reading_context(machine, data)
+        rows = _rows(machine, data, context)
+        campaign = TwinCampaign(machine, context, *rows, _fitted_machine(machine, data["linear_at"]))
+        fitted_machine = _fitted_machine(machine, data["fit"])
         entries = data["added"]
         if not isinstance(entries, list) or len(entries) > MOST_ADDED:
             raise ValueError(f"'added' is not a list of up to {MOST_ADDED} effects")
-        return campaign, fit, tuple(_added(machine, entry, catalogue) for entry in entries)
+        return campaign, fitted_machine, tuple(_twin_effect(campaign, entry, catalogue) for entry in entries)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         line = " ".join(str(error).split())[:200]
         raise InputError(f"twin: {type(error).__name__}: {line}; make it again with diagnose --add") from None
 
 
-def _numbers(what: str, values: Any, *shape: int | None, largest: float = LARGEST) -> Array:
-    """An array of a shape, None for any length but none at all."""
+def _float_array(what: str, values: Any, *shape: int | None, largest: float = LARGEST) -> Array:
+    """An array of a shape, in which None stands for any length but zero."""
     out = np.array(values)
     if out.dtype.kind not in "iuf":
         raise ValueError(f"'{what}' holds something else than numbers")
@@ -91,89 +98,129 @@ def _numbers(what: str, values: Any, *shape: int | None, largest: float = LARGES
     return out
 
 
-def _counts(what: str, values: Any, least: int, end: int) -> NDArray[np.intp]:
+def _index_array(what: str, values: Any, least: int, end: int) -> NDArray[np.intp]:
     """Whole numbers from least, below end."""
-    out = _numbers(what, values, None)
+    out = _float_array(what, values, None)
     if np.any(out != np.round(out)) or np.any(out < least) or np.any(out >= end):
         raise ValueError(f"'{what}' holds something else than whole numbers from {least} to {end - 1}")
     return out.astype(np.intp)
 
 
-def _moments(machine: Machine, data: Mapping[str, Any]) -> Moments:
-    d, history, told = len(machine.drive_names), data["history"], data["moments"]
-    n = len(_numbers("t_s", told["t_s"], None))
-    wide: dict[str, tuple[int, ...]] = {"payload_com_m": (3,)}
-    wide |= dict.fromkeys(("drives", "direction", "velocity_m_per_s", "torque"), (d,))
-    arrived = _numbers("arrived_s", history["arrived_s"], None)
-    arrays: dict[str, Any] = {name: _numbers(name, told[name], n, *wide.get(name, ())) for name in ARRAYS}
-    arrays["arrival"] = _counts("arrival", told["arrival"], 0, len(arrived))
-    temperatures = {str(name): _numbers(str(name), t, n) for name, t in data["temperatures_c"].items()}
+def _reading_context(machine: Machine, data: Mapping[str, Any]) -> ReadingContext:
+    d, history, arrays_data = len(machine.drive_names), data["history"], data["moments"]
+    n = len(_float_array("t_s", arrays_data["t_s"], None))
+    widths: dict[str, tuple[int, ...]] = {"payload_com_m": (3,)}
+    widths |= dict.fromkeys(("drives", "direction", "velocity_m_per_s", "torque"), (d,))
+    arrived = _float_array("arrived_s", history["arrived_s"], None)
+    arrays: dict[str, Any] = {name: _float_array(name, arrays_data[name], n, *widths.get(name, ())) for name in ARRAYS}
+    arrays["arrival"] = _index_array("arrival", arrays_data["arrival"], 0, len(arrived))
+    temperatures = {str(name): _float_array(str(name), t, n) for name, t in data["temperatures_c"].items()}
     for sensor in ("air", *machine.sensors.values()):
         if sensor not in temperatures:
             raise ValueError(f"no temperatures of '{sensor}'")
-    start_s = float(_numbers("start_s", [data["start_s"]], 1)[0])
-    drives = _numbers("history", history["drives"], len(arrived), d)
-    return Moments(history=History(arrived, drives), temperatures_c=temperatures, start_s=start_s, **arrays)
-
-
-def _rows(
-    machine: Machine, data: Mapping[str, Any], moments: Moments
-) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Reflector and visit of each reading, poses of the visits."""
-    rest = _numbers("rest", data["rest"], None, 6, largest=LARGEST_PLACE_M)
-    smr = _counts("smr", data["smr"], 0, len(machine.smrs))
-    visit = _counts("visit", data["visit"], -1, len(rest))
-    on_floor = np.array([s.on == "floor" for s in machine.smrs])
-    if len(smr) != len(moments) or len(visit) != len(moments) or np.any(on_floor[smr] != (visit < 0)):
-        raise ValueError("'smr' and 'visit' do not fit the moments")
-    if len(np.unique(visit[visit >= 0])) != len(rest):
-        raise ValueError("'rest' does not fit the visits")
-    return smr, visit, rest
-
-
-def _fit(machine: Machine, data: Mapping[str, Any]) -> Fit:
-    values = _numbers("values", data["values"], len(whole_model(machine)), largest=LARGEST_UNKNOWN)
-    rotation = _numbers("rotation", data["frame"]["rotation"], 3, 3)
-    if np.any(np.abs(rotation @ rotation.T - np.eye(3)) > NOT_A_ROTATION) or np.linalg.det(rotation) < 0.0:
-        raise ValueError("'rotation' is none")
-    frame = Frame(rotation, _numbers("translation_m", data["frame"]["translation_m"], 3))
-    return Fit(values, frame, _numbers("mounted_m", data["mounted_m"], len(machine.smrs), 3))
-
-
-def _added(machine: Machine, data: Mapping[str, Any], catalogue: Catalogue) -> Added:
-    name, place, columns = data["effect"], data["place"], data["columns"]
-    effect = next((e for e in catalogue.effects if e.name == name), None)
-    if effect is None:
-        raise InputError(f"twin: unknown effect {str(name)[:60]!r}; name its file with --effects")
-    if type(place) is not int or not 0 <= place < len(effect.places(machine)):
-        raise ValueError(f"'{effect.name}' has no such place")
-    numbers = tuple(int(c) for c in _counts("columns", columns, 0, 1000))
-    coefficients = tuple(_numbers("coefficients", data["coefficients"], len(numbers)).tolist())
-    return Added(
-        effect.name,
-        place,
-        numbers,
-        _curve(data["curve"]),
-        coefficients,
-        _answers(data["periods_m"], 1e-9),
-        _answers(data["onsets_s"], -LARGEST),
+    start_s = float(_float_array("start_s", [data["start_s"]], 1)[0])
+    drives = _float_array("history", history["drives"], len(arrived), d)
+    return ReadingContext(
+        history=ArrivalHistory(arrived, drives), temperatures_c=temperatures, start_s=start_s, **arrays
     )
 
 
-def _curve(data: Any) -> OnCurve | None:
+def _rows(
+    machine: Machine, data: Mapping[str, Any], context: ReadingContext
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Reflector and visit of each reading, poses of the visits."""
+    poses = _float_array("rest", data["rest"], None, 6, largest=LARGEST_PLACE_M)
+    smr = _index_array("smr", data["smr"], 0, len(machine.smrs))
+    visit = _index_array("visit", data["visit"], -1, len(poses))
+    on_floor = np.array([s.on == "floor" for s in machine.smrs])
+    if len(smr) != len(context) or len(visit) != len(context) or np.any(on_floor[smr] != (visit < 0)):
+        raise ValueError("'smr' and 'visit' do not fit the moments")
+    if len(np.unique(visit[visit >= 0])) != len(poses):
+        raise ValueError("'rest' does not fit the visits")
+    return smr, visit, poses
+
+
+def _fitted_machine(machine: Machine, data: Mapping[str, Any]) -> FittedMachine:
+    values = _float_array("values", data["values"], len(full_model(machine)), largest=LARGEST_UNKNOWN)
+    rotation = _float_array("rotation", data["frame"]["rotation"], 3, 3)
+    if np.any(np.abs(rotation @ rotation.T - np.eye(3)) > NOT_A_ROTATION) or np.linalg.det(rotation) < 0.0:
+        raise ValueError("'rotation' is none")
+    frame = Frame(rotation, _float_array("translation_m", data["frame"]["translation_m"], 3))
+    return FittedMachine(values, frame, _float_array("mounted_m", data["mounted_m"], len(machine.smrs), 3))
+
+
+def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Catalogue) -> TwinEffect:
+    name, place = data["effect"], data["place"]
+    effect = next((e for e in catalogue.effects if e.name == name), None)
+    if effect is None:
+        raise InputError(f"twin: unknown effect {str(name)[:60]!r}; name its file with --effects")
+    if type(place) is not int or not 0 <= place < len(effect.places(campaign.machine)):
+        raise ValueError(f"'{effect.name}' has no such place")
+    columns = tuple(int(c) for c in _index_array("columns", data["columns"], 0, 1000))
+    coefficients = tuple(_float_array("coefficients", data["coefficients"], len(columns)).tolist())
+    curve = _curve(data["curve"])
+    periods_m, onsets_s = _values(data["periods_m"], 1e-9), _values(data["onsets_s"], -LARGEST)
+
+    def use(inputs: EffectInputs) -> object:
+        return effect.contributions(inputs, place, curve)
+
+    if "periods_asked" in data or "onsets_asked" in data:
+        answers = RecordedAnswers(
+            _by_question([_period_question(asked) for asked in data["periods_asked"]], periods_m),
+            _by_question([_onset_question(asked) for asked in data["onsets_asked"]], onsets_s),
+        )
+    else:
+        # A file of version 0.1 has the answers in the order of the questions.
+        answers = _answers_in_order(campaign, use, periods_m, onsets_s)
+    return TwinEffect(effect.name, place, columns, curve, coefficients, answers)
+
+
+def _curve(data: Any) -> CurvePoint | None:
     if data is None:
         return None
-    number, *at = data
+    number, *parameters = data
     if type(number) is not int or number < 0:
         raise ValueError("'curve' does not begin with its number")
-    return number, tuple(_numbers("curve", at, None).tolist())
+    return number, tuple(_float_array("curve", parameters, None).tolist())
 
 
-def _answers(answers: Any, least: float) -> tuple[tuple[float, ...], ...]:
-    """What was told question by question; every answer at least so large."""
+def _values(answers: Any, least: float) -> list[Values]:
+    """The answers to a list of questions, each value at least so large."""
     if not isinstance(answers, list) or len(answers) > MOST_ANSWERS:
         raise ValueError("periods or onsets are no list of answers")
-    out = [tuple(_numbers("answers", answer, None).tolist()) if answer != [] else () for answer in answers]
+    out = [tuple(_float_array("answers", answer, None).tolist()) if answer != [] else () for answer in answers]
     if any(value < least for answer in out for value in answer):
         raise ValueError("a period is not a length")
-    return tuple(out)
+    return out
+
+
+def _by_question(questions: Sequence[Question], answers: Sequence[Values]) -> dict[Question, Values]:
+    if len(questions) != len(answers):
+        raise ValueError("there are not as many answers as questions")
+    return dict(zip(questions, answers, strict=True))
+
+
+def _period_question(asked: Any) -> PeriodQuestion:
+    drive, *limits = asked
+    if type(drive) is not int:
+        raise ValueError("'periods_asked' does not begin with the number of a drive")
+    shortest_m, longest_m = _float_array("periods_asked", limits, 2).tolist()
+    return drive, shortest_m, longest_m
+
+
+def _onset_question(asked: Any) -> OnsetQuestion:
+    if not isinstance(asked, list) or len(asked) > MOST_CHANNELS or not all(isinstance(c, str) for c in asked):
+        raise ValueError("'onsets_asked' holds something else than names of channels")
+    return tuple(asked)
+
+
+def _answers_in_order(
+    campaign: TwinCampaign, use: Use, periods_m: Sequence[Values], onsets_s: Sequence[Values]
+) -> RecordedAnswers:
+    try:
+        with np.errstate(all="ignore"):
+            return RecordedAnswers.from_order(campaign.inputs, use, periods_m, onsets_s)
+    except InputError:
+        raise
+    except Exception as error:  # a user's effect may raise anything
+        raise ValueError(str(error)) from error

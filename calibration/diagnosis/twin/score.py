@@ -1,8 +1,8 @@
-"""How a campaign that is simulated again on its twin agrees with readings that were withheld from the twin.
+"""Agreement of the campaign, simulated on its twin, with readings that were withheld from the twin.
 
-For each region of the workspace the twin is made of the readings of all others (causes and their forms are those of
-the whole diagnosis), simulated at the withheld readings and held against what was recorded there. The errors are those
-of the nonlinear model; noise is taken off as in `shrink`.
+For each region of the workspace a twin is fitted to the readings of all others (causes and their basis sets are those
+of the whole diagnosis), simulated at the withheld readings and compared with what was recorded there. The errors are
+those of the nonlinear model; noise is removed as in `withheld_blocks`.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.findings import withheld_blocks as shrink
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.withheld_blocks import gap_field, gap_figures, region_of_readings, regions
 from calibration.diagnosis.result import GapFigures
-from calibration.diagnosis.twin.joint_fit import Joint, stated_m
+from calibration.diagnosis.twin.joint_fit import JointFit, as_station_reports_m
 from calibration.diagnosis.twin.twin import Twin
 
 
 @dataclass(frozen=True)
 class TwinScore:
-    """Figures of the simulated campaign; before_sigma, after_sigma: RMS with noise over a reading's stated one."""
+    """Figures of the simulated campaign; before_sigma, after_sigma: RMS with noise over the stated one of a reading."""
 
     figures: GapFigures
     readings: int
@@ -29,31 +29,33 @@ class TwinScore:
     after_sigma: float
 
 
-def scored(readout: Readout, truth: Readout, joint: Joint, twin: Twin) -> TwinScore:
-    """The score of a twin that was made by a joint fit. truth: as `shrink.field` wants it."""
-    rows = np.flatnonzero(readout.baseline.on_platform)
-    before = simulated(readout, Joint(readout, ()), replace(twin, added=()))
-    after = simulated(readout, joint, twin) if twin.added else before
-    figures = shrink.figures(shrink.field(truth, before, after))
-    if not twin.added:
-        figures = GapFigures(
-            figures.before_m, figures.before_m, figures.noise_floor_m, 0.0, (0.0, 0.0), figures.withheld
-        )
-    return TwinScore(figures, len(rows), _rms(before[rows]), _rms(after[rows]))
+def score_twin(
+    likelihood: MarginalLikelihood, truth_likelihood: MarginalLikelihood, joint_fit: JointFit, twin: Twin
+) -> TwinScore:
+    """The score of a twin with its joint fit.
+
+    truth_likelihood: the model by which the noise-free readings are estimated.
+    """
+    rows = np.flatnonzero(likelihood.linear.on_platform)
+    before = withheld_differences_of_twin(likelihood, JointFit(likelihood, ()), replace(twin, added=()))
+    after = withheld_differences_of_twin(likelihood, joint_fit, twin) if twin.added else before
+    figures = gap_figures(gap_field(truth_likelihood, before, after))
+    return TwinScore(
+        figures if twin.added else figures.without_effect(), len(rows), _rms(before[rows]), _rms(after[rows])
+    )
 
 
-def simulated(readout: Readout, joint: Joint, twin: Twin) -> Array:
-    """Whitened differences (n, 3) of the platform's readings from twins that were made without their region."""
-    known = readout.baseline
-    region = shrink.regions(known)
-    of_reading = np.where(known.visit >= 0, region[np.maximum(known.visit, 0)], -1)
-    out = np.zeros_like(readout.left)
-    for block in range(int(region.max()) + 1):
-        solution = joint.without(np.flatnonzero(of_reading == block))
-        rows = np.flatnonzero((of_reading == block) & known.on_platform)
-        places = twin.fitted(solution).readings_m(known.moments, rows, known.smr[rows])
-        missed = known.position_m[rows] - stated_m(known, solution, places)
-        out[rows] = np.einsum("nij,nj->ni", known.whiten[rows], missed) - solution.wander[rows]
+def withheld_differences_of_twin(likelihood: MarginalLikelihood, joint_fit: JointFit, twin: Twin) -> Array:
+    """Whitened differences (n, 3) of the platform's readings from twins that were fitted without their region."""
+    linear = likelihood.linear
+    of_reading = region_of_readings(linear, regions(linear))
+    out = np.zeros_like(likelihood.weighted_residual)
+    for block in range(int(of_reading.max()) + 1):
+        solution = joint_fit.without(np.flatnonzero(of_reading == block))
+        rows = np.flatnonzero((of_reading == block) & linear.on_platform)
+        positions_m = twin.with_solution(solution).readings_m(linear.context, rows, linear.smr[rows])
+        error_m = linear.position_m[rows] - as_station_reports_m(linear, solution, positions_m)
+        out[rows] = np.einsum("nij,nj->ni", linear.whiten[rows], error_m) - solution.disturbance_shift[rows]
     return out
 
 

@@ -1,8 +1,8 @@
-"""The twin: the fitted model of a machine with the effects that a diagnosis found, to be simulated again.
+"""The twin: the fitted model of a machine with the effects that a diagnosis found, ready to be simulated.
 
-It holds the campaign's own moments, by which the effects' forms are defined; what lies outside of them is held at
-their limits. Geometry, mounting and effects are those of one solution, found together. It is data, not code: effects
-are named, and their forms built anew.
+It contains the campaign's own context, which defines the effects' basis sets; anything beyond its range is clipped to
+it. Geometry, mounting and effects are one joint solution. A twin is data, not code: effects are named, and their basis
+sets built anew.
 """
 
 from __future__ import annotations
@@ -17,57 +17,70 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import Baseline
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.search import Cause
-from calibration.diagnosis.twin import plain_data as twin_data
-from calibration.diagnosis.twin.joint_fit import Joint, Solution, fit_before
-from calibration.diagnosis.twin.twin_model import Added, Asked, Campaign, Fit, Told, places_m, visits_of
-from calibration.effects.api import Acts, Setting
+from calibration.diagnosis.twin import plain_data
+from calibration.diagnosis.twin.answers import RecordedAnswers
+from calibration.diagnosis.twin.joint_fit import JointFit, Solution, machine_of_linear_model
+from calibration.diagnosis.twin.twin_model import (
+    FittedMachine,
+    TwinCampaign,
+    TwinEffect,
+    reflector_positions_m,
+    visits_of,
+)
+from calibration.effects.api import Contributions, EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from calibration.effects.context import Moments, beside, held, remembered
+from calibration.effects.context import (
+    CombinedContext,
+    ReadingContext,
+    cached_context,
+    clip_to_campaign,
+    combine_contexts,
+)
 from calibration.machine.description import Machine, parse_machine
 from calibration.model.visits import Visits
 
-# Readings of the campaign for each that is asked for at once: means that forms take of all rows stay the campaign's.
-FOR_EACH = 40
-MOST_TRIED = 50  # readings of the campaign on which a twin is tried when it is read
+# Readings of the campaign for each one that is simulated at once: means over all rows remain those of the campaign.
+CAMPAIGN_ROWS_PER_ROW = 40
+SELF_TEST_ROWS = 50  # readings of the campaign on which a twin is tried when it is read
 
 
 @dataclass(frozen=True)
 class Twin:
-    """The fitted machine and the effects that were added, over the campaign that found them."""
+    """The fitted machine and its effects, over the campaign that found them."""
 
-    campaign: Campaign
-    fit: Fit
-    added: tuple[Added, ...]
+    campaign: TwinCampaign
+    fitted_machine: FittedMachine
+    added: tuple[TwinEffect, ...]
     catalogue: Catalogue
 
     @classmethod
-    def of(cls, readout: Readout, causes: Sequence[Cause], setting: Setting) -> Twin:
+    def from_diagnosis(cls, likelihood: MarginalLikelihood, causes: Sequence[Cause], inputs: EffectInputs) -> Twin:
         """The twin of a diagnosed recording."""
-        return cls.by(Joint(readout, causes).solution, readout, causes, setting)
+        return cls.from_solution(JointFit(likelihood, causes).solution, likelihood, causes, inputs)
 
     @classmethod
-    def by(cls, solution: Solution, readout: Readout, causes: Sequence[Cause], setting: Setting) -> Twin:
-        """The twin of a solution."""
-        baseline, added = readout.baseline, []
-        for cause in causes:
-            place = cause.effect.places(baseline.machine).index(cause.place)
-            asked, onsets = Asked(setting.periods), Asked(setting.onsets)
-            form = cause.best.form
-            cause.effect.acts(replace(setting, periods=asked, onsets=onsets), place, form.curve)
-            added.append(Added(cause.effect.name, place, form.columns, form.curve, (), asked.answers, onsets.answers))
-        catalogue = Catalogue(tuple(cause.effect for cause in causes))
-        bare = cls(_campaign(baseline), fit_before(baseline), tuple(added), catalogue)
-        return bare.fitted(solution)
-
-    def fitted(self, solution: Solution) -> Twin:
-        """The same machine and effects by another solution."""
+    def from_solution(
+        cls, solution: Solution, likelihood: MarginalLikelihood, causes: Sequence[Cause], inputs: EffectInputs
+    ) -> Twin:
+        """The twin of a joint solution."""
+        linear = likelihood.linear
         added = tuple(
-            replace(a, coefficients=tuple(c.tolist())) for a, c in zip(self.added, solution.coefficients, strict=True)
+            _twin_effect(cause, coefficients, linear.machine, inputs)
+            for cause, coefficients in zip(causes, solution.coefficients, strict=True)
         )
-        return replace(self, fit=solution.fit, added=added)
+        catalogue = Catalogue(tuple(cause.effect for cause in causes))
+        return cls(_campaign(linear), solution.fitted_machine, added, catalogue)
+
+    def with_solution(self, solution: Solution) -> Twin:
+        """The same machine and effects with another joint solution."""
+        added = tuple(
+            replace(effect, coefficients=tuple(coefficients.tolist()))
+            for effect, coefficients in zip(self.added, solution.coefficients, strict=True)
+        )
+        return replace(self, fitted_machine=solution.fitted_machine, added=added)
 
     @property
     def machine(self) -> Machine:
@@ -77,107 +90,135 @@ class Twin:
     @property
     def frame(self) -> Frame:
         """From the machine's frame to the station's."""
-        return self.fit.frame
+        return self.fitted_machine.frame
 
-    def places_m(self, moments: Moments, rows: NDArray[np.intp] | None = None) -> Array:
-        """Places (n, smrs, 3) of all reflectors in the machine's frame, at rows (n,) of the moments or at all of them.
+    def places_m(self, context: ReadingContext, rows: NDArray[np.intp] | None = None) -> Array:
+        """Positions (n, smrs, 3) of all reflectors in the machine's frame, at rows (n,) of a context or at all of them.
 
-        Moments that are not asked for are the past of those that are.
+        The other rows of the context are the history of those that are requested.
         """
-        asked = np.arange(len(moments)) if rows is None else rows
+        requested = np.arange(len(context)) if rows is None else rows
         smrs = len(self.machine.smrs)
-        flat = self.readings_m(moments, np.repeat(asked, smrs), np.tile(np.arange(smrs), len(asked)))
-        return flat.reshape(len(asked), smrs, 3)
+        flat = self.readings_m(context, np.repeat(requested, smrs), np.tile(np.arange(smrs), len(requested)))
+        return flat.reshape(len(requested), smrs, 3)
 
-    def readings_m(self, moments: Moments, rows: NDArray[np.intp], smr: NDArray[np.intp]) -> Array:
-        """Places (n, 3) of reflectors smr (n,) in the machine's frame at rows (n,) of the moments."""
+    def readings_m(self, context: ReadingContext, rows: NDArray[np.intp], smr: NDArray[np.intp]) -> Array:
+        """Positions (n, 3) of reflectors smr (n,) in the machine's frame at rows (n,) of a context.
+
+        Raises InputError if there is no equilibrium or a position is not finite.
+        """
         different, row = np.unique(rows, return_inverse=True)
-        visits = visits_of(self.machine, moments).take(different)
+        visits = visits_of(self.machine, context).take(different)
         with np.errstate(all="ignore"):
-            poses = self.campaign.poses(self.fit, visits)
-            out = places_m(self.machine, poses, self.fit.mounted_m, smr, row)
+            poses = self.campaign.poses(self.fitted_machine, visits)
+            out = reflector_positions_m(self.machine, poses, self.fitted_machine.mounted_m, smr, row)
             if self.added:
-                before = replace(visits, target_m=poses.equilibrium.coordinates())
-                out += self._shift_m(moments, before, rows, smr, row)
+                start = replace(visits, target_m=poses.equilibrium.coordinates())
+                out += self._shift_m(context, start, rows, smr, row)
         if not np.all(np.isfinite(out)):
             raise InputError("twin: a place is not a finite number; make it again with diagnose --add")
         return out
 
     def _shift_m(
-        self, moments: Moments, visits: Visits, rows: NDArray[np.intp], smr: NDArray[np.intp], row: NDArray[np.intp]
+        self,
+        context: ReadingContext,
+        visits: Visits,
+        rows: NDArray[np.intp],
+        smr: NDArray[np.intp],
+        row: NDArray[np.intp],
     ) -> Array:
-        """What the effects add to the places (n, 3)."""
-        own = held(self.campaign.moments, moments)
-        poses = self.campaign.model.predict(self.campaign.at.values, visits)
+        """Shifts (n, 3) of the reflectors by the effects."""
+        clipped = clip_to_campaign(self.campaign.context, context)
+        poses = self.campaign.model.predict(self.campaign.linearised_at.values, visits)
         if not np.all(poses.equilibrium.converged):
-            poses = self.campaign.poses(self.campaign.at, visits)
-        channels, setting = self.campaign.linear_at(poses, own, smr, row)
-        memory = remembered(own, moments)
+            poses = self.campaign.poses(self.campaign.linearised_at, visits)
+        channels, requested = self.campaign.channels_and_inputs(poses, clipped, smr, row)
+        cached = cached_context(clipped, context)
         out = np.zeros((len(rows), 3))
-        at_once = max(1, len(self.campaign.moments) // FOR_EACH)
-        for first in range(0, len(rows), at_once):
-            part = np.arange(first, min(first + at_once, len(rows)))
-            together = self._together(setting, part, beside(self.campaign.memory, own, memory, rows[part]))
-            for added in self.added:
-                for act, coefficient in zip(self._acts(together, added), added.coefficients, strict=True):
-                    for channel, shape in act:
-                        out[part] += coefficient * channels.shift_m(channel)[part] * shape[-len(part) :, None]
+        rows_at_once = max(1, len(self.campaign.context) // CAMPAIGN_ROWS_PER_ROW)
+        for first in range(0, len(rows), rows_at_once):
+            chunk = np.arange(first, min(first + rows_at_once, len(rows)))
+            combined = combine_contexts(self.campaign.cached_context, clipped, cached, rows[chunk])
+            inputs = self._combined_inputs(requested, chunk, combined)
+            for effect in self.added:
+                columns = self._contributions(inputs, effect)
+                for contribution, coefficient in zip(columns, effect.coefficients, strict=True):
+                    for channel, shape in contribution:
+                        out[chunk] += coefficient * channels.shift_m(channel)[chunk] * shape[-len(chunk) :, None]
         return out
 
-    def _together(self, asked: Setting, part: NDArray[np.intp], moments: Moments) -> Setting:
-        """The setting of the campaign's readings, then of some that are asked for, held within the campaign's."""
-        known = self.campaign.setting
+    def _combined_inputs(
+        self, requested: EffectInputs, chunk: NDArray[np.intp], combined: CombinedContext
+    ) -> EffectInputs:
+        """Inputs for the campaign's readings, followed by some of those requested, clipped to the campaign's range."""
+        campaign = self.campaign.inputs
 
-        def both(name: str) -> Array:
-            first, then = getattr(known, name), getattr(asked, name)[part]
-            return np.concatenate([first, np.clip(then, first.min(axis=0), first.max(axis=0))])
+        def append(of_campaign: Array, of_requested: Array) -> Array:
+            clipped = np.clip(of_requested[chunk], of_campaign.min(axis=0), of_campaign.max(axis=0))
+            return np.concatenate([of_campaign, clipped])
 
         return replace(
-            known,
-            moments=moments,
-            tension_n=both("tension_n"),
-            answer_n_per_m=both("answer_n_per_m"),
-            pull_n=both("pull_n"),
-            moment_nm=both("moment_nm"),
-            sight_m=both("sight_m"),
+            campaign,
+            context=combined,
+            tension_n=append(campaign.tension_n, requested.tension_n),
+            tension_response_n_per_m=append(campaign.tension_response_n_per_m, requested.tension_response_n_per_m),
+            pull_n=append(campaign.pull_n, requested.pull_n),
+            moment_nm=append(campaign.moment_nm, requested.moment_nm),
+            sight_m=append(campaign.sight_m, requested.sight_m),
         )
 
-    def _acts(self, setting: Setting, added: Added) -> list[Acts]:
-        effect = next(e for e in self.catalogue.effects if e.name == added.effect)
-        told = replace(setting, periods=Told(added.periods_m), onsets=Told(added.onsets_s))
-        acts = effect.acts(told, added.place, added.curve)
-        return [acts[c] for c in added.columns]
+    def _contributions(self, inputs: EffectInputs, added: TwinEffect) -> list[Contributions]:
+        effect = self.catalogue.effect(added.effect)
+        contributions = effect.contributions(added.answers.replay(inputs), added.place, added.curve)
+        return [contributions[column] for column in added.columns]
 
     def to_data(self) -> dict[str, Any]:
         """Plain data for a JSON file."""
-        return twin_data.to_data(self.campaign, self.fit, self.added)
+        return plain_data.to_data(self.campaign, self.fitted_machine, self.added)
 
     @classmethod
     def from_data(cls, machine_text: str, data: Mapping[str, Any], catalogue: Catalogue | None = None) -> Twin:
-        """The twin of what `to_data` gave. InputError in one line where it is not fit."""
+        """The twin that `to_data` described. Raises InputError, in one line, if the data are invalid."""
         machine = parse_machine(machine_text, "twin")
         catalogue = catalogue or load_catalogue()
-        campaign, fit, added = twin_data.from_data(machine, data, catalogue)
-        twin = cls(campaign, fit, added, catalogue)
-        twin._try()
+        twin = cls(*plain_data.from_data(machine, data, catalogue), catalogue)
+        twin._self_test()
         return twin
 
-    def _try(self) -> None:
-        """Use everything once: what is not fit shows here, not while the twin is served."""
+    def _self_test(self) -> None:
+        """Use everything once, so that invalid data show here and not while the twin is served."""
         try:
-            rows = np.unique(np.linspace(0, len(self.campaign.smr) - 1, MOST_TRIED).astype(np.intp))
-            self.readings_m(self.campaign.moments, rows, self.campaign.smr[rows])
+            rows = np.unique(np.linspace(0, len(self.campaign.smr) - 1, SELF_TEST_ROWS).astype(np.intp))
+            self.readings_m(self.campaign.context, rows, self.campaign.smr[rows])
         except InputError:
             raise
-        except Exception as error:  # an effect of one's own may raise anything
+        except Exception as error:  # a user's effect may raise anything
             line = " ".join(str(error).split())
             raise InputError(
                 f"twin: {type(error).__name__}: {line}; make it again with diagnose --add and the same effects"
             ) from error
 
 
-def _campaign(baseline: Baseline) -> Campaign:
-    return Campaign(
-        baseline.machine, baseline.moments, baseline.smr, baseline.visit, baseline.poses.equilibrium.coordinates(),
-        fit_before(baseline),
-    )  # fmt: skip
+def _twin_effect(cause: Cause, coefficients: Array, machine: Machine, inputs: EffectInputs) -> TwinEffect:
+    """The effect of a cause with the answers that its basis sets were built with."""
+    effect, basis_set = cause.effect, cause.best.basis_set
+    place = effect.places(machine).index(cause.place)
+    return TwinEffect(
+        effect=effect.name,
+        place=place,
+        columns=basis_set.columns,
+        curve=basis_set.curve,
+        coefficients=tuple(coefficients.tolist()),
+        answers=RecordedAnswers.record(inputs, lambda used: effect.contributions(used, place, basis_set.curve)),
+    )
+
+
+def _campaign(linear: LinearModel) -> TwinCampaign:
+    return TwinCampaign(
+        machine=linear.machine,
+        context=linear.context,
+        smr=linear.smr,
+        visit=linear.visit,
+        equilibrium_poses=linear.poses.equilibrium.coordinates(),
+        linearised_at=machine_of_linear_model(linear),
+    )

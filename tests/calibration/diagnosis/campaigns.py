@@ -118,7 +118,7 @@ class Arrivals:
 
     drives: np.ndarray
     sides: np.ndarray
-    way_m: np.ndarray
+    travelled_m: np.ndarray
     dwell_s: np.ndarray
     speed_m_per_s: np.ndarray
 

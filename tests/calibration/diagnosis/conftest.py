@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import Baseline, baseline_of
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
 from mock_devices.recordings.maker import SimulatedCampaign
@@ -32,13 +32,13 @@ def wandering() -> Recording:
 
 
 @pytest.fixture(scope="session")
-def small(wandering) -> Baseline:
+def small(wandering) -> LinearModel:
     """Its baseline with every direction kept, so that dense computations must agree to rounding."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibration.diagnosis.linear_model.UNSEEN", 1e-9)
-        return baseline_of(wandering)
+        patch.setattr("calibration.diagnosis.linear_model.NEGLIGIBLE_INFORMATION", 1e-9)
+        return linearise_recording(wandering)
 
 
 @pytest.fixture
-def readout(small) -> Readout:
-    return Readout(small)
+def likelihood(small) -> MarginalLikelihood:
+    return MarginalLikelihood.of(small)

@@ -10,8 +10,8 @@ import pytest
 from calibration.base.frame import Frame, station_frame
 from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import AXES, Channels
-from calibration.diagnosis.linear_model import Seen
-from calibration.effects.context import History, Moments
+from calibration.diagnosis.observed_model import ObservedModel
+from calibration.effects.context import ArrivalHistory, ReadingContext
 from calibration.instruments.station_geometry import points_to_polar, polar_to_points
 from calibration.machine import equilibrium
 from calibration.machine.description import COORDINATES, load_machine, shipped_machine
@@ -30,12 +30,12 @@ MACHINES = (*SLIDERS, "stewart6", "rrr4")
 class Case:
     """A machine with errors, warm, loaded, somewhat turned in the station's frame; every reflector at every visit."""
 
-    seen: Seen
+    observed: ObservedModel
     channels: Channels
     rest: Rest
 
     def places(self, rest: Rest | None = None, mounted_m: np.ndarray | None = None) -> np.ndarray:
-        mounted_m = self.seen.mounted_m if mounted_m is None else mounted_m
+        mounted_m = self.observed.mounted_m if mounted_m is None else mounted_m
         return (rest or self.rest).places_m(mounted_m).reshape(-1, 3)
 
     def check(self, name: str, change, rel: float = 1e-4) -> None:
@@ -46,12 +46,13 @@ class Case:
         np.testing.assert_allclose(got, expected, atol=rel * max(np.abs(expected).max(), 1e-2), err_msg=name)
 
 
-def moments_at(drives, payload_kg) -> Moments:
+def moments_at(drives, payload_kg) -> ReadingContext:
     n = len(drives)
     zero = np.zeros(n)
-    return Moments(
-        History(np.zeros(1), drives[:1]), zero, zero.astype(np.intp), drives, *(0.0 * drives for _ in range(3)), zero,
-        zero, payload_kg, np.zeros((n, 3)), zero, {}, 0.0,
+    return ReadingContext(
+        history=ArrivalHistory(np.zeros(1), drives[:1]), t_s=zero, arrival=zero.astype(np.intp), drives=drives,
+        direction=0.0 * drives, velocity_m_per_s=0.0 * drives, torque=0.0 * drives, speed_m_per_s=zero, dwell_s=zero,
+        payload_kg=payload_kg, payload_com_m=np.zeros((n, 3)), exchanges=zero, temperatures_c={}, start_s=0.0,
     )  # fmt: skip
 
 
@@ -74,21 +75,23 @@ def case(request) -> Case:
     smr, visit = np.tile(np.arange(smrs), VISITS), np.repeat(np.arange(VISITS), smrs)
     visit = np.where(np.array([s.on == "floor" for s in machine.smrs])[smr], -1, visit)
     position = frame.to_station(rest.places_m(mounted).reshape(-1, 3))
-    moments = moments_at(drives[np.maximum(visit, 0)], np.full(len(smr), 50.0))
-    seen = Seen(machine, moments, smr, visit, poses, frame, mounted, position)
+    context = moments_at(drives[np.maximum(visit, 0)], np.full(len(smr), 50.0))
+    seen = ObservedModel(machine, context, smr, visit, poses, frame, mounted, position)
     return Case(seen, Channels(seen), rest)
 
 
 def test_the_model_is_at_the_same_poses(case):
-    on_machine = case.seen.visit >= 0
+    on_machine = case.observed.visit >= 0
     places = case.places()
-    assert (case.seen.position_m - case.seen.frame.translation_m) @ case.seen.frame.rotation == pytest.approx(places)
-    assert case.seen.poses.equilibrium.position_m == pytest.approx(case.rest.rest.position_m, abs=1e-10)
+    assert (
+        case.observed.position_m - case.observed.frame.translation_m
+    ) @ case.observed.frame.rotation == pytest.approx(places)
+    assert case.observed.poses.equilibrium.position_m == pytest.approx(case.rest.rest.position_m, abs=1e-10)
     assert np.any(on_machine)
 
 
 def test_travel(case):
-    machine = case.seen.machine
+    machine = case.observed.machine
     for a, drive in enumerate(machine.drive_names):
         carrier = equilibrium.carriers_of(machine, case.rest.geometry, case.rest.drives, case.rest.at)[a]
         per_unit = carrier.travel / case.rest.drives[:, a]
@@ -102,7 +105,7 @@ def test_travel(case):
 
 
 def test_length(case):
-    for i, strut in enumerate(case.seen.machine.strut_names):
+    for i, strut in enumerate(case.observed.machine.strut_names):
 
         def change(h, i=i):
             length = case.rest.geometry.length_m.copy()
@@ -114,10 +117,10 @@ def test_length(case):
 
 def on_slider(case: Case, drive: int, moved) -> np.ndarray:
     """Places when all that a slider carries, joints and reflectors, goes from a point (k, 3) to moved(point)."""
-    machine, geometry = case.seen.machine, case.rest.geometry
+    machine, geometry = case.observed.machine, case.rest.geometry
     struts = np.flatnonzero(machine.strut_drive == drive)
     middle = geometry.base_joint_m[struts].mean(axis=0)
-    joints, mounted = geometry.base_joint_m.copy(), case.seen.mounted_m.copy()
+    joints, mounted = geometry.base_joint_m.copy(), case.observed.mounted_m.copy()
     joints[struts] = moved(joints[struts], middle)
     own = [i for i, s in enumerate(machine.smrs) if s.on == "slider" and s.drive == drive]
     mounted[own] = moved(mounted[own], middle)
@@ -125,18 +128,18 @@ def on_slider(case: Case, drive: int, moved) -> np.ndarray:
 
 
 def test_sideways_and_turn(case):
-    machine, channels = case.seen.machine, case.channels
+    machine, channels = case.observed.machine, case.channels
     if machine.drive_kinds[0] != "slider":
         assert not any(name.startswith(("sideways.", "turn.")) for name in channels.names)
         return
     for a in range(len(machine.drive_names)):
         along = int(np.argmax(np.abs(machine.nominal.axis[a])))
         expected = {AXES[k] for k in range(2 if machine.planar else 3) if k != along}
-        assert {name[-1] for name in channels.sideways(a)} == expected
-        for name in channels.sideways(a):
+        assert {name[-1] for name in channels.sideways_channels(a)} == expected
+        for name in channels.sideways_channels(a):
             unit = np.eye(3)[AXES.index(name[-1])]
             case.check(name, lambda h, a=a, unit=unit: on_slider(case, a, lambda p, _: p + h * unit))
-        for name in channels.turns(a):
+        for name in channels.rotation_channels(a):
             axis = np.eye(3)[AXES.index(name[-1])]
             if not machine.planar and np.sum(machine.strut_drive == a) == 1 and "slider" not in {
                 s.on for s in machine.smrs if s.drive == a
@@ -151,13 +154,13 @@ def test_sideways_and_turn(case):
 
 
 def test_pose(case):
-    machine, rest = case.seen.machine, case.rest.rest
+    machine, rest = case.observed.machine, case.rest.rest
     platform = np.array([s.on == "platform" for s in machine.smrs])
-    for name in case.channels.poses():
+    for name in case.channels.pose_channels():
         k = COORDINATES.index(name.split(".")[1])
 
         def change(h, k=k):
-            out = case.rest.places_m(case.seen.mounted_m)
+            out = case.rest.places_m(case.observed.mounted_m)
             step = np.zeros(6)
             step[k] = h
             lever = out[:, platform] - rest.position_m[:, None]
@@ -168,13 +171,13 @@ def test_pose(case):
 
 
 def test_smr(case):
-    for i, smr in enumerate(case.seen.machine.smrs):
+    for i, smr in enumerate(case.observed.machine.smrs):
         if smr.on != "platform":
             continue
-        for name in case.channels.smrs(i):
+        for name in case.channels.reflector_channels(i):
 
             def change(h, i=i, name=name):
-                mounted = case.seen.mounted_m.copy()
+                mounted = case.observed.mounted_m.copy()
                 mounted[i, AXES.index(name[-1])] += h
                 return case.places(mounted_m=mounted)
 
@@ -184,31 +187,31 @@ def test_smr(case):
 def test_floor(case):
     """The whole machine moves as a rigid body about its origin; the nests stay."""
     places = case.places()
-    for name in case.channels.floors():
+    for name in case.channels.floor_channels():
         step = np.eye(6)[COORDINATES.index(name.split(".")[1])]
 
         def change(h, step=step):
             moved = places @ rotation_matrix(h * step[3:]).T + h * step[:3]
-            return np.where(case.seen.visit[:, None] < 0, places, moved)
+            return np.where(case.observed.visit[:, None] < 0, places, moved)
 
         case.check(name, change)
 
 
 def station_shift(case: Case, name: str) -> np.ndarray:
-    return case.channels.shift_m(name) @ case.seen.frame.rotation.T
+    return case.channels.shift_m(name) @ case.observed.frame.rotation.T
 
 
 def test_station(case):
     """What the station reads when its frame is turned about its own centre, or shifted."""
-    p = case.seen.position_m
-    for k, name in enumerate(case.channels.stations()):
+    p = case.observed.position_m
+    for k, name in enumerate(case.channels.station_channels()):
         step = np.eye(6)[k]
         read = [p @ rotation_matrix(h * step[:3]).T + h * step[3:] for h in (STEP, -STEP)]
         np.testing.assert_allclose(station_shift(case, name), (read[0] - read[1]) / (2.0 * STEP), atol=1e-6)
 
 
 def test_light(case):
-    hz, v, distance = points_to_polar(case.seen.position_m)
+    hz, v, distance = points_to_polar(case.observed.position_m)
     for name, turned in (
         ("light.hz", lambda h: polar_to_points(hz + h * distance, v, distance)),
         ("light.v", lambda h: polar_to_points(hz, v + h * distance, distance)),

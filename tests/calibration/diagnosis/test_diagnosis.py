@@ -14,7 +14,7 @@ import pytest
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
-from calibration.effects.context import moments_of
+from calibration.effects.context import context_of_recording
 from mock_devices.effects import EffectChoice
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, example, noise_free_m, plant, recorded, simulated
@@ -36,7 +36,7 @@ def periodic():
 @pytest.fixture(scope="module")
 def creeping():
     """The left drive falls short by 40 um after a way of 0.5 m."""
-    return simulated("planar4", 80, lambda a: -CREEP_M * a.way_m / 0.5 * np.array([1.0, 0.0]))
+    return simulated("planar4", 80, lambda a: -CREEP_M * a.travelled_m / 0.5 * np.array([1.0, 0.0]))
 
 
 def plain(diagnosis) -> str:
@@ -207,8 +207,8 @@ def test_the_example_says_when_it_cannot_be_tested(creeping, tmp_path):
     path.write_text(example(), encoding="utf-8")
     catalogue = load_catalogue([path])
     still = {f"{d}_actual_m": np.full(len(creeping), 1.0) for d in creeping.file.drives}
-    setting = SimpleNamespace(moments=moments_of(changed(creeping, **still)))
-    assert "vary" in catalogue.effects[-1].untested(setting)
+    inputs = SimpleNamespace(context=context_of_recording(changed(creeping, **still)))
+    assert "vary" in catalogue.effects[-1].untested(inputs)
 
 
 def test_the_diagnosis_knows_nothing_of_the_mock():

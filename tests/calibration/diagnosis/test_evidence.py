@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from calibration.diagnosis.evidence import SIZES, Readout, log_evidence_of_sizes, weigh
-from calibration.diagnosis.linear_model import baseline_of
-from calibration.effects.api import Form
+from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
+from calibration.diagnosis.linear_model import linearise_recording
+from calibration.effects.api import BasisSet
 
 
 def flat(columns):
     return columns.reshape(-1, columns.shape[2])
 
 
-def dense(baseline, *more):
+def dense(linear, *more):
     """Covariance of all whitened readings."""
-    a = np.concatenate([flat(baseline.columns), *more], axis=1)
+    a = np.concatenate([flat(linear.columns), *more], axis=1)
     return np.eye(len(a)) + a @ a.T
 
 
@@ -26,20 +26,20 @@ def log_density(y, covariance):
     return -0.5 * (y @ np.linalg.solve(covariance, y) + log_determinant + len(y) * np.log(2.0 * np.pi))
 
 
-def explicit(baseline, readout, acts):
+def explicit(linear, likelihood, contributions):
     """Columns (3 n, k) without `Readout.columns`."""
-    out = np.zeros((3 * len(baseline.rows), len(acts)))
-    for k, act in enumerate(acts):
-        for channel, shape in act:
-            moved = readout.channels.shift_m(channel) @ baseline.frame.rotation.T
-            out[:, k] += (baseline.whiten @ moved[:, :, None])[:, :, 0].ravel() * np.repeat(shape, 3)
+    out = np.zeros((3 * len(linear.rows), len(contributions)))
+    for k, contribution in enumerate(contributions):
+        for channel, shape in contribution:
+            moved = likelihood.channels.shift_m(channel) @ linear.frame.rotation.T
+            out[:, k] += (linear.whiten @ moved[:, :, None])[:, :, 0].ravel() * np.repeat(shape, 3)
     return out
 
 
 @pytest.fixture
-def acts(small):
+def contributions(small):
     rng = np.random.default_rng(5)
-    m = small.moments
+    m = small.context
     return [
         (("travel.left", -0.5 * m.direction[:, 0]),),
         (("length.left_upper", rng.standard_normal(len(m))), ("pose.rz", rng.standard_normal(len(m)))),
@@ -49,25 +49,25 @@ def acts(small):
     ]
 
 
-FORMS = (Form((0,), (1.0,)), Form((0, 1, 4), (1.0, 0.3, 0.1)), Form((2, 3, 4), (1.0, 1.0, 0.5)))
+FORMS = (BasisSet((0,), (1.0,)), BasisSet((0, 1, 4), (1.0, 0.3, 0.1)), BasisSet((2, 3, 4), (1.0, 1.0, 0.5)))
 LOW, HIGH = 1e-6, 3e-4
 
 
 @pytest.mark.parametrize("number", range(len(FORMS)))
-def test_evidence_is_the_ratio_of_dense_densities(small, readout, acts, number):
+def test_evidence_is_the_ratio_of_dense_densities(small, likelihood, contributions, number):
     form = FORMS[number]
     y, c = small.residual.ravel(), dense(small)
-    h = explicit(small, readout, acts)[:, form.columns] * form.relative
+    h = explicit(small, likelihood, contributions)[:, form.columns] * form.relative
     logs = [log_density(y, c + a * a * h @ h.T) for a in np.geomspace(LOW, HIGH, SIZES)]
     expected = np.logaddexp.reduce(logs) - np.log(SIZES) - log_density(y, c)
-    got = weigh(readout.judge(acts), FORMS, LOW, HIGH)[number]
-    assert got.form is form
+    got = evidence_of_basis_sets(likelihood.information_and_score(contributions), FORMS, LOW, HIGH)[number]
+    assert got.basis_set is form
     assert got.log_evidence == pytest.approx(expected, abs=1e-5, rel=1e-7)
     a = np.geomspace(LOW, HIGH, SIZES)[int(np.argmax(logs))]
     assert got.size == pytest.approx(a)
     # Coefficients and covariance are those of a joint regression with the prior of the best size.
     prior = np.diag((a * np.array(form.relative)) ** 2)
-    h = explicit(small, readout, acts)[:, form.columns]
+    h = explicit(small, likelihood, contributions)[:, form.columns]
     gain = prior @ h.T @ np.linalg.inv(c + h @ prior @ h.T)
     scale = np.sqrt(np.diag(prior))
     assert got.coefficients / scale == pytest.approx(gain @ y / scale, abs=1e-6)
@@ -76,65 +76,69 @@ def test_evidence_is_the_ratio_of_dense_densities(small, readout, acts, number):
     )
 
 
-def test_the_density_is_that_of_another_library(small, readout):
+def test_the_density_is_that_of_another_library(small, likelihood):
     some = slice(0, 120)
     y, c = small.residual.ravel()[some], dense(small)[some, some]
     assert log_density(y, c) == pytest.approx(multivariate_normal(np.zeros(120), c).logpdf(y), rel=1e-9)
 
 
-def test_nine_sizes_stand_for_the_whole_prior(readout, acts):
-    judged = readout.judge(acts[:1])
+def test_nine_sizes_stand_for_the_whole_prior(likelihood, contributions):
+    judged = likelihood.information_and_score(contributions[:1])
     logs = log_evidence_of_sizes(judged, np.geomspace(LOW, HIGH, 2001))
-    coarse = weigh(judged, FORMS[:1], LOW, HIGH)[0].log_evidence
+    coarse = evidence_of_basis_sets(judged, FORMS[:1], LOW, HIGH)[0].log_evidence
     assert coarse == pytest.approx(np.logaddexp.reduce(logs) - np.log(2001.0), abs=0.5)
 
 
-def test_directions_that_are_left_out_hardly_count(wandering, small, readout, acts):
-    quick = Readout(baseline_of(wandering))
-    assert quick.q.shape[2] < readout.q.shape[2]
-    here, there = (weigh(r.judge(acts), FORMS, LOW, HIGH) for r in (quick, readout))
+def test_directions_that_are_left_out_hardly_count(wandering, small, likelihood, contributions):
+    quick = MarginalLikelihood.of(linearise_recording(wandering))
+    assert quick.q.shape[2] < likelihood.q.shape[2]
+    here, there = (
+        evidence_of_basis_sets(r.information_and_score(contributions), FORMS, LOW, HIGH) for r in (quick, likelihood)
+    )
     for a, b in zip(here, there, strict=True):
         assert a.log_evidence == pytest.approx(b.log_evidence, abs=0.3, rel=2e-3)
         assert a.coefficients == pytest.approx(b.coefficients, abs=0.1 * np.sqrt(np.diag(b.covariance)).max())
 
 
-def test_readings_of_a_sound_rig_are_explained_down_to_their_noise(small, readout):
+def test_readings_of_a_sound_rig_are_explained_down_to_their_noise(small, likelihood):
     """Under the model the quadratic form is chi-squared with as many degrees of freedom as numbers."""
     count = small.residual.size
-    assert small.residual.ravel() @ readout.left.ravel() == pytest.approx(count, abs=5.0 * np.sqrt(2.0 * count))
+    assert small.residual.ravel() @ likelihood.weighted_residual.ravel() == pytest.approx(
+        count, abs=5.0 * np.sqrt(2.0 * count)
+    )
 
 
-def test_given_is_a_fresh_dense_computation(small, readout, acts):
-    h = explicit(small, readout, acts) * np.array([2e-5, 1e-5, 3e-6, 1e-6, 1e-5])
+def test_given_is_a_fresh_dense_computation(small, likelihood, contributions):
+    h = explicit(small, likelihood, contributions) * np.array([2e-5, 1e-5, 3e-6, 1e-6, 1e-5])
     y = small.residual.ravel()
     inverse = np.linalg.inv(dense(small, h))
     shaped = h.reshape(*small.residual.shape, -1)
-    at_once, in_turn = readout.given(shaped), readout.given(shaped[:, :, :2]).given(shaped[:, :, 2:])
+    at_once, in_turn = likelihood.including(shaped), likelihood.including(shaped[:, :, :2]).including(shaped[:, :, 2:])
     some = np.random.default_rng(1).standard_normal((*small.residual.shape, 3))
     for other in (at_once, in_turn):
-        np.testing.assert_allclose(other.left.ravel(), inverse @ y, atol=1e-7)
+        np.testing.assert_allclose(other.weighted_residual.ravel(), inverse @ y, atol=1e-7)
         np.testing.assert_allclose(flat(other.apply(some)), inverse @ flat(some), atol=1e-7)
         q = flat(other.q)
         np.testing.assert_allclose(np.eye(len(q)) - q @ q.T, inverse, atol=1e-7)
-        judged = other.judge(acts)
-        h1 = explicit(small, readout, acts)
+        judged = other.information_and_score(contributions)
+        h1 = explicit(small, likelihood, contributions)
         assert judged.information == pytest.approx(h1.T @ inverse @ h1, rel=1e-5, abs=1e-6 * judged.information.max())
         assert judged.score == pytest.approx(h1.T @ inverse @ y, rel=1e-5, abs=1e-6 * np.abs(judged.score).max())
 
 
-def test_giving_does_not_change_the_former_readout(readout, small, acts):
-    before = readout.judge(acts)
-    readout.given(np.ones((*small.residual.shape, 1))).judge(acts)
-    after = readout.judge(acts)
+def test_giving_does_not_change_the_former_readout(likelihood, small, contributions):
+    before = likelihood.information_and_score(contributions)
+    likelihood.including(np.ones((*small.residual.shape, 1))).information_and_score(contributions)
+    after = likelihood.information_and_score(contributions)
     assert np.array_equal(before.information, after.information)
     assert np.array_equal(before.score, after.score)
 
 
-def test_judge_is_what_explicit_columns_give(small, readout, acts):
-    h = explicit(small, readout, acts)
+def test_judge_is_what_explicit_columns_give(small, likelihood, contributions):
+    h = explicit(small, likelihood, contributions)
     inverse = np.linalg.inv(dense(small))
-    judged = readout.judge(acts)
-    np.testing.assert_allclose(flat(readout.columns(acts)), h, rtol=1e-9, atol=1e-9 * np.abs(h).max())
+    judged = likelihood.information_and_score(contributions)
+    np.testing.assert_allclose(flat(likelihood.columns(contributions)), h, rtol=1e-9, atol=1e-9 * np.abs(h).max())
     scale = np.sqrt(np.diag(h.T @ inverse @ h))
     assert judged.information / np.outer(scale, scale) == pytest.approx(
         h.T @ inverse @ h / np.outer(scale, scale), abs=1e-7
@@ -142,20 +146,23 @@ def test_judge_is_what_explicit_columns_give(small, readout, acts):
     assert judged.score / scale == pytest.approx(h.T @ inverse @ small.residual.ravel() / scale, abs=1e-6)
 
 
-def test_judge_through_is_judge(small, readout):
+def test_judge_through_is_judge(small, likelihood):
     shapes = np.random.default_rng(2).standard_normal((len(small.rows), 3))
     channels = [("travel.left", 2.0), ("smr.P1.x", 0.5), ("station.rz", 3.0)]
-    acts = [((name, unit * shapes[:, k]),) for name, unit in channels for k in range(3)]
-    through, plain = readout.judge_through(channels, shapes), readout.judge(acts)
+    contributions = [((name, unit * shapes[:, k]),) for name, unit in channels for k in range(3)]
+    through, plain = (
+        likelihood.information_and_score_through(channels, shapes),
+        likelihood.information_and_score(contributions),
+    )
     top = plain.information.max()
     assert through.information == pytest.approx(plain.information, abs=1e-9 * top)
     assert through.score == pytest.approx(plain.score, abs=1e-9 * np.abs(plain.score).max())
 
 
-def test_by_visit_is_judge_of_single_visits(small, readout):
-    arrival = small.moments.arrival
-    acts = [(("travel.right", (arrival == v).astype(float)),) for v in range(int(arrival.max()) + 1)]
-    information, score = readout.by_visit("travel.right", arrival)
-    judged = readout.judge(acts)
+def test_by_visit_is_judge_of_single_visits(small, likelihood):
+    arrival = small.context.arrival
+    contributions = [(("travel.right", (arrival == v).astype(float)),) for v in range(int(arrival.max()) + 1)]
+    information, score = likelihood.information_by_visit("travel.right", arrival)
+    judged = likelihood.information_and_score(contributions)
     assert information == pytest.approx(np.diag(judged.information), rel=1e-9, abs=1e-9 * information.max())
     assert score == pytest.approx(judged.score, rel=1e-9, abs=1e-9 * np.abs(score).max())

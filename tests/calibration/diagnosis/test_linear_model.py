@@ -9,15 +9,17 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import Baseline, baseline_of, usable_rows
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
 from calibration.recording.recording import make_recording
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
 
 
-def chi2_ratio(baseline: Baseline) -> float:
-    return float(baseline.residual.ravel() @ Readout(baseline).left.ravel() / baseline.residual.size)
+def chi2_ratio(linear: LinearModel) -> float:
+    return float(
+        linear.residual.ravel() @ MarginalLikelihood.of(linear).weighted_residual.ravel() / linear.residual.size
+    )
 
 
 def refused(recording, match: str) -> None:
@@ -29,16 +31,16 @@ def refused(recording, match: str) -> None:
 @pytest.mark.parametrize("name", ["planar4", "delta8", "gough8"])
 def test_machines_within_their_tolerances_are_explained_down_to_noise(name):
     """The true machine is drawn within the tolerances and solved as a whole, not linearised."""
-    baseline = baseline_of(simulated(name, 40, seed=3))
-    spread = np.sqrt(2.0 / baseline.residual.size)
-    assert chi2_ratio(baseline) == pytest.approx(1.0, abs=5.0 * spread)
+    linear = linearise_recording(simulated(name, 40, seed=3))
+    spread = np.sqrt(2.0 / linear.residual.size)
+    assert chi2_ratio(linear) == pytest.approx(1.0, abs=5.0 * spread)
 
 
 def test_declared_nuisance_is_explained_and_undeclared_is_not():
     levels = DisturbanceLevels(drift_m=1e-5, reseat_m=8e-6, reversal_m=5e-6, temperature_k=0.05)
     recording = recorded(plant(60, nuisance=levels, seed=2))
     silent = replace(recording, file=replace_nuisance(recording.file))
-    declared, undeclared = (chi2_ratio(baseline_of(r)) for r in (recording, silent))
+    declared, undeclared = (chi2_ratio(linearise_recording(r)) for r in (recording, silent))
     assert declared == pytest.approx(1.0, abs=0.15)
     assert undeclared > declared + 0.1
 
@@ -51,12 +53,12 @@ def replace_nuisance(file):
 def test_drift_has_the_declared_variance(hours):
     """A random walk: the declared level after one hour over two axes, and the station's own."""
     levels = DisturbanceLevels(drift_m=2e-5)
-    baseline = baseline_of(recorded(plant(80, nuisance=levels)))
-    columns = [k for k, name in enumerate(baseline.names) if name.startswith("drift.station.x")]
-    metres = np.linalg.solve(baseline.whiten, baseline.columns[:, :, columns])
+    linear = linearise_recording(recorded(plant(80, nuisance=levels)))
+    columns = [k for k, name in enumerate(linear.names) if name.startswith("drift.station.x")]
+    metres = np.linalg.solve(linear.whiten, linear.columns[:, :, columns])
     variance = np.sum(metres[:, 0] ** 2, axis=1)
-    elapsed = baseline.moments.elapsed_s / 3600.0
-    own = baseline.recording.file.station.accuracy.drift_m_per_sqrt_h
+    elapsed = linear.context.elapsed_s / 3600.0
+    own = linear.recording.file.station.accuracy.drift_m_per_sqrt_h
     near = np.abs(elapsed - min(hours, 0.9 * elapsed.max())) < 0.05 * elapsed.max()
     expected = (own**2 + levels.drift_m**2 / 2.0) * elapsed[near]
     assert variance[near] == pytest.approx(expected, rel=0.1)
@@ -64,12 +66,12 @@ def test_drift_has_the_declared_variance(hours):
 
 def test_reseating_begins_with_an_exchange(wandering, small):
     columns = [k for k, name in enumerate(small.names) if name.startswith("reseat.smr.P1.x")]
-    assert len(columns) == len(np.unique(small.moments.exchanges)) - 1
+    assert len(columns) == len(np.unique(small.context.exchanges)) - 1
     metres = np.linalg.solve(small.whiten, small.columns[:, :, columns])
     size = np.linalg.norm(metres, axis=1)
     p1 = (small.smr == 0) & (small.visit >= 0)
-    assert np.all(size[small.moments.exchanges == 0.0] == 0.0)
-    assert np.sum(size[p1 & (small.moments.exchanges > 0.0)] ** 2, axis=1) == pytest.approx(
+    assert np.all(size[small.context.exchanges == 0.0] == 0.0)
+    assert np.sum(size[p1 & (small.context.exchanges > 0.0)] ** 2, axis=1) == pytest.approx(
         wandering.file.nuisance.reseat_m**2
     )
 
@@ -108,7 +110,7 @@ def test_few_readings_that_are_far_off_change_little():
 
 def test_many_readings_that_are_far_off_count_fully(wandering):
     rows = np.flatnonzero((np.asarray(wandering["smr"]) == "P1") & (wandering["visit"] % 2 == 0))
-    plain, far = baseline_of(wandering), baseline_of(shifted(wandering, rows, 1.5e-4))
+    plain, far = linearise_recording(wandering), linearise_recording(shifted(wandering, rows, 1.5e-4))
     assert np.linalg.det(far.whiten) == pytest.approx(np.linalg.det(plain.whiten), rel=0.01)
 
 

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose_and_add, diagnose_and_score
-from calibration.diagnosis.effect_inputs import periodograms, setting_of
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
-from calibration.effects.context import moments_of
+from calibration.effects.context import context_of_recording
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import PLANAR, example, noise_free_m, plant, recorded, simulated
 
@@ -37,48 +37,48 @@ def twin(case) -> Twin:
     return case[1]
 
 
-def of_readings(twin: Twin, baseline) -> np.ndarray:
+def of_readings(twin: Twin, linear) -> np.ndarray:
     """Places (n, 3) of the readings' own reflectors, machine's frame, at the readings' moments."""
-    return twin.places_m(baseline.moments)[np.arange(len(baseline.rows)), baseline.smr]
+    return twin.places_m(linear.context)[np.arange(len(linear.rows)), linear.smr]
 
 
-def in_plane(baseline, shift: np.ndarray) -> np.ndarray:
+def in_plane(linear, shift: np.ndarray) -> np.ndarray:
     """Station's frame to the plane that the machine moves in, reflectors on the machine."""
-    return (shift @ baseline.frame.rotation)[baseline.visit >= 0][:, :2]
+    return (shift @ linear.frame.rotation)[linear.visit >= 0][:, :2]
 
 
-def rms_of_shape(twin: Twin, baseline, clean_m: np.ndarray) -> float:
+def rms_of_shape(twin: Twin, linear, clean_m: np.ndarray) -> float:
     """RMS distance in the plane from noise-free points, but for a frame and a scale: the station's stay uncertain."""
-    places = of_readings(twin, baseline)
-    apart = in_plane(baseline, twin.frame.to_station(places) - clean_m)
-    x, y = places[baseline.visit >= 0][:, :2].T
+    places = of_readings(twin, linear)
+    apart = in_plane(linear, twin.frame.to_station(places) - clean_m)
+    x, y = places[linear.visit >= 0][:, :2].T
     one, zero = np.ones_like(x), np.zeros_like(x)
     free = np.stack([np.stack([one, zero, -y, x], axis=1), np.stack([zero, one, x, y], axis=1)], axis=1).reshape(-1, 4)
     flat = apart.ravel()
     return float(np.sqrt(np.mean((flat - free @ np.linalg.lstsq(free, flat, rcond=None)[0]) ** 2)))
 
 
-def fitted_m(baseline, readout, twin) -> np.ndarray:
+def fitted_m(linear, likelihood, twin) -> np.ndarray:
     """Readings as the linear model has them without noise and wander, given the twin's coefficients: a regression."""
     effect = next(e for e in load_catalogue().effects if e.name == twin.added[0].effect)
-    forms = effect.forms(setting_of(readout, periodograms(readout)), twin.added[0].place)
-    h = readout.columns([forms.acts[c] for c in twin.added[0].columns])
+    forms = effect.forms(inputs_of_recording(likelihood, periodograms(likelihood)), twin.added[0].place)
+    h = likelihood.columns([forms.contributions[c] for c in twin.added[0].columns])
     signal = np.einsum("nwk,k->nw", h, np.array(twin.added[0].coefficients))
-    a = baseline.columns.reshape(-1, baseline.columns.shape[2])
-    y = (baseline.residual - signal).ravel()
+    a = linear.columns.reshape(-1, linear.columns.shape[2])
+    y = (linear.residual - signal).ravel()
     found = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ y)
-    found[[k for k, name in enumerate(baseline.names) if name.startswith(NUISANCE)]] = 0.0
-    left = baseline.residual - signal - (a @ found).reshape(baseline.residual.shape)
-    return baseline.position_m - np.linalg.solve(baseline.whiten, left[:, :, None])[:, :, 0]
+    found[[k for k, name in enumerate(linear.names) if name.startswith(NUISANCE)]] = 0.0
+    left = linear.residual - signal - (a @ found).reshape(linear.residual.shape)
+    return linear.position_m - np.linalg.solve(linear.whiten, left[:, :, None])[:, :, 0]
 
 
 def test_the_twin_is_the_machine_that_the_readings_speak_of(case, strong):
     diagnosis, twin = case
     assert diagnosis.verdict == "backlash"
     assert [a.effect for a in twin.added] == ["backlash"]
-    baseline = baseline_of(strong)
+    linear = linearise_recording(strong)
     apart = in_plane(
-        baseline, twin.frame.to_station(of_readings(twin, baseline)) - fitted_m(baseline, Readout(baseline), twin)
+        linear, twin.frame.to_station(of_readings(twin, linear)) - fitted_m(linear, MarginalLikelihood.of(linear), twin)
     )
     assert np.sqrt(np.mean(apart**2)) < 2e-6
     assert np.abs(apart).max() < 8e-6
@@ -86,8 +86,8 @@ def test_the_twin_is_the_machine_that_the_readings_speak_of(case, strong):
 
 def test_the_twin_is_nearer_to_the_plant_than_the_model(twin, reversing, strong):
     """Noise-free points of the plant; its station does not drift."""
-    baseline, clean = baseline_of(strong), noise_free_m(reversing)
-    with_effect, without = (rms_of_shape(t, baseline, clean) for t in (twin, replace(twin, added=())))
+    linear, clean = linearise_recording(strong), noise_free_m(reversing)
+    with_effect, without = (rms_of_shape(t, linear, clean) for t in (twin, replace(twin, added=())))
     assert with_effect < 5e-6
     assert with_effect < 0.4 * without
 
@@ -101,7 +101,7 @@ def test_calibration_and_effect_are_found_together(name, size):
     recording = recorded(bench)
     diagnosis, twin = diagnose_and_add(recording)
     assert diagnosis.verdict == name
-    assert rms_of_shape(twin, baseline_of(recording), noise_free_m(bench)) < 6e-6
+    assert rms_of_shape(twin, linearise_recording(recording), noise_free_m(bench)) < 6e-6
 
 
 def test_the_twin_of_a_sound_machine_has_no_effect():
@@ -109,22 +109,22 @@ def test_the_twin_of_a_sound_machine_has_no_effect():
     recording = recorded(bench)
     _, twin = diagnose_and_add(recording)
     assert not twin.added
-    assert rms_of_shape(twin, baseline_of(recording), noise_free_m(bench)) < 4e-6
+    assert rms_of_shape(twin, linearise_recording(recording), noise_free_m(bench)) < 4e-6
 
 
 def test_a_single_moment_gives_what_all_give(twin, strong):
     """A twin that is served is asked moment by moment."""
-    moments = moments_of(strong)
-    everywhere = twin.places_m(moments)
-    for row in (0, 7, len(moments) - 1):
-        assert twin.places_m(moments, np.array([row]))[0] == pytest.approx(everywhere[row], abs=1e-7)
+    context = context_of_recording(strong)
+    everywhere = twin.places_m(context)
+    for row in (0, 7, len(context) - 1):
+        assert twin.places_m(context, np.array([row]))[0] == pytest.approx(everywhere[row], abs=1e-7)
 
 
 def test_data_there_and_back(twin, strong):
     data = json.loads(json.dumps(twin.to_data(), allow_nan=False))
     again = Twin.from_data(TEXT, data)
-    moments = moments_of(strong)
-    assert np.array_equal(again.places_m(moments), twin.places_m(moments))
+    context = context_of_recording(strong)
+    assert np.array_equal(again.places_m(context), twin.places_m(context))
     assert json.dumps(again.to_data()) == json.dumps(twin.to_data())
 
 
@@ -140,15 +140,15 @@ def test_an_effect_that_is_not_known_is_named(twin):
 def test_a_twin_with_an_effect_of_ones_own_needs_its_file(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(example(), encoding="utf-8")
-    recording = simulated("planar4", 60, lambda a: -1e-4 * a.way_m * np.array([1.0, 0.0]))
+    recording = simulated("planar4", 60, lambda a: -1e-4 * a.travelled_m * np.array([1.0, 0.0]))
     catalogue = load_catalogue([path])
     diagnosis, twin = diagnose_and_add(recording, catalogue)
     data = json.loads(json.dumps(twin.to_data()))
     with pytest.raises(InputError, match=f"{diagnosis.verdict}.*--effects"):
         Twin.from_data(TEXT, data)
-    moments, rows = moments_of(recording), np.arange(20)
+    context, rows = context_of_recording(recording), np.arange(20)
     again = Twin.from_data(TEXT, data, load_catalogue([path]))
-    assert np.array_equal(again.places_m(moments, rows), twin.places_m(moments, rows))
+    assert np.array_equal(again.places_m(context, rows), twin.places_m(context, rows))
 
 
 def test_the_score_is_that_of_readings_that_were_withheld(strong, case):
@@ -171,7 +171,7 @@ def little():
     recording = recorded(plant(24, EffectChoice("backlash", 2e-4), seed=2))
     diagnosis, twin = diagnose_and_add(recording)
     assert diagnosis.effects
-    return twin.to_data(), moments_of(recording)
+    return twin.to_data(), context_of_recording(recording)
 
 
 def paths(node, path=()):
@@ -197,7 +197,7 @@ BAD = st.sampled_from([
 @given(pick=st.integers(0, 10**6), value=BAD, kind=st.sampled_from(["set", "set", "delete", "twice"]))
 def test_hostile_data_are_refused_in_one_line(little, pick, value, kind):
     """Whatever is changed: one line at reading or at use, or a finite answer; no other exception, no warning."""
-    data, moments = little
+    data, context = little
     data = json.loads(json.dumps(data))
     places = [p for p in paths(data) if p]
     *way, last = places[pick % len(places)]
@@ -212,7 +212,7 @@ def test_hostile_data_are_refused_in_one_line(little, pick, value, kind):
         node[last] = value
     line = ""
     try:
-        found = Twin.from_data(TEXT, data).places_m(moments, np.arange(2))
+        found = Twin.from_data(TEXT, data).places_m(context, np.arange(2))
     except InputError as error:
         found, line = np.zeros(1), str(error)
     assert np.all(np.isfinite(found))

@@ -8,39 +8,39 @@ import numpy as np
 import pytest
 
 from calibration.base.frame import station_frame
-from calibration.diagnosis import linear_model as baseline_module
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.findings import withheld_blocks as shrink
-from calibration.diagnosis.findings.withheld_blocks import Field, figures, regions, withheld
-from calibration.diagnosis.linear_model import Baseline, baseline_of
+from calibration.diagnosis import linear_model
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings import withheld_blocks
+from calibration.diagnosis.findings.withheld_blocks import GapField, gap_figures, regions, withheld_differences
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 
 
 def flat(columns):
     return columns.reshape(-1, columns.shape[2])
 
 
-def rows_of(baseline: Baseline, region: np.ndarray, block: int) -> np.ndarray:
+def rows_of(linear: LinearModel, region: np.ndarray, block: int) -> np.ndarray:
     """Rows of the whitened numbers of one block."""
-    of_reading = np.where(baseline.visit >= 0, region[np.maximum(baseline.visit, 0)], -1)
+    of_reading = np.where(linear.visit >= 0, region[np.maximum(linear.visit, 0)], -1)
     return np.flatnonzero(np.repeat(of_reading == block, 3))
 
 
 @pytest.fixture
 def effect(small) -> np.ndarray:
     """Columns (n, 3, 2) of something at the drives, each times its prior standard deviation."""
-    shift = Readout(small)
-    acts = [((f"travel.{d}", small.moments.direction[:, a]),) for a, d in enumerate(("left", "right"))]
-    return shift.columns(acts) * 2e-5
+    shift = MarginalLikelihood.of(small)
+    contributions = [((f"travel.{d}", small.context.direction[:, a]),) for a, d in enumerate(("left", "right"))]
+    return shift.columns(contributions) * 2e-5
 
 
 @pytest.mark.parametrize("with_effect", [False, True])
-def test_a_block_is_predicted_as_by_a_regression_on_all_others(small, readout, effect, with_effect):
+def test_a_block_is_predicted_as_by_a_regression_on_all_others(small, likelihood, effect, with_effect):
     region = regions(small)
     a = np.concatenate([flat(small.columns), flat(effect)], axis=1) if with_effect else flat(small.columns)
-    readout = readout.given(effect) if with_effect else readout
+    likelihood = likelihood.including(effect) if with_effect else likelihood
     y, c = small.residual.ravel(), np.eye(len(a)) + a @ a.T
-    got = withheld(readout, region).ravel()
-    for block in range(shrink.REGIONS):
+    got = withheld_differences(likelihood, region).ravel()
+    for block in range(withheld_blocks.REGIONS):
         here = rows_of(small, region, block)
         there = np.setdiff1d(np.arange(len(y)), here)
         expected = y[here] - c[np.ix_(here, there)] @ np.linalg.solve(c[np.ix_(there, there)], y[there])
@@ -50,17 +50,17 @@ def test_a_block_is_predicted_as_by_a_regression_on_all_others(small, readout, e
 def test_a_block_is_predicted_as_by_a_real_refit(wandering, monkeypatch):
     """The recording without the block is fitted from the start, model and all; its unknowns predict the block."""
     start = station_frame(wandering.file.station.position_m, wandering.file.station.heading_rad)
-    monkeypatch.setattr(baseline_module, "_start", lambda *_: start)  # unknowns of the frame count from it
-    whole = baseline_of(wandering)
+    monkeypatch.setattr(linear_model, "_initial_frame", lambda *_: start)  # unknowns of the frame count from it
+    whole = linearise_recording(wandering)
     region, block = regions(whole), 2
     gone = (whole.visit >= 0) & (region[np.maximum(whole.visit, 0)] == block)
     rest = wandering.take(whole.rows[~gone])
-    again = baseline_of(rest)
+    again = linearise_recording(rest)
     assert again.names == whole.names
     found = flat(again.columns).T @ again.apply(again.residual).ravel()
     here = rows_of(whole, region, block)
     expected = whole.residual.ravel()[here] - flat(whole.columns)[here] @ found
-    got = withheld(Readout(whole), region).ravel()[here]
+    got = withheld_differences(MarginalLikelihood.of(whole), region).ravel()[here]
     assert np.sqrt(np.mean(got**2)) > 0.8
     assert np.sqrt(np.mean((got - expected) ** 2)) < 0.1
 
@@ -68,30 +68,30 @@ def test_a_block_is_predicted_as_by_a_real_refit(wandering, monkeypatch):
 def test_regions_share_the_visits_evenly_and_hang_together(small):
     region = regions(small)
     counts = np.bincount(region)
-    assert len(counts) == shrink.REGIONS
+    assert len(counts) == withheld_blocks.REGIONS
     assert np.ptp(counts) <= 2
     place = small.poses.visits.target_m[:, :2]
     radius = np.linalg.norm((place - place.mean(axis=0)) / np.ptp(place, axis=0), axis=1)
     assert radius[region == 0].max() <= radius[region != 0].min()
 
 
-def test_predictions_are_positions(small, readout):
-    left = withheld(readout, regions(small))
-    predicted = shrink.predicted_m(readout, left)
+def test_predictions_are_positions(small, likelihood):
+    left = withheld_differences(likelihood, regions(small))
+    predicted = withheld_blocks.predicted_positions_m(likelihood, left)
     back = np.einsum("nij,nj->ni", small.whiten, small.position_m - predicted)
     np.testing.assert_allclose(back, left, atol=1e-6)
 
 
-def some_field(rng: np.random.Generator, spread: float) -> Field:
+def some_field(rng: np.random.Generator, spread: float) -> GapField:
     before, after = 2e-5 * rng.standard_normal((80, 2)), 6e-6 * rng.standard_normal((80, 2))
-    return Field(np.arange(80), before, after, spread * rng.standard_normal((80, 2, 12)), 8e-6)
+    return GapField(np.arange(80), before, after, spread * rng.standard_normal((80, 2, 12)), 8e-6)
 
 
 @pytest.fixture
 def exact(monkeypatch):
     """Forms are taken to be exact: nothing is added for what they are not."""
-    monkeypatch.setattr(shrink, "FORM_BEFORE", 0.0)
-    monkeypatch.setattr(shrink, "FORM_AFTER", 0.0)
+    monkeypatch.setattr(withheld_blocks, "MODEL_ERROR_BEFORE", 0.0)
+    monkeypatch.setattr(withheld_blocks, "MODEL_ERROR_AFTER", 0.0)
 
 
 @pytest.mark.usefixtures("exact")
@@ -104,7 +104,7 @@ def test_the_interval_is_that_of_many_samples(spread):
     before = np.sum((field.before.ravel() + drawn) ** 2, axis=1)
     after = np.sum((field.after.ravel() + drawn) ** 2, axis=1)
     shrunk = 1.0 - np.sqrt(after / before)
-    got = figures(field)
+    got = gap_figures(field)
     low, middle, high = np.quantile(shrunk, [0.025, 0.5, 0.975])
     width = high - low
     assert got.shrink_interval[0] == pytest.approx(low, abs=0.12 * width)
@@ -116,24 +116,24 @@ def test_the_interval_is_that_of_many_samples(spread):
 
 def test_figures_say_the_same_twice():
     field = some_field(np.random.default_rng(3), 2e-6)
-    assert figures(field) == figures(field)
+    assert gap_figures(field) == gap_figures(field)
 
 
 def test_inexact_forms_widen_the_interval(monkeypatch):
     field = some_field(np.random.default_rng(3), 2e-6)
-    wide = figures(field)
-    monkeypatch.setattr(shrink, "FORM_BEFORE", 0.0)
-    monkeypatch.setattr(shrink, "FORM_AFTER", 0.0)
-    narrow = figures(field)
+    wide = gap_figures(field)
+    monkeypatch.setattr(withheld_blocks, "MODEL_ERROR_BEFORE", 0.0)
+    monkeypatch.setattr(withheld_blocks, "MODEL_ERROR_AFTER", 0.0)
+    narrow = gap_figures(field)
     assert wide.shrink_interval[0] < narrow.shrink_interval[0] < narrow.shrink_interval[1] < wide.shrink_interval[1]
     assert wide.shrink == pytest.approx(narrow.shrink, abs=0.05)
 
 
-def metres(baseline: Baseline, whitened: np.ndarray) -> np.ndarray:
+def metres(linear: LinearModel, whitened: np.ndarray) -> np.ndarray:
     """Errors of the platform's reflectors in the plane, machine's frame."""
-    rows = np.flatnonzero(baseline.on_platform)
-    station = np.linalg.solve(baseline.whiten[rows], whitened[rows][:, :, None])[:, :, 0]
-    return (station @ baseline.frame.rotation)[:, :2]
+    rows = np.flatnonzero(linear.on_platform)
+    station = np.linalg.solve(linear.whiten[rows], whitened[rows][:, :, None])[:, :, 0]
+    return (station @ linear.frame.rotation)[:, :2]
 
 
 @pytest.mark.usefixtures("exact")
@@ -146,10 +146,10 @@ def test_the_interval_holds_the_true_shrink_as_often_as_it_says(small, effect):
         true += flat(effect) @ rng.standard_normal(2)
         noise = rng.standard_normal(len(true))
         world = replace(small, residual=(true + noise).reshape(small.residual.shape))
-        plain = Readout(world)
-        full = plain.given(effect)
-        before, after = withheld(plain, region), withheld(full, region)
-        found = figures(shrink.field(full, before, after))
+        plain = MarginalLikelihood.of(world)
+        full = plain.including(effect)
+        before, after = withheld_differences(plain, region), withheld_differences(full, region)
+        found = gap_figures(withheld_blocks.gap_field(full, before, after))
         errors = [np.sum(metres(world, x - noise.reshape(x.shape)) ** 2) for x in (before, after)]
         achieved = 1.0 - np.sqrt(errors[1] / errors[0])
         low, high = found.shrink_interval
@@ -159,12 +159,12 @@ def test_the_interval_holds_the_true_shrink_as_often_as_it_says(small, effect):
     assert 0.01 < np.median(widths) < 0.6
 
 
-def test_noise_is_that_of_the_readings(small, readout):
+def test_noise_is_that_of_the_readings(small, likelihood):
     """RMS over both coordinates of what the platform's readings stray: what the stated covariances say."""
-    left = withheld(readout, regions(small))
+    left = withheld_differences(likelihood, regions(small))
     rows = np.flatnonzero(small.on_platform)
     turned = np.einsum(
         "ji,njk,kl->nil", small.frame.rotation, small.recording.covariances_m2[small.rows[rows]], small.frame.rotation
     )
     stated = np.sqrt(np.mean(np.diagonal(turned, axis1=1, axis2=2)[:, :2]))
-    assert shrink.field(readout, left, left).noise_m == pytest.approx(stated, rel=0.1)
+    assert withheld_blocks.gap_field(likelihood, left, left).noise_m == pytest.approx(stated, rel=0.1)

@@ -11,11 +11,11 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.effect_inputs import periodograms, setting_of
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.effects import catalogue as module
-from calibration.effects.api import Effect, Forms, Parameter
+from calibration.effects.api import BasisSets, Effect, EffectParameter
 from calibration.effects.catalogue import INSIDE_GEOMETRY, Catalogue, load_catalogue
 from mock_devices.effects.catalogue import SPECS
 from tests.calibration.diagnosis.campaigns import simulated
@@ -166,7 +166,7 @@ class Point:
 
 
 def some_effect(name: str) -> Effect:
-    return Effect(name, "rig", Parameter("size_m", 1e-6, 1e-4, "m", "of it"), "all", (), lambda s, i: Forms())
+    return Effect(name, "rig", EffectParameter("size_m", 1e-6, 1e-4, "m", "of it"), "all", (), lambda s, i: BasisSets())
 
 
 @pytest.mark.parametrize(
@@ -181,39 +181,39 @@ def test_entry_points(monkeypatch, found, match):
 
 
 @pytest.fixture(scope="module", params=["planar4", "delta8", "stewart6", "rrr3"])
-def setting(request):
-    readout = Readout(baseline_of(simulated(request.param, 40)))
-    return setting_of(readout, periodograms(readout)), readout
+def inputs(request):
+    likelihood = MarginalLikelihood.of(linearise_recording(simulated(request.param, 40)))
+    return inputs_of_recording(likelihood, periodograms(likelihood)), likelihood
 
 
-def test_forms_fit_any_machine(setting):
+def test_forms_fit_any_machine(inputs):
     """Channels that exist, columns that are finite and of one length, first column the size."""
-    setting, readout = setting
-    channels = Channels(readout.baseline).names
+    inputs, likelihood = inputs
+    channels = Channels(likelihood.linear).names
     for effect in load_catalogue().effects:
-        places = effect.places(setting.machine)
+        places = effect.places(inputs.machine)
         assert places
         for index in range(len(places)):
-            forms = effect.forms(setting, index)
-            for act in forms.acts:
-                for channel, shape in act:
+            forms = effect.forms(inputs, index)
+            for contribution in forms.contributions:
+                for channel, shape in contribution:
                     assert channel in channels, effect.name
-                    assert shape.shape == (len(setting.moments),), effect.name
+                    assert shape.shape == (len(inputs.context),), effect.name
                     assert np.all(np.isfinite(shape)), effect.name
-            for form in forms.forms:
+            for form in forms.sets:
                 assert len(form.columns) == len(form.relative) > 0, effect.name
                 assert len(set(form.columns)) == len(form.columns), effect.name
-                assert max(form.columns) < len(forms.acts), effect.name
+                assert max(form.columns) < len(forms.contributions), effect.name
                 assert form.relative[0] == 1.0, effect.name
                 assert set(form.parameters) <= {p.name for p in effect.others} | {"onset_s", "tau_s"}, effect.name
 
 
-def test_building_forms_twice_gives_the_same(setting):
-    setting, _ = setting
+def test_building_forms_twice_gives_the_same(inputs):
+    inputs, _ = inputs
     for effect in load_catalogue().effects:
-        one, other = (effect.forms(setting, 0) for _ in range(2))
-        assert one.forms == other.forms
-        for a, b in zip(one.acts, other.acts, strict=True):
+        one, other = (effect.forms(inputs, 0) for _ in range(2))
+        assert one.sets == other.sets
+        for a, b in zip(one.contributions, other.contributions, strict=True):
             for (channel, shape), (channel_, shape_) in zip(a, b, strict=True):
                 assert channel == channel_
                 assert np.array_equal(shape, shape_)

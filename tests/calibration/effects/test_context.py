@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibration.effects.context import moments_of
+from calibration.effects.context import context_of_recording
 from mock_devices.recordings.design import DesignOptions
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded
 
@@ -26,7 +26,7 @@ def recording(bench):
 
 @pytest.fixture(scope="module")
 def m(recording):
-    return moments_of(recording)
+    return context_of_recording(recording)
 
 
 def test_moments_are_those_of_the_design(bench, recording, m):
@@ -41,7 +41,7 @@ def test_moments_are_those_of_the_design(bench, recording, m):
     assert np.all(np.diff(m.history.arrived_s) > 0.0)
     assert np.array_equal(m.history.drives[m.arrival][on_pose], m.drives[on_pose])
     former = np.maximum(of - 1, 0)
-    assert m.former[on_pose] == pytest.approx(m.history.drives[former])
+    assert m.previous_drives[on_pose] == pytest.approx(m.history.drives[former])
 
 
 def test_exchanges_are_counted_in_time(bench, recording, m):
@@ -56,11 +56,11 @@ def test_exchanges_are_counted_in_time(bench, recording, m):
 def test_the_order_of_visits_does_not_matter(recording, m):
     number = np.random.default_rng(1).permutation(100)[recording["visit"].astype(int)]
     shuffle = np.argsort(number, kind="stable")
-    other = moments_of(recording.take(shuffle))
+    other = context_of_recording(recording.take(shuffle))
     for name in ("t_s", "drives", "direction", "exchanges", "elapsed_s", "former", "velocity_m_per_s"):
         assert np.array_equal(getattr(other, name), getattr(m, name)[shuffle]), name
-    assert other.warmth(1, 900.0) == pytest.approx(m.warmth(1, 900.0)[shuffle])
-    assert other.lag_k("struts", 900.0) == pytest.approx(m.lag_k("struts", 900.0)[shuffle], abs=1e-9)
+    assert other.motion_heat(1, 900.0) == pytest.approx(m.motion_heat(1, 900.0)[shuffle])
+    assert other.thermal_lag_k("struts", 900.0) == pytest.approx(m.thermal_lag_k("struts", 900.0)[shuffle], abs=1e-9)
 
 
 @pytest.mark.parametrize("tau_s", [200.0, 1500.0, 6000.0])
@@ -73,7 +73,7 @@ def test_warmth_is_the_heat_of_all_ways_before(m, drive, tau_s):
             way = abs(m.history.drives[k, drive] - m.history.drives[k - 1, drive])
             expected[row] += way / tau_s * np.exp(-max(t - m.history.arrived_s[k], 0.0) / tau_s)
     # Readings may be some milliseconds before the arrival that their dwell tells: the decay is from the arrival on.
-    assert m.warmth(drive, tau_s) == pytest.approx(expected, rel=1e-3, abs=1e-9)
+    assert m.motion_heat(drive, tau_s) == pytest.approx(expected, rel=1e-3, abs=1e-9)
 
 
 @pytest.mark.parametrize("tau_s", [300.0, 1500.0, 6000.0])
@@ -88,13 +88,13 @@ def test_lag_is_that_of_a_first_order_part(m, tau_s):
     for i in range(1, len(fine)):
         part[i] = part[i - 1] + 0.1 / tau_s * (source[i - 1] - part[i - 1])
     expected = np.interp(m.t_s, fine, part - source)
-    got = m.lag_k("struts", tau_s)
+    got = m.thermal_lag_k("struts", tau_s)
     assert np.abs(expected).max() > 0.2
     assert got == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
 
 
 def test_an_unmoved_drive_is_cold(recording):
     still = {f"left_{q}": np.full(len(recording), 1.0) for q in ("commanded_m", "actual_m")}
-    m = moments_of(changed(recording, **still))
-    assert np.all(m.warmth(0, 600.0) == 0.0)
-    assert np.any(m.warmth(1, 600.0) > 0.0)
+    m = context_of_recording(changed(recording, **still))
+    assert np.all(m.motion_heat(0, 600.0) == 0.0)
+    assert np.any(m.motion_heat(1, 600.0) > 0.0)

@@ -10,15 +10,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.diagnosis.curve_fit import refit
+from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
-from calibration.diagnosis.effect_inputs import periodograms, setting_of
-from calibration.diagnosis.evidence import Readout
-from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.twin.twin import Twin
-from calibration.effects.context import moments_of
+from calibration.effects.context import context_of_recording
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
-from calibration.effects.strut_laws import Held, Range, curve, misfit_m, one_way, play, slipping, softer
+from calibration.effects.strut_laws import (
+    LawParameter,
+    RestrainedStrut,
+    clearance_law,
+    curve_of_law,
+    misfit_m,
+    one_sided_spring,
+    series_spring,
+    slipping_law,
+)
 from calibration.machine import equilibrium
 from calibration.machine.description import load_machine
 from mock_devices.effects import EffectChoice
@@ -26,11 +35,11 @@ from tests.calibration.diagnosis.campaigns import PLANAR, Rest, drawn_geometry, 
 
 COMPLIANCE = 1e-8
 LAWS = {
-    "play": lambda: play(3e-5, 400.0),
-    "softer": lambda: softer(COMPLIANCE),
-    "slipping": lambda: slipping(COMPLIANCE, 2000.0, 2.0),
-    "tension alone": lambda: one_way(COMPLIANCE, 1.0, 200.0),
-    "compression alone": lambda: one_way(COMPLIANCE, -1.0, 200.0),
+    "play": lambda: clearance_law(3e-5, 400.0),
+    "softer": lambda: series_spring(COMPLIANCE),
+    "slipping": lambda: slipping_law(COMPLIANCE, 2000.0, 2.0),
+    "tension alone": lambda: one_sided_spring(COMPLIANCE, 1.0, 200.0),
+    "compression alone": lambda: one_sided_spring(COMPLIANCE, -1.0, 200.0),
 }
 
 
@@ -54,9 +63,13 @@ def test_a_law_grows_from_zero_and_knows_its_derivative(name, tension):
 )
 def test_tension_and_growth_agree_with_what_holds_the_strut(free, restraint, clearance, width):
     tension, zero = np.array(free), np.zeros((len(free), 1))
-    held = Held("length.any", 1e8, tension, np.full(len(free), restraint), zero)
-    for law in (play(clearance, width), slipping(COMPLIANCE, width, 6.0), one_way(COMPLIANCE, -1.0, width)):
-        at, slope, kept = held.taken_up(law, np.zeros(1))
+    held = RestrainedStrut("length.any", 1e8, tension, np.full(len(free), restraint), zero)
+    for law in (
+        clearance_law(clearance, width),
+        slipping_law(COMPLIANCE, width, 6.0),
+        one_sided_spring(COMPLIANCE, -1.0, width),
+    ):
+        at, slope, kept = held.solve_tension(law, np.zeros(1))
         assert at + restraint * law(at)[0] == pytest.approx(tension, rel=1e-6, abs=1e-6)
         assert slope == pytest.approx(law(at)[1])
         assert np.all((kept > 0.0) & (kept <= 1.0))
@@ -78,8 +91,8 @@ def test_the_structure_around_a_strut_is_linear_enough(name):
         answers.append(linear.again(replace(geometry, length_m=length)).rest.force_n[:, strut])
     restraint = (answers[0] - answers[1]) / 2e-6
     free = linear.rest.force_n[:, strut]
-    held = Held("length.any", geometry.stiffness_n_per_m[strut], free, restraint, np.zeros((6, 1)))
-    tension = held.taken_up(law, np.zeros(1))[0]
+    held = RestrainedStrut("length.any", geometry.stiffness_n_per_m[strut], free, restraint, np.zeros((6, 1)))
+    tension = held.solve_tension(law, np.zeros(1))[0]
     growth = law(tension)[0]
     for row in range(6):
         one = Rest.of(machine, geometry, drives[[row]], at.take(np.array([row])), target[[row]])
@@ -102,14 +115,14 @@ def yielding():
 
 @pytest.fixture(scope="module")
 def known(yielding):
-    readout = Readout(baseline_of(yielding))
-    return readout, setting_of(readout, periodograms(readout))
+    likelihood = MarginalLikelihood.of(linearise_recording(yielding))
+    return likelihood, inputs_of_recording(likelihood, periodograms(likelihood))
 
 
 def test_answers_of_the_setting_are_those_of_the_model(known):
     """Tension after a strut grew, by the model solved again."""
-    readout, s = known
-    baseline, poses = readout.baseline, readout.baseline.poses
+    likelihood, s = known
+    linear, poses = likelihood.linear, likelihood.linear.poses
     geometry, rest = poses.geometry, poses.equilibrium
     for j in range(4):
         forces = []
@@ -117,32 +130,36 @@ def test_answers_of_the_setting_are_those_of_the_model(known):
             length = geometry.length_m.copy()
             length[j] += h
             solved = equilibrium.solve(
-                baseline.machine,
+                linear.machine,
                 replace(geometry, length_m=length),
                 poses.visits.drives,
                 poses.conditions,
                 rest.coordinates(),
             )
             forces.append(solved.force_n[:, :4])
-        expected = ((forces[1] - forces[0]) / 2e-6)[np.maximum(baseline.visit, 0)]
-        np.testing.assert_allclose(s.answer_n_per_m[:, :, j], expected, atol=1e-3 * np.abs(expected).max())
+        expected = ((forces[1] - forces[0]) / 2e-6)[np.maximum(linear.visit, 0)]
+        np.testing.assert_allclose(s.tension_response_n_per_m[:, :, j], expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_columns_of_a_tangent_are_derivatives(known):
     """Growth a little beside a point against the column and the step that its coefficient stands for."""
     _, s = known
-    found = curve(
-        Held.of(s, 3), lambda at: play(np.exp(at[0]), float(np.exp(at[1]))), (Range(-20.0, 0.0), Range(0.0, 20.0)),
-        [(np.log(4e-5), np.log(3000.0))], (0.5,), lambda at, growth: 1.0, lambda at: 1e-5, misfit_m(s),
+    found = curve_of_law(
+        RestrainedStrut.from_inputs(s, 3), lambda at: clearance_law(np.exp(at[0]), float(np.exp(at[1]))),
+        (LawParameter(-20.0, 0.0), LawParameter(0.0, 20.0)), starts=[(np.log(4e-5), np.log(3000.0))], middles=(0.5,),
+        size=lambda at, growth: 1.0, misfit_unit_m=lambda at: 1e-5, misfit_m=misfit_m(s),
     )  # fmt: skip
     at = found.starts[1]
     here = found.tangent(at)
-    columns = np.array([shape for ((_, shape),) in here.acts])
+    columns = np.array([shape for ((_, shape),) in here.contributions])
     nothing = np.eye(len(columns))[0]
     for i in range(1, len(columns)):
         moved = here.step(nothing + 1e-3 * np.eye(len(columns))[i])
         assert np.flatnonzero(moved).tolist() == [i - 1]
-        (((_, above),), *_), (((_, below),), *_) = found.tangent(at + moved).acts, found.tangent(at - moved).acts
+        (((_, above),), *_), (((_, below),), *_) = (
+            found.tangent(at + moved).contributions,
+            found.tangent(at - moved).contributions,
+        )
         expected = (above - below) / 2e-3
         np.testing.assert_allclose(columns[i], expected, atol=0.02 * np.abs(expected).max())
 
@@ -163,55 +180,55 @@ def test_columns_of_a_tangent_are_derivatives(known):
 )
 def test_fitting_again_finds_what_was_put_in(known, curves, number, own, limits, within):
     """Noise as stated and what a law does to one strut with some misfit: size, parameters and misfit are found."""
-    readout, s = known
+    likelihood, s = known
     truth = curves(s, 1)[number]
     point = np.zeros(len(truth.low))
     point[: len(own)] = own
     point[len(own)] = held_at(s, 1, 0.3)
     tangent = truth.tangent(point)
     size = float(np.exp(own[0]))
-    baseline = readout.baseline
-    noise = np.random.default_rng(2).standard_normal(baseline.residual.shape)
-    signal = size * readout.columns(tangent.acts[:1])[:, :, 0]
-    found = refit(Readout(replace(baseline, residual=noise + signal)), [truth], *limits)
+    linear = likelihood.linear
+    noise = np.random.default_rng(2).standard_normal(linear.residual.shape)
+    signal = size * likelihood.columns(tangent.contributions[:1])[:, :, 0]
+    found = fit_curves(MarginalLikelihood.of(replace(linear, residual=noise + signal)), [truth], *limits)
     assert found is not None
-    weights = np.array([*found.best.form.size, *[0.0] * (len(found.best.coefficients) - 2)])
+    weights = np.array([*found.best.basis_set.size, *[0.0] * (len(found.best.coefficients) - 2)])
     u = float(np.sqrt(weights @ found.best.covariance @ weights))
     assert weights @ found.best.coefficients == pytest.approx(size, abs=3.0 * u)
     assert u < 0.35 * size
-    there = np.array(found.best.form.curve[1])
+    there = np.array(found.best.basis_set.curve[1])
     assert there[: len(own)] == pytest.approx(point[: len(own)], abs=within)
     # What it does to the strut is what was put in, but for what calibration takes up.
-    left = np.einsum("nwk,k->nw", readout.columns(found.acts), found.best.coefficients) - signal
-    assert np.sqrt(np.mean(readout.apply(left[:, :, None]) ** 2)) < 0.15
+    left = np.einsum("nwk,k->nw", likelihood.columns(found.contributions), found.best.coefficients) - signal
+    assert np.sqrt(np.mean(likelihood.apply(left[:, :, None]) ** 2)) < 0.15
 
 
 def test_the_contrary_of_an_effect_is_not_that_effect(known):
-    readout, s = known
+    likelihood, s = known
     truth = link_stiffness_curves(s, 1)[0]
-    acts = truth.tangent(np.zeros(len(truth.low))).acts
-    signal = -0.5 * readout.columns(acts[:1])[:, :, 0]
-    assert refit(Readout(replace(readout.baseline, residual=signal)), [truth], 0.05, 20.0) is None
+    contributions = truth.tangent(np.zeros(len(truth.low))).contributions
+    signal = -0.5 * likelihood.columns(contributions[:1])[:, :, 0]
+    assert fit_curves(MarginalLikelihood.of(replace(likelihood.linear, residual=signal)), [truth], 0.05, 20.0) is None
 
 
 @pytest.mark.parametrize("name", ["stewart6", "prs3"])
 def test_struts_that_nothing_holds_carry_what_they_carry(name):
     """On a machine without redundancy the tension stays, and misfits change nothing."""
-    readout = Readout(baseline_of(simulated(name, 40)))
-    s = setting_of(readout, periodograms(readout))
-    held = Held.of(s, 0)
+    likelihood = MarginalLikelihood.of(linearise_recording(simulated(name, 40)))
+    s = inputs_of_recording(likelihood, periodograms(likelihood))
+    held = RestrainedStrut.from_inputs(s, 0)
     assert np.max(held.restraint_n_per_m) < 1e-3 * held.stiffness_n_per_m
     for curves, limits in ((link_stiffness_curves, (0.05, 20.0)), (clearance_curves, (1e-6, 4e-4))):
         for one in curves(s, 0):
-            columns = np.array([shape for ((_, shape),) in one.tangent(one.starts[0]).acts])
+            columns = np.array([shape for ((_, shape),) in one.tangent(one.starts[0]).contributions])
             assert np.all(np.isfinite(columns))
-        found = refit(readout, curves(s, 0), *limits)
+        found = fit_curves(likelihood, curves(s, 0), *limits)
         assert found is None or np.isfinite(found.log_evidence)
 
 
 def held_at(s, strut: int, middle: float) -> float:
     """The strut's misfit that puts its mean tension at so many standard deviations."""
-    return Held.of(s, strut).shifts_m((middle,))[1]
+    return RestrainedStrut.from_inputs(s, strut).starting_misfits_m((middle,))[1]
 
 
 @pytest.mark.parametrize(
@@ -238,6 +255,6 @@ def test_a_twin_with_a_curve_there_and_back(yielding):
         with pytest.raises(InputError, match="twin"):
             Twin.from_data(PLANAR.read_text(encoding="utf-8"), hostile)
     again = Twin.from_data(PLANAR.read_text(encoding="utf-8"), twin.to_data())
-    moments = moments_of(yielding)
-    rows = np.arange(0, len(moments), 40)
-    assert np.array_equal(again.places_m(moments, rows), twin.places_m(moments, rows))
+    context = context_of_recording(yielding)
+    rows = np.arange(0, len(context), 40)
+    assert np.array_equal(again.places_m(context, rows), twin.places_m(context, rows))

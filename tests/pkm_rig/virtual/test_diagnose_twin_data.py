@@ -73,7 +73,7 @@ def refused_or_sound(twin, data):
     """Whether it is refused, in one line; what is not is used."""
     try:
         other = Twin.from_data(twin.machine.text, data, CATALOGUE)
-        places = other.places_m(twin.campaign.moments, np.array([0, len(twin.campaign.moments) - 1]))
+        places = other.places_m(twin.campaign.context, np.array([0, len(twin.campaign.context) - 1]))
     except InputError as error:
         return _one_line(error)
     assert np.all(np.isfinite(places))
@@ -83,7 +83,7 @@ def refused_or_sound(twin, data):
 def test_what_was_written_is_read(made):
     twin, data = made
     again = Twin.from_data(twin.machine.text, data)
-    m = twin.campaign.moments
+    m = twin.campaign.context
     rows = np.arange(0, len(m), 7)
     np.testing.assert_allclose(again.places_m(m, rows), twin.places_m(m, rows), atol=1e-12)
     assert again.to_data() == twin.to_data()

@@ -9,18 +9,18 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose_and_score
-from calibration.diagnosis.effect_inputs import periodograms, setting_of
-from calibration.diagnosis.evidence import Readout
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.withheld_blocks import regions
-from calibration.diagnosis.linear_model import baseline_of
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.search import weigh_effects
-from calibration.diagnosis.twin.joint_fit import Joint
+from calibration.diagnosis.search import rank_effects
+from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore
 from calibration.diagnosis.twin.twin import Twin
-from calibration.effects.api import Setting
+from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import load_catalogue
-from calibration.effects.context import ARRAYS, History, Moments, moments_of
+from calibration.effects.context import ARRAYS, ArrivalHistory, ReadingContext, context_of_recording
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording
@@ -58,7 +58,7 @@ class Case:
         names = [s.name for s in r.machine.smrs]
         smr = np.array([names.index(str(name)) for name in r["smr"]])
         rows = np.flatnonzero(np.array([s.on == on for s in r.machine.smrs])[smr])
-        places = twin.readings_m(moments_of(r), rows, smr[rows])
+        places = twin.readings_m(context_of_recording(r), rows, smr[rows])
         plant = (self.clean_m[rows] - twin.frame.translation_m) @ twin.frame.rotation
         return float(np.sqrt(np.mean((places - plant)[:, :2] ** 2)))
 
@@ -116,17 +116,17 @@ def test_a_twin_that_lacks_what_it_learnt_from_others_is_scored_worse(cases):
     assert c.missed_m(replace(c.twin, added=wrong)) > 5.0 * c.missed_m(c.twin)
 
 
-def of_rows(m: Moments, rows: np.ndarray, later_s: float = 0.0, arrivals: int | None = None) -> Moments:
+def of_rows(m: ReadingContext, rows: np.ndarray, later_s: float = 0.0, arrivals: int | None = None) -> ReadingContext:
     """Some of the moments, with as many arrivals, at another time of the rig."""
     changed = {n: getattr(m, n)[rows] for n in ARRAYS} | {"t_s": m.t_s[rows] + later_s}
-    history = History(m.history.arrived_s[:arrivals] + later_s, m.history.drives[:arrivals])
+    history = ArrivalHistory(m.history.arrived_s[:arrivals] + later_s, m.history.drives[:arrivals])
     temperatures = {n: t[rows] for n, t in m.temperatures_c.items()}
     return replace(m, history=history, temperatures_c=temperatures, start_s=m.start_s + later_s, **changed)
 
 
 @pytest.mark.parametrize("name", ["link_thermal_growth", "screw_thermal_growth", "backlash"])
 def test_a_machine_that_lives_the_campaign_again_stands_where_it_stood(cases, name):
-    twin, m = cases(name).twin, moments_of(cases(name).recording)
+    twin, m = cases(name).twin, context_of_recording(cases(name).recording)
     order = np.argsort(m.t_s, kind="stable")
     then = order[: len(order) // 2]
     then = then[m.arrival[then] <= m.arrival[then[-1]]]
@@ -137,11 +137,11 @@ def test_a_machine_that_lives_the_campaign_again_stands_where_it_stood(cases, na
 
 @pytest.mark.parametrize("name", ["link_thermal_growth", "screw_thermal_growth"])
 def test_a_machine_that_just_began_is_as_cold_as_the_campaign_was(cases, name):
-    twin, m = cases(name).twin, moments_of(cases(name).recording)
+    twin, m = cases(name).twin, context_of_recording(cases(name).recording)
     late = np.array([int(np.argmax(m.t_s))])
     fresh = replace(of_rows(m, late, 5e6), start_s=float(m.t_s[late[0]]) + 5e6)
     fresh = replace(
-        fresh, arrival=np.zeros(1, dtype=np.intp), history=History(fresh.t_s - 1.0, m.drives[late])
+        fresh, arrival=np.zeros(1, dtype=np.intp), history=ArrivalHistory(fresh.t_s - 1.0, m.drives[late])
     )  # stands since a second
     cold, warm = twin.places_m(fresh)[0], twin.places_m(m, late)[0]
     bare = replace(twin, added=()).places_m(fresh)[0]
@@ -153,19 +153,19 @@ def test_a_machine_that_just_began_is_as_cold_as_the_campaign_was(cases, name):
 def test_every_pose_of_a_campaign_has_its_equilibrium(cases):
     """From the middle of the workspace Newton's method loses some of them."""
     c = cases("backlash")
-    assert np.all(np.isfinite(c.twin.places_m(moments_of(c.recording))))
+    assert np.all(np.isfinite(c.twin.places_m(context_of_recording(c.recording))))
 
 
 def test_where_no_machine_stands_is_one_line(cases):
     c = cases("backlash")
-    one = of_rows(moments_of(c.recording), np.array([9]))
+    one = of_rows(context_of_recording(c.recording), np.array([9]))
     with pytest.raises(InputError, match="no equilibrium"):
         c.twin.places_m(replace(one, drives=one.drives + np.array([[5.0, -5.0]])))
 
 
 def test_sensors_that_a_rig_lacks_are_not_needed(cases):
     c = cases("backlash")
-    one = of_rows(moments_of(c.recording), np.array([9]))
+    one = of_rows(context_of_recording(c.recording), np.array([9]))
     told = c.twin.places_m(one)
     np.testing.assert_allclose(c.twin.places_m(replace(one, temperatures_c={})), told, atol=1e-4)
 
@@ -174,24 +174,24 @@ def test_what_is_withheld_teaches_the_twin_nothing(cases):
     """Readings of a region that are spoilt by 0.2 mm leave the twin of the others where it was."""
     recording = cases("backlash").recording
 
-    def made(recording: Recording) -> tuple[Readout, Setting]:
-        readout = Readout(baseline_of(recording))
-        return readout, setting_of(readout, periodograms(readout))
+    def made(recording: Recording) -> tuple[MarginalLikelihood, EffectInputs]:
+        likelihood = MarginalLikelihood.of(linearise_recording(recording))
+        return likelihood, inputs_of_recording(likelihood, periodograms(likelihood))
 
-    readout, setting = made(recording)
-    known = readout.baseline
-    (cause,) = weigh_effects(readout, setting, [e for e in load_catalogue().effects if e.name == "backlash"])
+    likelihood, inputs = made(recording)
+    known = likelihood.linear
+    (cause,) = rank_effects(likelihood, inputs, [e for e in load_catalogue().effects if e.name == "backlash"])
     block = np.flatnonzero((known.visit >= 0) & (regions(known)[np.maximum(known.visit, 0)] == 2))
     x = recording["x_m"].copy()
     x[known.rows[block]] += 2e-4
     spoilt, _ = made(replace(recording, columns={**recording.columns, "x_m": x}))
-    sound, without = Joint(readout, [cause]), Joint(spoilt, [cause])
+    sound, without = JointFit(likelihood, [cause]), JointFit(spoilt, [cause])
     rows = block[known.on_platform[block]]
     places = [
-        Twin.by(joint.without(block), r, [cause], setting).readings_m(known.moments, rows, known.smr[rows])
-        for joint, r in ((sound, readout), (without, spoilt))
+        Twin.from_solution(joint.without(block), r, [cause], inputs).readings_m(known.context, rows, known.smr[rows])
+        for joint, r in ((sound, likelihood), (without, spoilt))
     ]
-    frames = [joint.without(block).fit.frame for joint in (sound, without)]
+    frames = [joint.without(block).fitted_machine.frame for joint in (sound, without)]
     stated = [frame.to_station(p) for frame, p in zip(frames, places, strict=True)]
     assert np.sqrt(np.mean((stated[0] - stated[1]) ** 2)) < 1.5e-6
     whole = [joint.solution.coefficients[0][0] for joint in (sound, without)]

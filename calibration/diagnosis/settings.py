@@ -1,0 +1,65 @@
+"""The numbers that decide a verdict, each with its source.
+
+Where the source is "tuned", the value was chosen on simulated rigs with known truth (`benchmarks.withheld.make_set`)
+without the final variants of the mock plant, which are reserved for scoring (docs/decisions/0007-marginal-evidence.md,
+docs/explanation/withheld.md). No value belongs to a single effect. Log evidence is in natural logarithms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Thresholds of the search for causes, of its probabilities, and of what counts as equivalent."""
+
+    # The search for causes.
+    max_causes: int = 3
+    """Effects that are included at most. Source: as many as a report lists and a user can act on."""
+    detection_threshold: float = 6.0
+    """Log evidence below which no effect is included. Source: tuned."""
+    min_gain_share: float = 0.006
+    """Log evidence that a further cause must add, over what is explained already. Source: tuned."""
+    min_gain_share_same_part: float = 0.03
+    """The same at a part that has a cause: the rest may be that cause's model error. Source: tuned."""
+    further_cause_penalty: float = 10.0
+    """Log evidence that each further cause costs, as several effects together mimic a single one. Source: tuned."""
+    further_cause_penalty_share: float = 0.02
+    """The same, over what is explained with it. Source: tuned."""
+    residual_search_threshold: float = 4.0
+    """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
+    curve_fit_share: float = 0.25
+    """Curves of an effect are fitted above this share of the strongest effect's log evidence. Source: computing time;
+    effects that won by a curve had more on the simulated rigs."""
+    curve_fit_share_at_place: float = 0.6
+    """The same among the places of one effect. Source: as above."""
+
+    # Probabilities.
+    none_prior_log_odds: float = 7.0
+    """Prior log odds of `none` against any effect at all. Source: tuned to the rate of false alarms."""
+    excess_threshold: float = 12.0
+    """Excess log evidence of the best non-parametric alternative at which `unknown` has even odds. Source: tuned."""
+    excess_share: float = 0.03
+    """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
+    excess_width: float = 4.0
+    """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""
+    excess_width_share: float = 0.008
+    """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
+    temperature_share: float = 0.01
+    """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
+    no basis set is exact. Source: tuned to calibrated probabilities."""
+
+    # Equivalent effects.
+    equivalent_sigma: float = 0.3
+    """RMS difference of two predictions below which effects are equivalent. Source: definition of *equivalent* in
+    docs/reference/definitions.md and docs/explanation/diagnosis.md."""
+    distinguishable: float = 10.0
+    """Log evidence below the verdict's at which the data exclude an effect. Source: tuned."""
+    distinguishable_share: float = 0.05
+    """The same, over the verdict's own log evidence. Source: tuned."""
+    max_compared: int = 6
+    """Effects next in the ranking that are compared with the verdict. Source: computing time."""
+
+
+VERDICT = VerdictSettings()

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,9 @@ from calibration.base.errors import InputError
 from calibration.base.toml_file import parse_toml, read_text
 from calibration.base.toml_text import to_toml
 from calibration.machine.description import parse_machine
+from calibration.recording.columns import Column
 from calibration.recording.header import RecordingFile
-from calibration.recording.recording import TEXT_COLUMNS, Recording, column_names, make_recording
+from calibration.recording.recording import Recording, make_recording
 
 MAX_ROWS = 200_000
 MAX_CSV_BYTES = 300_000_000
@@ -66,7 +69,8 @@ def _parse_rows(stream: io.TextIOBase, path: Path, file: RecordingFile) -> list[
     reader = csv.reader(stream)
     try:
         header = next(reader, [])
-        missing = [n for n in column_names(file.drives, file.sensors) if n not in header]
+        table = {column.name: column for column in file.column_table()}
+        missing = [name for name, column in table.items() if column.required and name not in header]
         if missing:
             raise InputError(f"{path}: no column '{missing[0]}'; see docs/reference/recording.md")
         if len(set(header)) != len(header):
@@ -77,22 +81,24 @@ def _parse_rows(stream: io.TextIOBase, path: Path, file: RecordingFile) -> list[
                 raise InputError(f"{path}: line {number} has {len(cells)} cells, the header {len(header)}")
             if len(rows) >= MAX_ROWS:
                 raise InputError(f"{path}: more than {MAX_ROWS} rows")
-            rows.append(_row(header, cells, path, number))
+            rows.append(_row(table, header, cells, path, number))
     except csv.Error as error:
         raise InputError(f"{path}: not CSV: {error}") from error
     return rows
 
 
-def _row(header: list[str], cells: list[str], path: Path, number: int) -> dict[str, float | str]:
+def _row(
+    table: Mapping[str, Column], header: list[str], cells: list[str], path: Path, number: int
+) -> dict[str, float | str]:
+    """The cells of a line by column. Columns that the table does not have are checked to be numbers, and not kept."""
     row: dict[str, float | str] = {}
     for name, cell in zip(header, cells, strict=True):
-        if name in TEXT_COLUMNS:
-            row[name] = cell
-            continue
         try:
-            row[name] = float(cell)
+            value = table[name].parse(cell) if name in table else float(cell)
         except ValueError:
             raise InputError(f"{path}: line {number}, column '{name}': '{cell[:40]}' is not a number") from None
+        if name in table:
+            row[name] = value
     return row
 
 
@@ -100,4 +106,6 @@ def _cell(value: object) -> str:
     if isinstance(value, np.str_ | str):
         return str(value)
     number = float(value)  # type: ignore[arg-type]
+    if math.isnan(number):  # an optional number that this reading lacks
+        return ""
     return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)

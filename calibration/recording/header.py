@@ -5,13 +5,14 @@ The rig file shares these sections. docs/reference/recording.md defines them.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from calibration.base.toml_file import Section
 from calibration.instruments.station_geometry import CertifiedLength, StationAccuracy
 from calibration.model.payload import PayloadEntry
+from calibration.recording.columns import Column, check_extra_columns, columns_of
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 
@@ -87,7 +88,31 @@ class RecordingFile(Section):
     )
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1, description="What was mounted, by number from 0 (none).")
     nuisance: DisturbanceLevels = Field(default=DisturbanceLevels(), description="Declared levels of disturbances.")
-    columns: dict[str, str] = Field(default_factory=dict, description="Meaning of further columns, by their names.")
+    extra_columns: dict[str, str] = Field(
+        default_factory=dict,
+        description="Further columns of the readings and what they are: part sensors, registers of the PLC. "
+        "A name ends in its unit.",
+    )
+    columns: dict[str, str] = Field(
+        default_factory=dict, description="Notes on columns of your own that are not read, by their names."
+    )
+
+    def column_table(self) -> tuple[Column, ...]:
+        """All columns that the readings may have, in order."""
+        return columns_of(self.drives, self.sensors, self.extra_columns)
+
+    @model_serializer(mode="wrap")
+    def _without_empty_extra_columns(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Versions that do not know `extra_columns` go on reading recordings that have none."""
+        data: dict[str, Any] = serialise(self)
+        if not self.extra_columns:
+            data.pop("extra_columns", None)
+        return data
+
+    @model_validator(mode="after")
+    def _check_extra_columns(self) -> Self:
+        check_extra_columns(self.drives, self.sensors, self.extra_columns)
+        return self
 
 
 HOUR_S = 3600.0

@@ -1,7 +1,7 @@
 """One campaign in memory: named columns of numbers, checked before anything uses them.
 
 The store, a recording folder and other people's programs all produce this; every analysis takes it.
-docs/reference/recording.md defines the columns.
+`columns` states them.
 """
 
 from __future__ import annotations
@@ -18,71 +18,14 @@ from calibration.machine.description import Machine
 from calibration.recording.header import RecordingFile
 
 PHASES = ("repeatability", "nests", "calibration", "verification_before", "verification_after")
-TEXT_COLUMNS = ("uid", "phase", "smr")
-COLUMNS: tuple[str, ...] = (
-    *TEXT_COLUMNS,
-    "sequence",
-    "visit",
-    "pose",
-    "pass",
-    "nest_check",
-    "t_rig_s",
-    "t_host_s",
-    "t_u_s",
-    "hz_rad",
-    "v_rad",
-    "slope_distance_m",
-    "station",
-    "face",
-    "prism_constant_m",
-    "ppm",
-    "x_m",
-    "y_m",
-    "z_m",
-    "cov_xx_m2",
-    "cov_xy_m2",
-    "cov_xz_m2",
-    "cov_yy_m2",
-    "cov_yz_m2",
-    "cov_zz_m2",
-    "samples",
-    "target_x_m",
-    "target_y_m",
-    "target_z_m",
-    "target_rx_rad",
-    "target_ry_rad",
-    "target_rz_rad",
-    "speed_m_per_s",
-    "dwell_s",
-    "air_temperature_c",
-    "pressure_hpa",
-    "humidity_percent",
-    "payload",
-    "payload_mass_kg",
-    "compensation",
-    "flags",
-)
-OPTIONAL_COLUMNS = ("edm_mode", "prism_type")  # settings of the station, which earlier recordings do not tell
-MISSING = -1.0
-DRIVE_COLUMNS = (
-    "commanded_m",
-    "actual_m",
-    "following_error_m",
-    "velocity_m_per_s",
-    "torque_ratio",
-    "direction",
-)
-COUNTS = ("sequence", "visit", "pose", "pass", "nest_check", "samples", "payload")
 MIN_DISTANCE_M = 0.1
-LARGEST_COUNT = 1e9
-LARGEST = {"m": 1e3, "rad": 1e2, "c": 200.0, "s": 1e11, "kg": 1e5, "m2": 1.0}
 
 
 @dataclass(frozen=True)
 class Recording:
     """One campaign: its description, the nominal machine, and named columns of equal length.
 
-    Numbers are float64 arrays, TEXT_COLUMNS arrays of str. Units are the suffix of a column's name.
+    Numbers and counts are float64 arrays, texts arrays of str. Units are the end of a column's name.
     """
 
     file: RecordingFile
@@ -97,6 +40,11 @@ class Recording:
             return self.columns[name]
         except KeyError:
             raise InputError(f"recording {self.file.campaign}: no column '{name}'; this analysis needs it") from None
+
+    def row(self, number: int) -> dict[str, float | str]:
+        """One reading by column; an optional number that it lacks is left out."""
+        row = {name: column[number].item() for name, column in self.columns.items()}
+        return {name: value for name, value in row.items() if isinstance(value, str) or math.isfinite(value)}
 
     def rows(self, *phases: str) -> Recording:
         """The rows of some phases."""
@@ -145,70 +93,38 @@ class Recording:
         return known[self["payload"].astype(int)]
 
 
-def column_names(drives: Sequence[str], sensors: Sequence[str]) -> tuple[str, ...]:
-    """All columns that a recording of a rig must have, in order."""
-    by_drive = tuple(f"{drive}_{quantity}" for drive in drives for quantity in DRIVE_COLUMNS)
-    return (*COLUMNS, *by_drive, *(f"{sensor}_temperature_c" for sensor in sensors))
-
-
 def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping[str, float | str]]) -> Recording:
-    """A recording from row dictionaries; InputError if a column is missing or a value is not fit.
+    """A recording from row dictionaries. Raises InputError if a column is missing or a value is invalid.
 
-    It has those of OPTIONAL_COLUMNS that some row has; rows without them count as not known.
+    It has those optional columns that some row has; rows without them hold `columns.MISSING`.
     """
     if file.drives != machine.drive_names:
         raise InputError(
             f"recording {file.campaign}: drives {', '.join(file.drives)} are not the machine's "
             f"{', '.join(machine.drive_names)}"
         )
-    names = column_names(file.drives, file.sensors)
     columns: dict[str, Array] = {}
-    for name in names:
+    table = [c for c in file.column_table() if c.required or any(c.name in row for row in rows)]
+    for column in table:
         try:
-            values = [row[name] for row in rows]
+            columns[column.name] = column.array(rows)
         except KeyError:
-            raise InputError(f"recording {file.campaign}: a row lacks '{name}'") from None
-        columns[name] = np.array(values, dtype=str if name in TEXT_COLUMNS else np.float64)
-    for name in OPTIONAL_COLUMNS:
-        if any(name in row for row in rows):
-            columns[name] = np.array([row.get(name, MISSING) for row in rows], dtype=np.float64)
+            raise InputError(f"recording {file.campaign}: a row lacks '{column.name}'") from None
     recording = Recording(file, machine, columns)
-    for check in (_check_numbers, _check_counts, _check_geometry, _check_names):
+    if len(recording) == 0:
+        raise _input_error(recording, "no readings")
+    for column in table:
+        try:
+            column.check(columns[column.name])
+        except InputError as error:
+            raise _input_error(recording, str(error)) from None
+    for check in (_check_geometry, _check_names):
         check(recording)
     return recording
 
 
 def _input_error(recording: Recording, text: str) -> InputError:
     return InputError(f"recording {recording.file.campaign}: {text}")
-
-
-def _check_numbers(recording: Recording) -> None:
-    """Finite, and within a plausible range of their unit."""
-    if len(recording) == 0:
-        raise _input_error(recording, "no readings")
-    for column, values in recording.columns.items():
-        if column in TEXT_COLUMNS:
-            continue
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise _input_error(recording, f"row {bad[0] + 1}, column '{column}' is not finite; remove the row")
-        limit = LARGEST.get(column.rsplit("_", 1)[-1], math.inf)
-        wild = np.flatnonzero(np.abs(values) > limit)
-        if wild.size:
-            value = values[wild[0]]
-            raise _input_error(
-                recording, f"row {wild[0] + 1}, column '{column}' = {value:g} is out of range; check its unit"
-            )
-
-
-def _check_counts(recording: Recording) -> None:
-    """Whole numbers where something is counted."""
-    for column in (*COUNTS, *(name for name in OPTIONAL_COLUMNS if name in recording.columns)):
-        wrong = np.flatnonzero((np.abs(recording[column]) > LARGEST_COUNT) | (recording[column] % 1.0 != 0.0))
-        if wrong.size:
-            raise _input_error(recording, f"row {wrong[0] + 1}, column '{column}' is not a count")
-    if np.any(recording["samples"] < 1.0):
-        raise _input_error(recording, "'samples' below 1; every reading is the mean of at least one")
 
 
 def _check_geometry(recording: Recording) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.instruments import station_geometry
-from calibration.recording.recording import DRIVE_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, column_names
+from calibration.recording.columns import columns_of
 from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
@@ -234,11 +234,11 @@ class StationDevice:
 
     def describe(self) -> dict[str, dict[str, Any]]:
         """Columns of a recording."""
-        names = column_names([d.name for d in self._rig.file.drives], self._rig.sensors)
+        columns = columns_of([d.name for d in self._rig.file.drives], self._rig.sensors)
         return {
-            name: {"source": "rig", "dtype": "string" if name in TEXT_COLUMNS else "number", "shape": []}
-            for name in (*names, *OPTIONAL_COLUMNS)
-            if name != "uid"
+            c.name: {"source": "rig", "dtype": "string" if c.kind == "text" else "number", "shape": []}
+            for c in columns
+            if c.name != "uid"
         }
 
     @property
@@ -332,7 +332,7 @@ class StationDevice:
         }
         for index, drive in enumerate(rig.file.drives):
             side = 0.0 if visit is None else float(visit.direction[index])
-            columns[f"{drive.name}_{DRIVE_COLUMNS[-1]}"] = side
+            columns[f"{drive.name}_direction"] = side
         return columns
 
     def _require_target(self, mean: MeanReading) -> None:

@@ -175,7 +175,7 @@ class Store:
         """Import a recording as a campaign, all or nothing."""
         rows = []
         for i in range(len(recording)):
-            data = {name: _to_json_value(column[i]) for name, column in recording.columns.items()}
+            data = recording.row(i)
             text = json.dumps(data, allow_nan=False)
             uid = str(data["uid"])
             rows.append(
@@ -238,10 +238,6 @@ def find_recording(name: str, out: Path) -> Recording:
 def now_text() -> str:
     """Now in UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _to_json_value(value: Any) -> float | str:
-    return str(value) if isinstance(value, str) else float(value)
 
 
 def _sync_to_disk(connection: Any, _record: object) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.instruments import station_geometry
+from calibration.recording.columns import column_names
 from calibration.recording.header import RecordingFile, StationEntry
-from calibration.recording.recording import Recording, column_names, make_recording
+from calibration.recording.recording import Recording, make_recording
 from mock_devices.plant.plant import Plant
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path

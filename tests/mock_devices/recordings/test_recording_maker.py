@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from calibration.instruments.station_geometry import point_covariances as expected_covariances
+from calibration.recording.columns import column_names as expected_columns
+from calibration.recording.columns import columns_of
 from calibration.recording.folder import read_folder
-from calibration.recording.recording import column_names as expected_columns
 from mock_devices.effects import EffectChoice
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.recordings.design import DesignOptions, draw_design, nominal_drives
@@ -24,6 +25,14 @@ EFFECTS = (EffectChoice("backlash", 4e-5), EffectChoice("friction_windup", 2e-8,
 
 def test_columns_are_those_of_the_format():
     assert column_names(FILE) == expected_columns(("left", "right"), SENSORS)
+
+
+def test_values_of_the_mock_are_within_the_limits_of_the_table():
+    made = bench(effects=EFFECTS).record()
+    table = {column.name: column for column in columns_of(("left", "right"), SENSORS)}
+    for name, values in made.columns.items():
+        assert (table[name].kind == "text") == (values.dtype.kind == "U"), name
+        table[name].check(values)
 
 
 def test_the_reader_takes_what_is_written_digit_for_digit(tmp_path):

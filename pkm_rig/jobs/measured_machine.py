@@ -95,7 +95,7 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
         "aliased_in_short": list(_short_sentences(observed)),
     }
     if former is not None:
-        before = _fit_as_owner_did(measured)
+        before = _fit_as_owner_did(measured, former.unknowns)
         found = explanations(before, model, readings)
         groups = group_indistinguishable(found, numbers)
         out["former"] = {
@@ -111,10 +111,9 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
     return out
 
 
-def _fit_as_owner_did(measured: MeasuredMachine) -> Fit:
+def _fit_as_owner_did(measured: MeasuredMachine, kinds: Sequence[str]) -> Fit:
     """The owner's kinds of unknowns by least squares, without unknowns for the instruments."""
-    assert measured.file.former is not None
-    model = Model(ParameterSet.of(measured.machine, measured.file.former.unknowns))
+    model = Model(ParameterSet.of(measured.machine, tuple(kinds)))
     return identify(model, measured.visits, measured.readings(nuisances=False), "least_squares")
 
 

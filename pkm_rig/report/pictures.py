@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -14,8 +13,6 @@ from calibration.compensation.error_map import ErrorMap
 from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import free_axes
 from calibration.reduction.reduction import CALIBRATION, Reduction, nest_shift
-
-mpl.use("Agg")
 
 BEFORE, AFTER, NEUTRAL = "#b0413e", "#2a6f97", "#5c677d"
 

@@ -1,7 +1,7 @@
-"""The rig clock: one time for the machine, its devices and everybody who waits.
+"""The rig clock: one time for the machine, its devices and everyone who waits.
 
-In one process time is virtual: it stands still while anybody works and jumps to the earliest due event
-when everybody waits. Between processes it is host time, multiplied by the rig file's `time_scale`.
+In one process time is virtual: it stands still while anyone works and jumps to the earliest due event
+when everyone waits. Between processes it is host time, multiplied by the rig file's `time_scale`.
 See docs/decisions/0001-rig-clock.md.
 """
 
@@ -56,7 +56,7 @@ class VirtualClock:
     """Event-ordered time for one process.
 
     `_running` counts what may still act at this instant: registered activities that do not sleep, frames
-    in flight, callbacks being run. A thread that works on somebody's behalf (a server answering a request,
+    in flight, callbacks being run. A thread that works on another's behalf (a server answering a request,
     a worker carrying out a move) is not counted: its client's activity is, and blocks. When such
     a thread sleeps it lends that activity's turn, so time can pass during a request and not around it.
     Time advances only towards a sleeper: callbacks alone (heartbeats) do not make it run away.
@@ -82,7 +82,8 @@ class VirtualClock:
         """Block until the clock has advanced by `duration_s`."""
         if duration_s <= 0.0:
             return
-        event = _Event(wake=threading.Event())
+        wake = threading.Event()
+        event = _Event(wake=wake)
         with self._lock:
             if self._closed:
                 return
@@ -95,8 +96,7 @@ class VirtualClock:
             with self._lock:
                 self._running -= 1
                 callback = self._advance(inline=True)
-        assert event.wake is not None
-        event.wake.wait()
+        wake.wait()
 
     def call_at(self, t_s: float, callback: Callable[[], None]) -> Callable[[], None]:
         """Call back once at `t_s`; returns a function that cancels."""

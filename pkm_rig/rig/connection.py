@@ -14,7 +14,6 @@ from calibration.machine.description import Machine
 from drivers.can.bus import open_bus
 from drivers.can.can_line import CanLine
 from drivers.drives.drive_group import DriveGroup
-from drivers.drives.drive_profile import DriveProfile
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from drivers.drives.table_bank import TableBank
 from drivers.errors import DeviceError
@@ -76,11 +75,7 @@ def connect_rig(
         )  # fmt: skip
         line = CanLine(bus)
         stack.callback(line.close)
-        profiles = [drive_profile(entry, rig_path) for entry in file.drives]
-        travels_m = [(float(low), float(high)) for low, high in machine.travel]
-        drives = [
-            _drive(file, i, line, clock, slow, guard_s, profiles[i], travels_m[i]) for i in range(len(file.drives))
-        ]
+        drives = _servo_drives(file, machine, line, clock, rig_path=rig_path, guard_s=guard_s)
         for drive in drives:
             stack.callback(drive.close)
             drive.connect(unreferenced=homing)
@@ -105,7 +100,7 @@ def connect_rig(
         period_s = file.limits.poll_period_s if real_time else None
         if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
             sys.setswitchinterval(SWITCH_S)
-        rig = Rig(file, machine, clock, tracker, group, banks, plc, period_s)
+        rig = Rig(file, machine, clock, station=tracker, drives=group, banks=banks, plc=plc, poll_period_s=period_s)
         stack.callback(_shut_down_safely, rig)
         rig.supervisor.start()
         yield rig
@@ -122,37 +117,35 @@ def _shut_down_safely(rig: Rig) -> None:
             drive.stop_master_watchdog()
 
 
-def _drive(
-    file: RigFile,
-    index: int,
-    line: CanLine,
-    clock: RigClock,
-    slow: float,
-    guard_s: float,
-    profile: DriveProfile,
-    travel_m: tuple[float, float],
-) -> ServoDrive:
-    entry = file.drives[index]
-    partner = file.drives[1 - index].node_id if len(file.drives) == 2 else None
-    expected = DriveExpectation(
-        vendor=entry.vendor_id,
-        product=entry.product_code,
-        metres_per_increment=entry.metres_per_increment,
-        travel_m=travel_m,
+def _servo_drives(
+    file: RigFile, machine: Machine, line: CanLine, clock: RigClock, *, rig_path: Path, guard_s: float
+) -> list[ServoDrive]:
+    """The drives of the rig file on a line, not connected yet; time limits are those of its time scale."""
+    slow = file.time_scale or 1.0
+    partners = (
+        [drive.node_id for drive in reversed(file.drives)] if len(file.drives) == 2 else [None] * len(file.drives)
     )
-    return ServoDrive(
-        line,
-        entry.node_id,
-        entry.name,
-        clock,
-        expected,
-        profile=profile,
-        partner_node_id=partner,
-        master_node_id=file.can.master_node_id,
-        master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
-        heartbeat_ms=min(60_000, round(1000 * slow)),
-        heartbeat_late_s=file.limits.heartbeat_s * slow,
-        heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
-        state_limit_s=3.0 * slow,
-        sdo_timeout_s=guard_s,
-    )
+    return [
+        ServoDrive(
+            line,
+            entry.node_id,
+            entry.name,
+            clock,
+            DriveExpectation(
+                vendor=entry.vendor_id,
+                product=entry.product_code,
+                metres_per_increment=entry.metres_per_increment,
+                travel_m=(float(low_m), float(high_m)),
+            ),
+            profile=drive_profile(entry, rig_path),
+            partner_node_id=partner,
+            master_node_id=file.can.master_node_id,
+            master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
+            heartbeat_ms=min(60_000, round(1000 * slow)),
+            heartbeat_late_s=file.limits.heartbeat_s * slow,
+            heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
+            state_limit_s=3.0 * slow,
+            sdo_timeout_s=guard_s,
+        )
+        for entry, partner, (low_m, high_m) in zip(file.drives, partners, machine.travel, strict=True)
+    ]

@@ -247,21 +247,27 @@ class StationDevice:
         return np.array([float(self._row[c]) for c in ("x_m", "y_m", "z_m")])
 
     def _expected_position_m(self) -> Array:
-        """Predicted place of the reflector in the machine frame, from the drives' commanded position."""
+        """Predicted position (3,) of the reflector in the machine frame, from the drives' commanded position."""
         machine, visit = self._rig.machine, self._tags.visit
         smr = machine.smr(self._smr)
         if smr.on == "floor":
             return smr.position_m
         if smr.on == "slider":
             return smr.position_m + machine.nominal.axis[smr.drive] * self._rig.positions_m()[smr.drive]
-        assert visit is not None, "a platform reflector is measured at a pose"
+        if visit is None:
+            raise RuntimeError(f"reflector {self._smr} on the platform is measured before any visit")
         return visit.target_m[:3] + smr.position_m
+
+    def _frame(self) -> Frame:
+        """The frame to aim in: the rough one of the rig file until points were measured."""
+        aim = self._tags.aim
+        if aim.frame is None:
+            aim.frame = self._rig.rough_frame()
+        return aim.frame
 
     def _aim(self) -> None:
         self._rig.refresh_atmosphere_if_stale()  # here, where no measurement is under way
-        if self._tags.aim.frame is None:
-            self._tags.aim.frame = self._rig.rough_frame()
-        point = self._tags.aim.frame.to_station(self._expected_position_m()[None])
+        point = self._frame().to_station(self._expected_position_m()[None])
         hz, v, _ = station_geometry.points_to_polar(point)
         window = SEARCH_WINDOW_RAD if self._tags.aim.is_fitted else INITIAL_SEARCH_WINDOW_RAD
         self._rig.station.point_and_aim(float(hz[0]), float(v[0]), window)
@@ -337,8 +343,6 @@ class StationDevice:
 
     def _require_target(self, mean: MeanReading) -> None:
         """A reflector far from its predicted position is another one, or the beam is obstructed."""
-        aim = self._tags.aim
-        assert aim.frame is not None
-        e, n, h = (float(x) for x in aim.frame.to_station(self._expected_position_m()[None])[0])
-        tolerance_m = TARGET_TOLERANCE_M if aim.is_fitted else INITIAL_TARGET_TOLERANCE_M
+        e, n, h = (float(x) for x in self._frame().to_station(self._expected_position_m()[None])[0])
+        tolerance_m = TARGET_TOLERANCE_M if self._tags.aim.is_fitted else INITIAL_TARGET_TOLERANCE_M
         self._rig.station.require_target(mean, (e, n, h), tolerance_m, self._smr)

@@ -18,21 +18,24 @@ _TEMPERATURE = "_temperature_c"
 def plc_line(plc: PlcConnection, rig_path: Path) -> ModbusLine:
     """The line to the PLC; files of certificates are beside the rig file."""
     if plc.transport == "rtu":
-        assert plc.serial_port is not None
+        if plc.serial_port is None:
+            raise InputError("rig file: plc: RTU needs serial_port")
         return RtuLine(plc.serial_port, plc.baudrate, plc.parity, plc.stop_bits)
     if plc.transport == "tcp":
         return TcpLine(plc.host, plc.port)
     folder = rig_path.parent
 
-    def beside(name: str | None) -> Path | None:
+    if plc.ca_file is None:
+        raise InputError("rig file: plc: TLS needs ca_file, the certificate that signs the PLC's")
+
+    def resolve(name: str | None) -> Path | None:
         return None if name is None else folder / name
 
-    ca_file = beside(plc.ca_file)
-    assert ca_file is not None
-    for path in (ca_file, beside(plc.certificate_file), beside(plc.key_file)):
+    certificate, key = resolve(plc.certificate_file), resolve(plc.key_file)
+    for path in (folder / plc.ca_file, certificate, key):
         if path is not None and not path.is_file():
             raise InputError(f"rig file: plc: there is no file {path}")
-    return TlsLine(plc.host, ca_file, plc.port, beside(plc.certificate_file), beside(plc.key_file))
+    return TlsLine(plc.host, folder / plc.ca_file, plc.port, certificate, key)
 
 
 def register_map(plc: PlcConnection) -> RegisterMap:

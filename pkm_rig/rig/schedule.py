@@ -65,8 +65,8 @@ def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Bl
     rng = np.random.default_rng([settings.seed, ORDER_STREAM])
     passes: dict[int, int] = {}
     return tuple(
-        _block(machine, settings, targets, payload, wanted, rng, passes)
-        for payload, wanted in ((0, first), (settings.loaded_payload, loaded), (0, last))
+        _block(machine, settings, targets, payload, pose_directions, rng, passes)
+        for payload, pose_directions in ((0, first), (settings.loaded_payload, loaded), (0, last))
     )
 
 
@@ -83,8 +83,8 @@ def verification_block(machine: Machine, settings: CampaignSettings, payload: in
     edge_side = rng.integers(0, 2, count).astype(float)
     unit[on_edge, edge_axis[on_edge]] = edge_side[on_edge]
     targets = _in_workspace(machine, unit)
-    wanted = [(n, 1 if n % 2 else -1) for n in range(count)]
-    return _block(machine, settings, targets, payload, wanted, rng, {})
+    pose_directions = [(n, 1 if n % 2 else -1) for n in range(count)]
+    return _block(machine, settings, targets, payload, pose_directions, rng, {})
 
 
 def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
@@ -120,35 +120,35 @@ def _inside(machine: Machine, rows: Sequence[tuple[float, ...]], what: str) -> A
 
 def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
     """Visits as they are given, a block wherever the payload changes; equal targets are one pose."""
-    given, count = settings.visits, len(machine.drive_names)
-    if len(given) < LEAST_VISITS:
-        raise InputError(f"campaign.visits: {len(given)} visit; give {LEAST_VISITS} or more")
-    for number, visit in enumerate(given, start=1):
+    visits, count = settings.visits, len(machine.drive_names)
+    if len(visits) < LEAST_VISITS:
+        raise InputError(f"campaign.visits: {len(visits)} visit; give {LEAST_VISITS} or more")
+    for number, visit in enumerate(visits, start=1):
         if visit.direction and len(visit.direction) != count:
             raise InputError(f"campaign.visits: visit {number} has {len(visit.direction)} sides for {count} drives")
-    targets = _inside(machine, [visit.target for visit in given], "campaign.visits: visit")
+    targets = _inside(machine, [visit.target for visit in visits], "campaign.visits: visit")
     drives = commanded_drives(machine, targets)
     poses: dict[tuple[float, ...], int] = {}
     passes: dict[int, int] = {}
     blocks: list[tuple[int, list[PlannedVisit]]] = []
-    for number, visit in enumerate(given):
+    for number, visit in enumerate(visits):
         pose = poses.setdefault(visit.target, len(poses))
         passes[pose] = passes.get(pose, -1) + 1
         if not blocks or blocks[-1][0] != visit.payload:
             blocks.append((visit.payload, []))
         blocks[-1][1].append(
             PlannedVisit(
-                pose,
-                passes[pose],
-                targets[number],
-                drives[number],
-                visit.payload,
-                visit.direction or (1,) * count,
-                settings.speeds_m_per_s[0] if visit.speed_m_per_s is None else visit.speed_m_per_s,
-                settings.dwells_s[0] if visit.dwell_s is None else visit.dwell_s,
+                pose=pose,
+                pass_=passes[pose],
+                target_m=targets[number],
+                drives_m=drives[number],
+                payload=visit.payload,
+                direction=visit.direction or (1,) * count,
+                speed_m_per_s=settings.speeds_m_per_s[0] if visit.speed_m_per_s is None else visit.speed_m_per_s,
+                dwell_s=settings.dwells_s[0] if visit.dwell_s is None else visit.dwell_s,
             )
         )
-    return tuple(Block(payload, tuple(visits)) for payload, visits in blocks)
+    return tuple(Block(payload, tuple(planned)) for payload, planned in blocks)
 
 
 def _in_workspace(machine: Machine, unit: Array) -> Array:
@@ -178,25 +178,25 @@ def _block(
     settings: CampaignSettings,
     targets: Array,
     payload: int,
-    wanted: list[tuple[int, int]],
+    pose_directions: list[tuple[int, int]],
     rng: np.random.Generator,
     passes: dict[int, int],
 ) -> Block:
     drives = commanded_drives(machine, targets)
     visits = []
-    for i in rng.permutation(len(wanted)):
-        pose, direction = wanted[i]
+    for i in rng.permutation(len(pose_directions)):
+        pose, direction = pose_directions[i]
         passes[pose] = passes.get(pose, -1) + 1
         visits.append(
             PlannedVisit(
-                pose,
-                passes[pose],
-                targets[pose],
-                drives[pose],
-                payload,
-                (direction,) * len(machine.drive_names),
-                float(rng.choice(settings.speeds_m_per_s)),
-                float(rng.choice(settings.dwells_s)),
+                pose=pose,
+                pass_=passes[pose],
+                target_m=targets[pose],
+                drives_m=drives[pose],
+                payload=payload,
+                direction=(direction,) * len(machine.drive_names),
+                speed_m_per_s=float(rng.choice(settings.speeds_m_per_s)),
+                dwell_s=float(rng.choice(settings.dwells_s)),
             )
         )
     return Block(payload, tuple(visits))

@@ -86,19 +86,19 @@ class Supervisor:
 
     def state(self) -> PlcState:
         """The PLC's values of the last poll; raises the trip, so that no stale value is ever used."""
-        self.require_good()
-        assert self._state is not None
-        return self._state
-
-    def require_good(self) -> None:
-        """Raise if the drives were stopped or nothing has been read yet."""
         if self._trip is not None:
             raise self._trip
-        if self._state is None:
+        state = self._state
+        if state is None:
             raise InterlockOpen("PLC", "supervision", "nothing read yet", "start supervision first")
-        age_s = self._clock.now_s() - self._state.t_rig_s
+        age_s = self._clock.now_s() - state.t_rig_s
         if not 0.0 <= age_s <= max(STALE_POLLS * self._period_s(), self._least_stale_s):
             raise StaleData("PLC", "supervision", f"last read {age_s:.1f} s ago", "check the PLC's connection")
+        return state
+
+    def require_good(self) -> None:
+        """Raise if the drives were stopped, nothing has been read yet or what was read is old."""
+        self.state()
 
     @contextmanager
     def during_motion(self) -> Iterator[None]:

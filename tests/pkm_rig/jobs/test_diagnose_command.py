@@ -128,7 +128,7 @@ def test_words_say_the_same(added):
         "at right",
         "shrink",
         "noise floor",
-        "the campaign simulated on twins made without each region's readings",
+        "campaign simulated on twins built without each region's readings",
         f"shrink {100.0 * added.result['twin']['shrink']:.0f} % (noise included",
         "pictures: ",
     ):

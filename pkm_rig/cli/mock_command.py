@@ -46,10 +46,10 @@ def mock(
     file = mock_rig.with_mock_options(load_rig(path)[0], seed, effect or ())
     twin_files = None if twin is None else mock_rig.TwinFiles(find_twin(twin, out), tuple(effects or ()))
     with mock_rig.serve_mock_rig(file, path, fault or (), twin_files) as devices:
-        for line in mock_rig.how_to_connect(file, devices):
-            results.print(line, soft_wrap=True)
-        sys.stdout.flush()
         stopped = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stopped.set())
+        for line in mock_rig.how_to_connect(file, devices):
+            results.print(line, soft_wrap=True)
+        sys.stdout.flush()
         stopped.wait()

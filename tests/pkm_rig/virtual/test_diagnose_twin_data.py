@@ -89,6 +89,17 @@ def test_what_was_written_is_read(made):
     assert again.to_data() == twin.to_data()
 
 
+def test_a_file_of_version_0_1_is_read(made):
+    """It has the answers on periods and onsets in the order of the questions, without the questions."""
+    twin, data = made
+    assert any(added["periods_asked"] for added in data["added"])
+    old = copy.deepcopy(data)
+    for added in old["added"]:
+        del added["periods_asked"], added["onsets_asked"]
+    again = Twin.from_data(twin.machine.text, old)
+    assert again.to_data() == data
+
+
 @pytest.mark.parametrize("bad", BAD, ids=lambda v: f"{str(v)[:8]}")
 def test_any_wrong_value_is_one_line(made, bad):
     twin, data = made
@@ -123,6 +134,9 @@ def test_what_is_no_twin_at_all_is_one_line(made, data):
         (("added", 0, "coefficients", 0), 1e300),
         (("added", 0, "periods_m", 0, 0), 0),
         (("added", 0, "periods_m"), []),
+        (("added", 0, "periods_asked"), []),
+        (("added", 0, "periods_asked", 0, 0), 0.5),
+        (("added", 0, "onsets_asked"), [["travel.left"]]),
         (("added", 0, "effect"), "no\nsuch"),
         (("start_s",), "soon"),
         (("fit", "values", 0), 1e4),

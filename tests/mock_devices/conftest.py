@@ -6,7 +6,6 @@ import itertools
 from pathlib import Path
 
 import can
-import hypothesis
 import pytest
 
 from mock_devices.machine_file import read_machine_file
@@ -15,10 +14,6 @@ from mock_devices.settings import MockSettings
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 from tests.mock_devices.standing import StandingPlant
-
-# Host time says nothing about a test, and every run shall try the same cases.
-hypothesis.settings.register_profile("mock_devices", deadline=None, derandomize=True)
-hypothesis.settings.load_profile("mock_devices")
 
 _channels = itertools.count()
 

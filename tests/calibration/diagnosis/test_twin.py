@@ -191,9 +191,7 @@ BAD = st.sampled_from([
 ])  # fmt: skip
 
 
-@settings(
-    max_examples=120, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(pick=st.integers(0, 10**6), value=BAD, kind=st.sampled_from(["set", "set", "delete", "twice"]))
 def test_hostile_data_are_refused_in_one_line(little, pick, value, kind):
     """Whatever is changed: one line at reading or at use, or a finite answer; no other exception, no warning."""

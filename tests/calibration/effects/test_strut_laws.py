@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
@@ -54,7 +54,6 @@ def test_a_law_grows_from_zero_and_knows_its_derivative(name, tension):
     assert slope == pytest.approx(numeric, rel=1e-4, abs=1e-12)
 
 
-@settings(deadline=None)
 @given(
     free=st.lists(st.floats(-5e4, 5e4), min_size=1, max_size=6),
     restraint=st.floats(0.0, 1e8),

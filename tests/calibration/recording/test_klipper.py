@@ -194,13 +194,13 @@ PIECES = st.sampled_from([
 ])  # fmt: skip
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.one_of(st.text(max_size=200), st.lists(PIECES, max_size=40).map("".join)))
 def test_any_text_gives_a_printer_or_one_line(text):
     assert "\n" not in complaint_about(text)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(new=st.text(max_size=12) | st.integers().map(str) | st.floats().map(str), data=st.data())
 def test_any_change_to_a_good_file_gives_a_printer_or_one_line(text, new, data):
     at = data.draw(st.integers(0, len(text)))

@@ -180,7 +180,7 @@ def test_missing_and_stray_files_are_named(copy):
         read_measurements(copy)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(["coordinates.csv", "distances.csv", "measurements.toml"]),
     data=st.binary(max_size=30),

@@ -125,7 +125,7 @@ def test_missing_columns_rows_and_files_are_named(copy):
         write_folder(record(2, calibration_poses=6), copy)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=300), at=st.integers(0, 5000))
 def test_any_bytes_in_the_csv_give_a_recording_or_one_line(folder, tmp_path, data, at):
     broken = tmp_path / "broken"

@@ -40,7 +40,7 @@ def test_order_is_random_but_repeatable(machine):
     assert [v.pose for v in one[0].visits] != [v.pose for v in other[0].visits]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10_000), poses=st.integers(6, 64))
 def test_every_target_lies_in_the_workspace_and_within_the_travel(seed, poses):
     machine = load_machine(shipped_machine("planar4"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ssl
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
@@ -13,7 +14,7 @@ import can
 
 from mock_devices.can.socketcand_server import SocketCandServer
 from mock_devices.clock import RigClock
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from mock_devices.drives.table_bank import machine_id_of
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.machine_file import MachineFile
@@ -24,15 +25,31 @@ from mock_devices.station.mock_station import MockStation
 from mock_devices.station.station_server import PtyStationServer, StationServer, TcpStationServer
 
 
+@dataclass(frozen=True)
+class MockPorts:
+    """How the servers of a mock rig are reached. A port of 0 takes a free one.
+
+    The station is on a pseudo terminal or on TCP at `station_port`, the PLC on Modbus `plc` at `plc_port`, with
+    `plc_tls` as the context of TLS. Without `socketcand_port` there is no socketcand server.
+    """
+
+    host: str = "127.0.0.1"
+    station: Literal["pty", "tcp"] = "pty"
+    station_port: int = 0
+    plc: Literal["tcp", "tls", "rtu"] = "tcp"
+    plc_port: int = 0
+    plc_tls: ssl.SSLContext | None = None
+    socketcand_port: int | None = None
+
+
 class MockRig:
-    """Starts everything when made; `close`, or leaving the context, stops it.
+    """Starts everything on construction; `close`, or leaving the context, stops it.
 
     `bus_factory` gives each drive (and each socketcand client) a bus on the one CAN line; the rig shuts them down.
-    Node ids default to 1, 2, ... in the order of the machine file. Ports 0 are free ones; without
-    `socketcand_port` there is no socketcand server. `master_limit_s` is how long the PLC waits for the master's
-    heartbeat. `client_bus_factory` is for socketcand clients where they are to have another kind of bus. The nodes in
-    `without_blocks` know no SDO block transfer. `plant` is another one to serve, on the same clock. `faults`
-    strike in all servers; those of the host's bus (can-...) are for whoever makes that bus (`FaultyBus`).
+    Node ids default to 1, 2, ... in the order of the machine file. `master_limit_s` is how long the PLC waits for the
+    master's heartbeat. `client_bus_factory` gives socketcand clients another kind of bus. The nodes in
+    `without_blocks` have no SDO block transfer. `plant` is another one to serve, on the same clock. `faults`
+    strike in all servers; those of the host's bus (can-...) belong to the code that makes that bus (`FaultyBus`).
     """
 
     def __init__(
@@ -42,20 +59,15 @@ class MockRig:
         clock: RigClock,
         bus_factory: Callable[[], can.BusABC],
         *,
-        station: Literal["pty", "tcp"] = "pty",
-        station_port: int = 0,
-        plc_port: int = 0,
-        socketcand_port: int | None = None,
-        plc_transport: Literal["tcp", "tls", "rtu"] = "tcp",
-        plc_tls: ssl.SSLContext | None = None,
+        ports: MockPorts | None = None,
         master_limit_s: float = 2.0,
-        host: str = "127.0.0.1",
         node_ids: tuple[int, ...] | None = None,
         without_blocks: tuple[int, ...] = (),
         client_bus_factory: Callable[[], can.BusABC] | None = None,
         faults: FaultPlan = NO_FAULTS,
         plant: Plant | None = None,
     ) -> None:
+        ports = ports or MockPorts()
         self.faults = faults
         self._without_blocks = without_blocks
         self.plant = plant or Plant(machine_path, settings, clock)
@@ -74,10 +86,10 @@ class MockRig:
             self.plant.attach(self.drives)
             self.plc = PlcServer(
                 self.plant,
-                host,
-                plc_port,
-                transport=plc_transport,
-                tls=plc_tls,
+                ports.host,
+                ports.plc_port,
+                transport=ports.plc,
+                tls=ports.plc_tls,
                 faults=faults,
                 master_limit_s=master_limit_s,
             )
@@ -85,13 +97,13 @@ class MockRig:
             responder = MockStation(self.plant, faults)
             self.station_server: StationServer = (
                 PtyStationServer(responder, faults)
-                if station == "pty"
-                else TcpStationServer(responder, host, station_port, faults=faults)
+                if ports.station == "pty"
+                else TcpStationServer(responder, ports.host, ports.station_port, faults=faults)
             )
             self._started.callback(self.station_server.close)
             self.socketcand: SocketCandServer | None = None
-            if socketcand_port is not None:
-                self.socketcand = SocketCandServer(client_bus_factory or bus_factory, host, socketcand_port)
+            if ports.socketcand_port is not None:
+                self.socketcand = SocketCandServer(client_bus_factory or bus_factory, ports.host, ports.socketcand_port)
                 self._started.callback(self.socketcand.close)
         except BaseException:
             self.close()
@@ -131,18 +143,20 @@ class MockRig:
         count = len(machine.sliders)
         return DriveServer(
             node_id,
-            machine.sliders[index].name,
+            MockAxis(
+                name=machine.sliders[index].name,
+                partner_node_id=partner,
+                machine_id=machine_id_of(machine.name),
+                travel_m=machine.sliders[index].travel_m,
+                start_m=home_m(machine, index),
+                is_first=index == 0,
+                absolute_encoder=self.plant.settings.absolute_encoders,
+                block_transfer=node_id not in self._without_blocks,
+            ),
             bus,
             clock,
-            partner_node_id=partner,
-            machine_id=machine_id_of(machine.name),
-            travel_m=machine.sliders[index].travel_m,
-            start_m=home_m(machine, index),
             load_kg=lambda: self.plant.moving_mass_kg() / count + self.plant.friction_kg(index),
             faults=self.faults,
-            block_transfer=node_id not in self._without_blocks,
-            is_first=index == 0,
-            absolute_encoder=self.plant.settings.absolute_encoders,
         )
 
 

@@ -27,7 +27,7 @@ from drivers.errors import DeviceError
 from drivers.plc.modbus_line import TcpLine
 from drivers.plc.plc import Plc
 from mock_devices.can.socketcand_server import SocketCandServer
-from mock_devices.rig import MockRig
+from mock_devices.rig import MockPorts, MockRig
 from mock_devices.settings import MockSettings
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig, machine_path
@@ -127,7 +127,7 @@ def mock_rig() -> Iterator[MockRig]:
 
     path = machine_path(file, embedded_rig_path())
     try:
-        with MockRig(path, MockSettings(), clock, bus, socketcand_port=0) as mock:
+        with MockRig(path, MockSettings(), clock, bus, ports=MockPorts(socketcand_port=0)) as mock:
             yield mock
     finally:
         clock.close()

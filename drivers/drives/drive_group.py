@@ -42,13 +42,25 @@ class RestLimits:
     following_error_m: float = 20e-6
 
 
+@dataclass(frozen=True)
+class GroupTiming:
+    """Rig time, except `pdo_timeout_s` for the answers to one SYNC, which is host time.
+
+    A move is polled every `poll_period_s`, far from its end every `cruise_period_s` (at least `poll_period_s`); a new
+    set-point must be acknowledged within `handshake_limit_s`.
+    """
+
+    poll_period_s: float = 0.05
+    cruise_period_s: float = 0.2
+    pdo_timeout_s: float = 1.0
+    handshake_limit_s: float = 1.0
+
+
 class DriveGroup:
     """Moves all drives together, samples them at SYNC and stops them as one.
 
-    `pdo_timeout_s` is host time; the rest is rig time. `sync` sends SYNC (default: the drives' line does).
-    `stop_all` and `sample` may be called from any thread at any time; one move at a time. A move is polled every
-    `poll_period_s`, far from its end every `cruise_period_s`; an EMCY of one drive stops all without waiting
-    for the next poll.
+    `sync` sends SYNC (default: the drives' line). `stop_all` and `sample` may be called from any thread at any time;
+    one move at a time. An EMCY of one drive stops all without waiting for the next poll.
     """
 
     def __init__(
@@ -58,21 +70,19 @@ class DriveGroup:
         *,
         sync: Callable[[], None] | None = None,
         rest: RestLimits | None = None,
-        poll_period_s: float = 0.05,
-        cruise_period_s: float = 0.2,
-        pdo_timeout_s: float = 1.0,
-        handshake_limit_s: float = 1.0,
+        timing: GroupTiming | None = None,
     ) -> None:
+        timing = timing or GroupTiming()
         if not drives or any(drive.line is not drives[0].line for drive in drives):
             raise ValueError("a group is one or more drives on one CAN line")
         self.drives = tuple(drives)
-        self.poll_period_s = poll_period_s
-        self.cruise_period_s = max(cruise_period_s, poll_period_s)
+        self.poll_period_s = timing.poll_period_s
+        self.cruise_period_s = max(timing.cruise_period_s, timing.poll_period_s)
         self.rest = rest or RestLimits()
         self.line = drives[0].line
         self._clock = clock or HostClock()
-        self._sampler = SyncSampler(self.drives, self._clock, sync or self.line.send_sync, pdo_timeout_s)
-        self._handshake_limit_s = handshake_limit_s
+        self._sampler = SyncSampler(self.drives, self._clock, sync or self.line.send_sync, timing.pdo_timeout_s)
+        self._handshake_limit_s = timing.handshake_limit_s
         self._command_lock = threading.Lock()
         self._move_lock = threading.Lock()
         self._stop_reason: str | None = None

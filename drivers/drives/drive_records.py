@@ -44,6 +44,24 @@ class DriveExpectation:
 
 
 @dataclass(frozen=True)
+class DriveTimeouts:
+    """How long a drive may take. Rig time, except `sdo_s` for one SDO answer, which is host time.
+
+    `state_s` is the limit for a change of state. The drive sends its heartbeat every `heartbeat_ms`; it is late after
+    `heartbeat_late_s` and lost after `heartbeat_lost_s`. `master_lost_ms`: after that time without the master's
+    heartbeat the drive stops by itself.
+    """
+
+    sdo_s: float = 1.0
+    state_s: float = 3.0
+    poll_period_s: float = 0.02
+    heartbeat_ms: int = 500
+    heartbeat_late_s: float = 1.0
+    heartbeat_lost_s: float = 2.5
+    master_lost_ms: int = 1500
+
+
+@dataclass(frozen=True)
 class DriveIdentity:
     """Identity object 0x1018."""
 

@@ -15,12 +15,19 @@ from drivers.clock import HostClock, RigClock
 from drivers.drives import cia402, objects
 from drivers.drives.cia402 import State
 from drivers.drives.drive_profile import DriveProfile, load_profile
-from drivers.drives.drive_records import DriveExpectation, DriveIdentity, DriveSample, Emergency, Heartbeat
+from drivers.drives.drive_records import (
+    DriveExpectation,
+    DriveIdentity,
+    DriveSample,
+    DriveTimeouts,
+    Emergency,
+    Heartbeat,
+)
 from drivers.drives.drive_setup import DriveSetup
 from drivers.drives.reference import ReferenceState
 from drivers.errors import DriveFault, MotionTimeout, StaleData
 
-__all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "Emergency", "Heartbeat", "ServoDrive"]
+__all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "DriveTimeouts", "Emergency", "Heartbeat", "ServoDrive"]
 
 _OPERATIONAL = 5
 _MIN_POLLS = 10  # however fast rig time runs
@@ -32,11 +39,9 @@ _EMERGENCY = struct.Struct("<HB")
 class ServoDrive:
     """One drive on a CAN line.
 
-    SDO transfers are one at a time; controlwords go by RPDO1 and wait for no transfer. Times are rig time
-    except `sdo_timeout_s` (host). A heartbeat is late after `heartbeat_late_s` and lost after
-    `heartbeat_lost_s`. With a `master_node_id` the drive quick-stops by itself when that node's heartbeat stays away
-    for `master_lost_ms`, once it has been heard. Every method that talks to the drive raises ConnectionFailed,
-    NoAnswer, SdoRefused or ProtocolError when the talk fails.
+    SDO transfers are one at a time; controlwords are sent by RPDO1 and wait for no transfer. With a `master_node_id`
+    the drive quick-stops by itself when that node's heartbeat, once heard, stays away. Every method that communicates
+    with the drive raises ConnectionFailed, NoAnswer, SdoRefused or ProtocolError if that fails.
     """
 
     def __init__(
@@ -50,13 +55,7 @@ class ServoDrive:
         profile: DriveProfile | None = None,
         partner_node_id: int | None = None,
         master_node_id: int | None = None,
-        master_lost_ms: int = 1500,
-        sdo_timeout_s: float = 1.0,
-        heartbeat_ms: int = 500,
-        heartbeat_late_s: float = 1.0,
-        heartbeat_lost_s: float = 2.5,
-        state_limit_s: float = 3.0,
-        poll_period_s: float = 0.02,
+        timeouts: DriveTimeouts | None = None,
     ) -> None:
         if not 1 <= node_id <= 127:
             raise ValueError(f"{name}: node id {node_id} is not in 1..127")
@@ -77,16 +76,11 @@ class ServoDrive:
         self.mode: int | None = None
         self.sync_period_s = math.nan
         self.tpdo_counts = [0, 0]
-        self.sdo = SdoAccess(line, node_id, name, sdo_timeout_s)
+        self._timeouts = timeouts or DriveTimeouts()
+        self.sdo = SdoAccess(line, node_id, name, self._timeouts.sdo_s)
         self._clock = clock or HostClock()
         self._partner_node_id = partner_node_id
         self._master_node_id = master_node_id
-        self._master_lost_ms = min(master_lost_ms, 0xFFFF)
-        self._heartbeat_ms = heartbeat_ms
-        self._heartbeat_late_s = heartbeat_late_s
-        self._heartbeat_lost_s = heartbeat_lost_s
-        self._state_limit_s = state_limit_s
-        self._poll_period_s = poll_period_s
         self._tpdos = [b"", b""]
         self._heartbeat_s: float | None = None
         self._nmt_state: int | None = None
@@ -123,9 +117,9 @@ class ServoDrive:
         self.reference.ask()
         if not unreferenced:
             self.reference.require()
-        setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._heartbeat_ms)
+        setup.set_and_compare(objects.HEARTBEAT_PRODUCER, self._timeouts.heartbeat_ms)
         if self._master_node_id is not None:
-            setup.watch_master(self._master_node_id, self._master_lost_ms)
+            setup.watch_master(self._master_node_id, min(self._timeouts.master_lost_ms, 0xFFFF))
         self.set_mode(cia402.PROFILE_POSITION)
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
@@ -303,9 +297,9 @@ class ServoDrive:
         age_s = self.heartbeat_age_s()
         if age_s is None:
             return Heartbeat.NEVER
-        if age_s > self._heartbeat_lost_s or age_s < 0.0:  # a clock that went back tells nothing about ages
+        if age_s > self._timeouts.heartbeat_lost_s or age_s < 0.0:  # a clock that went back tells nothing about ages
             return Heartbeat.LOST
-        return Heartbeat.LATE if age_s > self._heartbeat_late_s else Heartbeat.ALIVE
+        return Heartbeat.LATE if age_s > self._timeouts.heartbeat_late_s else Heartbeat.ALIVE
 
     def check(self) -> None:
         """Raise ConnectionFailed (line lost), StaleData (heartbeat lost) or DriveFault (drive restarted)."""
@@ -346,7 +340,7 @@ class ServoDrive:
         return DriveFault(self.name, self.where, what + because, "remove the cause, then reset the fault")
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        end_s = self._clock.now_s() + self._state_limit_s
+        end_s = self._clock.now_s() + self._timeouts.state_s
         polls = 0
         while not condition():
             self.line.check()
@@ -355,10 +349,10 @@ class ServoDrive:
                 raise MotionTimeout(
                     self.name,
                     self.where,
-                    f"{what} not reached in {self._state_limit_s:g} s",
+                    f"{what} not reached in {self._timeouts.state_s:g} s",
                     "check the drive's display, its power and its enable inputs",
                 )
-            self._clock.sleep_s(self._poll_period_s)
+            self._clock.sleep_s(self._timeouts.poll_period_s)
 
     def _on_heartbeat(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
         if len(data) != 1:

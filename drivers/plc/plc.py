@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from pymodbus import ModbusException
@@ -29,12 +29,25 @@ _REQUEST_PAYLOAD = 1
 _CHECK = "check address, unit id and network of the PLC"
 
 
+@dataclass(frozen=True)
+class PlcTiming:
+    """`reply_timeout_s` is host time, the others are rig time.
+
+    The PLC's heartbeat must change within `heartbeat_limit_s`; ours is sent with a read every `beat_period_s`;
+    `poll_period_s` is between two looks while something is waited for.
+    """
+
+    reply_timeout_s: float = 1.0
+    heartbeat_limit_s: float = 1.0
+    poll_period_s: float = 0.1
+    beat_period_s: float = 0.25
+
+
 class Plc:
     """One PLC.
 
-    `heartbeat_limit_s` and the limit of `request_payload` are rig time, `reply_timeout_s` is host time. After any
-    failure the connection is opened anew, so that no late answer is taken for a new one, and a read is made once
-    more; a command is never written twice. Our heartbeat goes with a read (function 23) every `beat_period_s`.
+    After any failure the connection is opened anew, so that no late answer is taken for a new one, and a read is
+    repeated once; a command is never written twice. Our heartbeat is sent together with a read (function 23).
     """
 
     def __init__(
@@ -45,24 +58,22 @@ class Plc:
         clock: RigClock | None = None,
         *,
         name: str = "PLC",
-        reply_timeout_s: float = 1.0,
-        heartbeat_limit_s: float = 1.0,
-        poll_period_s: float = 0.1,
-        beat_period_s: float = 0.25,
+        timing: PlcTiming | None = None,
     ) -> None:
+        timing = timing or PlcTiming()
         self.name = name
         self.where = f"{line} unit {unit}"
         self.map = register_map or RegisterMap()
         self._modbus_line, self._unit = line, unit
         self._clock = clock or HostClock()
-        self._reply_timeout_s = reply_timeout_s
-        self._heartbeat_limit_s = heartbeat_limit_s
-        self._poll_period_s = poll_period_s
+        self._reply_timeout_s = timing.reply_timeout_s
+        self._heartbeat_limit_s = timing.heartbeat_limit_s
+        self._poll_period_s = timing.poll_period_s
         self._lock = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
         self._client: ModbusBaseClient | None = None
-        self._beat_period_s = beat_period_s
+        self._beat_period_s = timing.beat_period_s
         self._beat, self._beaten_s = 0, -math.inf
         self._connected_s = -math.inf
         self._heartbeat: int | None = None

@@ -11,6 +11,7 @@ import logging
 import re
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import serial
@@ -91,12 +92,25 @@ class GeoComFloat(Byte):
         return self._digits + "0" if self._digits.endswith(".") else self._digits
 
 
+@dataclass(frozen=True)
+class StationLine:
+    """The serial line to a station and how long calls may take.
+
+    Time-outs are host time: `reply_timeout_s` for calls that answer at once, `motion_timeout_s` for those that move the
+    telescope or measure. A call to a busy station is repeated for `busy_limit_s` of rig time.
+    """
+
+    baudrate: int = 115200
+    reply_timeout_s: float = 5.0
+    motion_timeout_s: float = 30.0
+    busy_limit_s: float = 5.0
+
+
 class GeoComSession:
     """Calls to one station, one at a time, from any thread.
 
-    Time-outs are host time: `reply_timeout_s` for calls that answer at once, `motion_timeout_s` for
-    those that move the telescope or measure. A busy station is asked again for `busy_limit_s` of rig time.
-    `first_transaction` goes on from the session before, so that its late answers cannot pass for new ones.
+    `first_transaction` continues the numbers of the previous session, so that its late answers cannot be taken for
+    new ones. Raises ConnectionFailed if the port cannot be opened.
     """
 
     def __init__(
@@ -104,27 +118,25 @@ class GeoComSession:
         device: str,
         port_url: str,
         clock: RigClock,
+        line: StationLine | None = None,
         *,
-        baudrate: int = 115200,
-        reply_timeout_s: float = 5.0,
-        motion_timeout_s: float = 30.0,
-        busy_limit_s: float = 5.0,
         first_transaction: int = 0,
     ) -> None:
+        line = line or StationLine()
         self.device = device
         self.where = port_url
         self._clock = clock
         self._lock = threading.RLock()
-        self._reply_timeout_s = reply_timeout_s
-        self._motion_timeout_s = motion_timeout_s
-        self._busy_limit_s = busy_limit_s
+        self._reply_timeout_s = line.reply_timeout_s
+        self._motion_timeout_s = line.motion_timeout_s
+        self._busy_limit_s = line.busy_limit_s
         try:
             port = serial.serial_for_url(
-                port_url, baudrate=baudrate, timeout=reply_timeout_s, write_timeout=reply_timeout_s
+                port_url, baudrate=line.baudrate, timeout=line.reply_timeout_s, write_timeout=line.reply_timeout_s
             )
         except (OSError, ValueError) as error:
             raise ConnectionFailed(device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE) from error
-        self._line = SerialLine(port, clock, reply_timeout_s)
+        self._line = SerialLine(port, clock, line.reply_timeout_s)
         self.geocom = GeoComCalls(self._line, first_transaction)
 
     def call(self, rpc: int, *parameters: float) -> Call:

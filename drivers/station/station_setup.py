@@ -1,4 +1,4 @@
-"""What is compared, written and read back before a station may be used."""
+"""What is compared, written and read back before a station is used."""
 
 from __future__ import annotations
 
@@ -25,12 +25,26 @@ Air = tuple[float, float, float]  # pressure in hPa, dry and wet temperature in 
 
 @dataclass(frozen=True)
 class StationIdentity:
-    """Who answers on the port."""
+    """Which station answers on the port."""
 
     name: str
     serial: int
     firmware: tuple[int, int, int]
     geocom: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class StationSettings:
+    """What `connect` writes to a station and reads back: the settings of the reflectors in use.
+
+    None for `edm_mode` or `prism_type` keeps the station's own. With `checksums` they are used if the station supports
+    them; otherwise each measured value is fetched twice and must be the same both times.
+    """
+
+    edm_mode: EDMModeV2 | None = EDMModeV2.SINGLE_STANDARD
+    prism_type: Prism | None = Prism.MINI
+    prism_constant_m: float = 0.0
+    checksums: bool = True
 
 
 @dataclass(frozen=True)
@@ -40,15 +54,15 @@ class StationSetup:
     session: GeoComSession
 
     def set_precision(self) -> None:
-        """Have values written with all digits, and read that back."""
+        """Have the station send all digits, and read that back."""
         session, com = self.session, self.session.geocom.com
         session.ask(lambda: com.set_double_precision(_DIGITS), values=False)
         digits = session.ask(com.get_double_precision)
         if digits != _DIGITS:
-            raise self._not_taken("number of digits", _DIGITS, digits)
+            raise self._not_accepted("number of digits", _DIGITS, digits)
 
     def read_identity(self, expected_serial: int | None) -> StationIdentity:
-        """Who answers. Raises IdentityMismatch."""
+        """Read the identity. Raises IdentityMismatch."""
         session, csv, com = self.session, self.session.geocom.csv, self.session.geocom.com
         identity = StationIdentity(
             name=session.ask(csv.get_instrument_name),
@@ -66,7 +80,7 @@ class StationSetup:
         return identity
 
     def set_distance_mode(self, mode: EDMModeV2 | None) -> int:
-        """Set the distance mode (2020) unless it is None; returns the one that is on."""
+        """Set the distance mode (2020) unless it is None; returns the active one."""
         tmc = self.session.geocom.tmc
         if mode is None:
             return self.read_distance_mode()
@@ -74,7 +88,7 @@ class StationSetup:
         return int(mode.value)
 
     def read_distance_mode(self) -> int:
-        """The distance mode that is on (2021), GeoCOM's number."""
+        """The active distance mode (2021), GeoCOM's number."""
         return int(self.session.ask(self.session.geocom.tmc.get_edm_mode_v2).value)
 
     def read_prism(self) -> tuple[int, float]:
@@ -82,22 +96,23 @@ class StationSetup:
         bap, tmc = self.session.geocom.bap, self.session.geocom.tmc
         return int(self.session.ask(bap.get_prism_type).value), float(self.session.ask(tmc.get_prism_correction))
 
-    def has_settings(self, mode: EDMModeV2 | None, prism: Prism | None, constant_m: float) -> bool:
-        """Whether the station has these settings; None for one that does not matter."""
+    def has_settings(self, settings: StationSettings) -> bool:
+        """Whether the station has this distance mode, prism type and constant already."""
+        mode, prism = settings.edm_mode, settings.prism_type
         mode_now = self.read_distance_mode()
         prism_now, constant_now_m = self.read_prism()
         return (
             (mode is None or mode_now == mode.value)
             and (prism is None or prism_now == prism.value)
-            and _same_constant(constant_now_m, constant_m)
+            and _same_constant(constant_now_m, settings.prism_constant_m)
         )
 
     def require_settings(self, mode: int, prism: int, constant_m: float, air: Air | None) -> None:
-        """Raise SettingsChanged where distance mode, prism type, prism constant or air (None: not set) are others."""
+        """Raise SettingsChanged if distance mode, prism type, prism constant or air (None: not set) differ."""
         mode_now = self.read_distance_mode()
         prism_now, constant_now_m = self.read_prism()
         air_now = air if air is None else tuple(self.read_atmosphere()[1:])
-        for what, same, wanted, found in (
+        for what, same, required_value, value_on_station in (
             ("edm_mode", mode_now == mode, _name(EDMModeV2, mode), _name(EDMModeV2, mode_now)),
             ("prism_type", prism_now == prism, _name(Prism, prism), _name(Prism, prism_now)),
             ("prism_constant_m", _same_constant(constant_now_m, constant_m), constant_m, constant_now_m),
@@ -107,31 +122,31 @@ class StationSetup:
                 raise SettingsChanged(
                     self.session.device,
                     self.session.where,
-                    f"{what} was set to {wanted} and is now {found}",
-                    "leave its keyboard alone and connect again; readings since the last nest check are not used",
+                    f"{what} was set to {required_value} and is now {value_on_station}",
+                    "do not use its keyboard; connect again; readings since the last nest check are not used",
                 )
 
     def set_prism(self, prism: Prism | None, constant_m: float) -> int:
-        """Set prism type (17008) unless it is None and constant (2024); returns the type that is on then.
+        """Set prism type (17008) unless it is None and constant (2024); returns the type that is then active.
 
-        Both are read back after the constant was set, which may bring another type with it.
+        Both are read back after the constant was set, which may change the type.
         """
         if prism is not None:
             bap = self.session.geocom.bap
             self.session.ask(lambda: bap.set_prism_type(prism), values=False)
         self.session.ask(self.session.call(_SET_PRISM_CONSTANT, constant_m), values=False)
-        kind, taken_m = self.read_prism()
-        if prism is not None and kind != prism.value:
-            raise self._not_taken("prism type", _name(Prism, int(prism.value)), _name(Prism, kind))
-        if not _same_constant(taken_m, constant_m):
-            raise self._not_taken("prism constant", constant_m, taken_m)
-        return kind
+        active_prism, constant_read_back_m = self.read_prism()
+        if prism is not None and active_prism != prism.value:
+            raise self._not_accepted("prism type", _name(Prism, int(prism.value)), _name(Prism, active_prism))
+        if not _same_constant(constant_read_back_m, constant_m):
+            raise self._not_accepted("prism constant", constant_m, constant_read_back_m)
+        return active_prism
 
     def read_atmosphere(self) -> Sequence[float]:
-        """Wavelength in m, pressure in hPa, dry and wet temperature in degC, as the station holds them."""
+        """Wavelength in m, pressure in hPa, dry and wet temperature in degC, as set in the station."""
         values: Sequence[float] = self.session.ask(self.session.geocom.tmc.get_atmospheric_corrections)
         if not all(math.isfinite(value) for value in values):
-            raise self.out_of_range("atmosphere", values[0])
+            raise out_of_range(self.session, "atmosphere", values[0])
         return values
 
     def set_atmosphere(self, wavelength_m: float, temperature_c: float, pressure_hpa: float, humidity: float) -> Air:
@@ -139,40 +154,39 @@ class StationSetup:
         wet_c = wet_bulb_c(temperature_c, pressure_hpa, humidity)
         air = (float(pressure_hpa), float(temperature_c), wet_c)
         self.session.ask(self.session.call(_SET_ATMOSPHERE, wavelength_m, *air), values=False)
-        taken = tuple(self.read_atmosphere()[1:])
-        if not _same_air(air, taken):
-            raise self._not_taken("atmosphere", air, taken)
+        value_read_back = tuple(self.read_atmosphere()[1:])
+        if not _same_air(air, value_read_back):
+            raise self._not_accepted("atmosphere", air, value_read_back)
         return air
 
     def read_ppm(self, temperature_c: float, pressure_hpa: float, humidity: float) -> float:
-        """The station's own ppm (2151) where it tells; else by the formula of its manual."""
+        """The station's own ppm (2151) if it reports it, otherwise by the formula of its manual."""
         try:
             ppm = float(self.session.ask(self.session.geocom.tmc.get_atmospheric_correction_ppm))
         except NotImplementedByStation:
             return atmospheric_ppm(temperature_c, pressure_hpa, humidity)
         if not abs(ppm) < 1000.0:
-            raise self.out_of_range("ppm", ppm)
+            raise out_of_range(self.session, "ppm", ppm)
         return ppm
-
-    def out_of_range(self, what: str, value: float) -> ProtocolError:
-        """A value that cannot be."""
-        return ProtocolError(
-            self.session.device, self.session.where, f"{what} of {value} cannot be", "measure again; check the line"
-        )
 
     def _set(self, what: str, value: object, write: Callable[[], Any], read: Callable[[], Any]) -> None:
         self.session.ask(write, values=False)
-        taken = self.session.ask(read)
-        if taken != value:
-            raise self._not_taken(what, value, taken)
+        value_read_back = self.session.ask(read)
+        if value_read_back != value:
+            raise self._not_accepted(what, value, value_read_back)
 
-    def _not_taken(self, what: str, asked: object, taken: object) -> ProtocolError:
+    def _not_accepted(self, what: str, requested_value: object, value_read_back: object) -> ProtocolError:
         return ProtocolError(
             self.session.device,
             self.session.where,
-            f"{what}: {asked} was set, {taken} is read back",
+            f"{what}: {requested_value} was set, {value_read_back} is read back",
             _CHECK_SETTINGS,
         )
+
+
+def out_of_range(session: GeoComSession, what: str, value: float) -> ProtocolError:
+    """The error for a value that is not possible."""
+    return ProtocolError(session.device, session.where, f"{what} of {value} cannot be", "measure again; check the line")
 
 
 def _same_constant(one_m: float, other_m: float) -> bool:
@@ -184,7 +198,7 @@ def _same_air(one: Sequence[float], other: Sequence[float]) -> bool:
 
 
 def _name(kind: type[Enum], number: int) -> str:
-    """As the rig file calls it; the number where there is no such name."""
+    """The name in the rig file, or the number if there is none."""
     try:
         return kind(number).name.lower()
     except ValueError:

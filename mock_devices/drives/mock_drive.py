@@ -13,6 +13,7 @@ import logging
 import threading
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from typing import Any
@@ -42,48 +43,55 @@ _PARAMETERS = range(0x1400, 0x1C00)  # what 0x1010 keeps
 _log = logging.getLogger(__name__)
 
 
-class DriveServer:
-    """One drive at `node_id`. It owns `bus` and shuts it down in `close`.
+@dataclass(frozen=True)
+class MockAxis:
+    """What a mock drive is built with.
 
-    `machine_id` is that of table images, `load_kg` tells the mass that this drive carries. Positions in metres are
-    true encoder positions, whatever the drive counts; it starts under its brake at `start_m`. Many drives know no
-    `block_transfer`, and many have no `absolute_encoder`.
+    `machine_id` is that of table images. Positions in metres are true encoder positions, whatever the drive counts; it
+    starts under its brake at `start_m`. Faults of the drives strike the one that `is_first`. Many real drives have no
+    `absolute_encoder`, and many no SDO `block_transfer`.
     """
+
+    name: str
+    partner_node_id: int
+    machine_id: bytes
+    travel_m: tuple[float, float]
+    start_m: float
+    is_first: bool = True
+    absolute_encoder: bool = True
+    block_transfer: bool = True
+
+
+class DriveServer:
+    """One drive at `node_id`. It owns `bus` and shuts it down in `close`; `load_kg` gives the mass that it carries."""
 
     def __init__(
         self,
         node_id: int,
-        axis_name: str,
+        axis: MockAxis,
         bus: can.BusABC,
         clock: RigClock,
         *,
-        partner_node_id: int,
-        machine_id: bytes,
-        travel_m: tuple[float, float],
-        start_m: float,
         load_kg: Callable[[], float] = lambda: 0.0,
         faults: FaultPlan = NO_FAULTS,
-        block_transfer: bool = True,
-        is_first: bool = True,
-        absolute_encoder: bool = True,
     ) -> None:
-        self.node_id, self.axis_name = node_id, axis_name
+        self.node_id, self.axis_name = node_id, axis.name
         self._lock = threading.RLock()
         self._closed = False
-        self._clock, self.faults, self.is_first = clock, faults, is_first
-        low_inc, high_inc = (_increments(limit) for limit in travel_m)
-        self.compensation = Compensation(node_id, machine_id)
+        self._clock, self.faults, self.is_first = clock, faults, axis.is_first
+        low_inc, high_inc = (_increments(limit) for limit in axis.travel_m)
+        self.compensation = Compensation(node_id, axis.machine_id)
         self.axis = DriveAxis(
             clock.now_s,
             AxisLimits(low_inc, high_inc),
             self.compensation,
-            start_m / METRES_PER_INCREMENT,
+            axis.start_m / METRES_PER_INCREMENT,
             self._send_emergency,
-            absolute=absolute_encoder,
+            absolute=axis.absolute_encoder,
         )
         self._node = _Node(node_id, _dictionary(node_id), self._stored, faults)
         self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
-        self._node.data_store[0x1401] = {1: (0x280 + partner_node_id).to_bytes(4, "little")}
+        self._node.data_store[0x1401] = {1: (0x280 + axis.partner_node_id).to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
         self._heartbeat = Heartbeat(clock, self._send_state)
@@ -99,7 +107,7 @@ class DriveServer:
             self._node.sdo.on_request,
             faults,
             self.power_cycle,
-            blocks=block_transfer,
+            blocks=axis.block_transfer,
         )
         self._nmt = NmtSlave(node_id, send=self._send_heartbeat, changed=self._nmt_changed, reset=self._nmt_reset)
         self._tpdos: list[Mapping] = []

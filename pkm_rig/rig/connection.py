@@ -13,12 +13,15 @@ import can
 from calibration.machine.description import Machine
 from drivers.can.bus import open_bus
 from drivers.can.can_line import CanLine
-from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_group import DriveGroup, GroupTiming
+from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from drivers.drives.table_bank import TableBank
 from drivers.errors import DeviceError
-from drivers.plc.plc import Plc
+from drivers.plc.plc import Plc, PlcTiming
+from drivers.station.geocom import StationLine
 from drivers.station.laser_tracker import EDMModeV2, LaserTracker, Prism
+from drivers.station.station_setup import StationSettings
 from pkm_rig.rig.clock import RigClock, ScaledClock
 from pkm_rig.rig.config import RigFile, drive_profile
 from pkm_rig.rig.plc_connection import plc_line, register_map
@@ -63,10 +66,12 @@ def connect_rig(
             file.plc.unit,
             register_map(file.plc),
             clock,
-            heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
-            poll_period_s=PLC_POLL_S,
-            reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if real else guard_s,
-            beat_period_s=BEAT_PERIOD_S * slow,
+            timing=PlcTiming(
+                heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
+                poll_period_s=PLC_POLL_S,
+                reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if real else guard_s,
+                beat_period_s=BEAT_PERIOD_S * slow,
+            ),
         )
         stack.callback(plc.close)
         plc.connect()
@@ -80,19 +85,25 @@ def connect_rig(
             stack.callback(drive.close)
             drive.connect(unreferenced=homing)
         group = DriveGroup(
-            drives, clock, poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s
+            drives,
+            clock,
+            timing=GroupTiming(poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s),
         )
         banks = [TableBank(drive) for drive in drives if drive.profile.compensation is not None]
         tracker = LaserTracker(
             station.port,
             clock,
             name=station.name,
-            baudrate=station.baudrate,
-            reply_timeout_s=station.reply_timeout_s,
-            motion_timeout_s=station.motion_timeout_s,
-            edm_mode=EDMModeV2[station.edm_mode.upper()],
-            prism_type=Prism[station.prism_type.upper()],
-            prism_constant_m=station.prism_constant_m,
+            settings=StationSettings(
+                edm_mode=EDMModeV2[station.edm_mode.upper()],
+                prism_type=Prism[station.prism_type.upper()],
+                prism_constant_m=station.prism_constant_m,
+            ),
+            line=StationLine(
+                baudrate=station.baudrate,
+                reply_timeout_s=station.reply_timeout_s,
+                motion_timeout_s=station.motion_timeout_s,
+            ),
         )
         stack.callback(tracker.close)
         tracker.connect()
@@ -122,6 +133,14 @@ def _servo_drives(
 ) -> list[ServoDrive]:
     """The drives of the rig file on a line, not connected yet; time limits are those of its time scale."""
     slow = file.time_scale or 1.0
+    timeouts = DriveTimeouts(
+        sdo_s=guard_s,
+        state_s=3.0 * slow,
+        heartbeat_ms=min(60_000, round(1000 * slow)),
+        heartbeat_late_s=file.limits.heartbeat_s * slow,
+        heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
+        master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
+    )
     partners = (
         [drive.node_id for drive in reversed(file.drives)] if len(file.drives) == 2 else [None] * len(file.drives)
     )
@@ -140,12 +159,7 @@ def _servo_drives(
             profile=drive_profile(entry, rig_path),
             partner_node_id=partner,
             master_node_id=file.can.master_node_id,
-            master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
-            heartbeat_ms=min(60_000, round(1000 * slow)),
-            heartbeat_late_s=file.limits.heartbeat_s * slow,
-            heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
-            state_limit_s=3.0 * slow,
-            sdo_timeout_s=guard_s,
+            timeouts=timeouts,
         )
         for entry, partner, (low_m, high_m) in zip(file.drives, partners, machine.travel, strict=True)
     ]

@@ -24,7 +24,7 @@ from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.plant import Plant, Sighting
 from mock_devices.plant.thermal import SENSORS
-from mock_devices.rig import MockRig
+from mock_devices.rig import MockPorts, MockRig
 from mock_devices.settings import DisturbanceLevels, InstrumentProfile, MockSettings, Payload
 from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
@@ -179,17 +179,19 @@ def serve_mock_rig(
                 settings_of(file, rig_path),
                 clock,
                 bus,
-                station="tcp" if over_tcp else "pty",
-                station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
-                plc_port=file.plc.port,
-                plc_transport=file.plc.transport,
-                plc_tls=_server_certificate(file, rig_path),
                 master_limit_s=file.limits.plc_heartbeat_s * scaled.time_scale,
-                socketcand_port=file.can.port,
                 node_ids=tuple(drive.node_id for drive in file.drives),
                 client_bus_factory=lambda: FaultyBus(bus(), plan),
                 faults=plan,
                 plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
+                ports=MockPorts(
+                    station="tcp" if over_tcp else "pty",
+                    station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
+                    plc_port=file.plc.port,
+                    plc=file.plc.transport,
+                    plc_tls=_server_certificate(file, rig_path),
+                    socketcand_port=file.can.port,
+                ),
             ) as mock,
             nullcontext() if over_tcp else _link_terminal("station", Path(port), Path(mock.station_url)),
             _link_terminal("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 import can
 
 from drivers.can.can_line import CanLine
-from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_group import DriveGroup, GroupTiming
+from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from mock_devices.faults import FaultPlan
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
@@ -92,17 +93,19 @@ def benches() -> Iterator[Open]:
             for node in (1, 2):
                 server = DriveServer(
                     node,
-                    f"q{node}",
+                    MockAxis(
+                        name=f"q{node}",
+                        partner_node_id=3 - node,
+                        machine_id=b"\0" * 16,
+                        travel_m=(-0.5, 0.5),
+                        start_m=0.0 if absolute else 0.003,
+                        is_first=node == 1,
+                        absolute_encoder=absolute,
+                        block_transfer=blocks,
+                    ),
                     EmbeddedBus(channel, clock),
                     clock,
-                    partner_node_id=3 - node,
-                    machine_id=b"\0" * 16,
-                    travel_m=(-0.5, 0.5),
-                    start_m=0.0 if absolute else 0.003,
                     faults=faults or FaultPlan(),
-                    block_transfer=blocks,
-                    is_first=node == 1,
-                    absolute_encoder=absolute,
                 )
                 stack.callback(server.close)
                 servers.append(server)
@@ -118,12 +121,14 @@ def benches() -> Iterator[Open]:
                     DriveExpectation(),
                     partner_node_id=3 - n,
                     master_node_id=MASTER,
-                    sdo_timeout_s=GUARD_S,
+                    timeouts=DriveTimeouts(sdo_s=GUARD_S),
                 )
                 for n in (1, 2)
             ]
             stack.enter_context(clock.activity())
-            bench = Bench(clock, bus, line, servers, drives, DriveGroup(drives, clock, pdo_timeout_s=GUARD_S))
+            bench = Bench(
+                clock, bus, line, servers, drives, DriveGroup(drives, clock, timing=GroupTiming(pdo_timeout_s=GUARD_S))
+            )
             for drive in drives:
                 drive.connect(unreferenced=not absolute)
             bench.beat()

@@ -13,7 +13,7 @@ import can
 import calibration
 from drivers.can.bus import open_bus
 from mock_devices.faults import FaultPlan
-from mock_devices.rig import MockRig
+from mock_devices.rig import MockPorts, MockRig
 from mock_devices.settings import MockSettings
 from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
@@ -45,9 +45,8 @@ def _start(stack: ExitStack, clock: RigClock, *, tcp: bool = False, socketcand: 
             MockSettings(),
             clock,
             bus,
-            station="tcp" if tcp else "pty",
-            socketcand_port=0 if socketcand else None,
             faults=faults,
+            ports=MockPorts(station="tcp" if tcp else "pty", socketcand_port=0 if socketcand else None),
         )
     )
     if not socketcand:

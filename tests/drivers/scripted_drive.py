@@ -14,7 +14,8 @@ from collections.abc import Callable
 import can
 
 from drivers.can.can_line import CanLine
-from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_group import DriveGroup, GroupTiming
+from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
@@ -223,7 +224,7 @@ class Rig:
         self._thread.start()
         self.line = CanLine(EmbeddedBus(channel, self.clock), "bus")
         self.servos = [self.servo(1), self.servo(2)]
-        self.group = DriveGroup(self.servos, self.clock, pdo_timeout_s=0.2)
+        self.group = DriveGroup(self.servos, self.clock, timing=GroupTiming(pdo_timeout_s=0.2))
 
     def servo(self, node: int, **expected: float) -> ServoDrive:
         wanted = {"vendor": VENDOR, "product": PRODUCT, "metres_per_increment": 1e-8, **expected}
@@ -232,9 +233,9 @@ class Rig:
             node,
             f"drive {node}",
             self.clock,
-            DriveExpectation(**wanted),  # type: ignore[arg-type]
+            DriveExpectation(**wanted),
             partner_node_id=3 - node,
-            sdo_timeout_s=0.1,
+            timeouts=DriveTimeouts(sdo_s=0.1),
         )
 
     def connect(self) -> None:

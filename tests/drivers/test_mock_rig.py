@@ -8,9 +8,10 @@ import pytest
 
 from drivers.can.can_line import CanLine
 from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
 from drivers.plc.modbus_line import TcpLine
-from drivers.plc.plc import Plc
+from drivers.plc.plc import Plc, PlcTiming
 from pkm_rig.rig.clock import ScaledClock
 from tests.drivers.mock_rig_bench import TRANSPORTS, Bench, mock_rigs
 
@@ -31,10 +32,12 @@ def test_two_drives(bench: Bench) -> None:
                 bench.clock,
                 DriveExpectation(),
                 partner_node_id=3 - node,
-                heartbeat_ms=round(500 * slow),
-                heartbeat_late_s=slow,
-                heartbeat_lost_s=5.0 * slow,
-                state_limit_s=3.0 * slow,
+                timeouts=DriveTimeouts(
+                    heartbeat_ms=round(500 * slow),
+                    heartbeat_late_s=slow,
+                    heartbeat_lost_s=5.0 * slow,
+                    state_s=3.0 * slow,
+                ),
             )
             for node in (1, 2)
         ]
@@ -52,7 +55,7 @@ def test_two_drives(bench: Bench) -> None:
 def test_the_plc(bench: Bench) -> None:
     slow = bench.clock.time_scale if isinstance(bench.clock, ScaledClock) else 1.0
     host, port = bench.mock.plc_address
-    plc = Plc(TcpLine(host, port), clock=bench.clock, heartbeat_limit_s=slow)
+    plc = Plc(TcpLine(host, port), clock=bench.clock, timing=PlcTiming(heartbeat_limit_s=slow))
     try:
         state = plc.connect()
         state.require_safe()

@@ -11,7 +11,7 @@ from canopen.objectdictionary import eds
 
 import mock_devices.drives.mock_drive
 from mock_devices.machine_file import MachineFileError
-from mock_devices.rig import MockRig, home_m
+from mock_devices.rig import MockPorts, MockRig, home_m
 from mock_devices.settings import MockSettings
 
 EDS = mock_devices.drives.mock_drive.__file__.replace("mock_drive.py", "mock_drive.eds")
@@ -19,7 +19,7 @@ EDS = mock_devices.drives.mock_drive.__file__.replace("mock_drive.py", "mock_dri
 
 @pytest.fixture
 def rig(machine_path, clock, bus_factory):
-    with MockRig(machine_path, MockSettings(seed=5), clock, bus_factory, socketcand_port=0) as rig:
+    with MockRig(machine_path, MockSettings(seed=5), clock, bus_factory, ports=MockPorts(socketcand_port=0)) as rig:
         yield rig
 
 
@@ -57,7 +57,7 @@ def test_a_move_over_the_bus_moves_the_reflectors(rig, bus_factory, clock):
 
 
 def test_the_station_can_be_behind_tcp(machine_path, clock, bus_factory):
-    with MockRig(machine_path, MockSettings(), clock, bus_factory, station="tcp") as rig:
+    with MockRig(machine_path, MockSettings(), clock, bus_factory, ports=MockPorts(station="tcp")) as rig:
         assert rig.station_url.startswith("socket://127.0.0.1:")
         with pytest.raises(ValueError, match="no socketcand"):
             _ = rig.socketcand_address
@@ -75,7 +75,7 @@ def test_closing_twice_is_once_and_a_failed_start_leaves_nothing_behind(machine_
     rig.close()
     taken = socket.create_server(("127.0.0.1", 0))
     with taken, pytest.raises(OSError, match="cannot listen"):
-        MockRig(machine_path, MockSettings(), clock, bus_factory, plc_port=taken.getsockname()[1])
+        MockRig(machine_path, MockSettings(), clock, bus_factory, ports=MockPorts(plc_port=taken.getsockname()[1]))
     bad = tmp_path / "bad.toml"
     bad.write_text("format = 2")
     with pytest.raises(MachineFileError):

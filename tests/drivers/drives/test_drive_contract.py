@@ -16,13 +16,14 @@ from drivers.can.bus import open_bus
 from drivers.can.can_line import CanLine
 from drivers.can.drive_object import DriveObject
 from drivers.drives.cia402 import PROFILE_POSITION, State
-from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_group import DriveGroup, GroupTiming
+from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.homing import HomingParameters
 from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.errors import ConnectionFailed, DeviceError, DriveFault, NotReferenced, SdoRefused
 from mock_devices.can.slcan_adapter import SlcanAdapter
 from mock_devices.can.socketcand_server import SocketCandServer
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
@@ -48,14 +49,16 @@ class Bench:
         for node in (1, 2):
             server = DriveServer(
                 node,
-                f"q{node}",
+                MockAxis(
+                    name=f"q{node}",
+                    partner_node_id=3 - node,
+                    machine_id=b"\0" * 16,
+                    travel_m=(-0.5, 0.5),
+                    start_m=0.0,
+                    block_transfer=node == 1,
+                ),
                 bus(),
                 self.clock,
-                partner_node_id=3 - node,
-                machine_id=b"\0" * 16,
-                travel_m=(-0.5, 0.5),
-                start_m=0.0,
-                block_transfer=node == 1,
             )
             stack.callback(server.close)
             self.servers.append(server)
@@ -72,15 +75,17 @@ class Bench:
                 DriveExpectation(),
                 partner_node_id=3 - node,
                 master_node_id=127,
-                master_lost_ms=60_000,
-                heartbeat_ms=round(500 * SLOW),
-                heartbeat_late_s=SLOW,
-                heartbeat_lost_s=5.0 * SLOW,
-                state_limit_s=3.0 * SLOW,
+                timeouts=DriveTimeouts(
+                    master_lost_ms=60_000,
+                    heartbeat_ms=round(500 * SLOW),
+                    heartbeat_late_s=SLOW,
+                    heartbeat_lost_s=5.0 * SLOW,
+                    state_s=3.0 * SLOW,
+                ),
             )
             for node in (1, 2)
         ]
-        self.group = DriveGroup(self.drives, self.clock, handshake_limit_s=SLOW)
+        self.group = DriveGroup(self.drives, self.clock, timing=GroupTiming(handshake_limit_s=SLOW))
         for drive in self.drives:
             drive.connect()
 

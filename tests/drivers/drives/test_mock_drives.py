@@ -13,11 +13,12 @@ import pytest
 from drivers.can.can_line import CanLine
 from drivers.drives.cia402 import State
 from drivers.drives.drive_group import DriveGroup
+from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
 from drivers.drives.table_bank import Activation, TableBank, activate_all
 from drivers.drives.table_image import TableImage, machine_id_of
 from drivers.errors import ConnectionFailed, DriveFault, SdoRefused, Stopped
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 from tests.drivers.drives.test_table_image import make_image
@@ -45,20 +46,24 @@ def bench() -> Iterator[Bench]:
         for node in (1, 2):
             server = DriveServer(
                 node,
-                f"q{node}",
+                MockAxis(
+                    name=f"q{node}",
+                    partner_node_id=3 - node,
+                    machine_id=machine_id_of("planar4"),
+                    travel_m=(-0.5, 0.5),
+                    start_m=0.0,
+                ),
                 EmbeddedBus(channel, clock),
                 clock,
-                partner_node_id=3 - node,
-                machine_id=machine_id_of("planar4"),
-                travel_m=(-0.5, 0.5),
-                start_m=0.0,
             )
             stack.callback(server.close)
             servers.append(server)
         line = CanLine(EmbeddedBus(channel, clock), "bus")
         stack.callback(line.close)
         drives = [
-            ServoDrive(line, n, f"q{n}", clock, DriveExpectation(), partner_node_id=3 - n, sdo_timeout_s=0.2)
+            ServoDrive(
+                line, n, f"q{n}", clock, DriveExpectation(), partner_node_id=3 - n, timeouts=DriveTimeouts(sdo_s=0.2)
+            )
             for n in (1, 2)
         ]
         with clock.activity():
@@ -103,7 +108,7 @@ def test_identity_units_and_heartbeat(bench: Bench) -> None:
 
 
 def test_an_absent_node(bench: Bench) -> None:
-    absent = ServoDrive(bench.line, 9, "q9", bench.clock, sdo_timeout_s=0.05)
+    absent = ServoDrive(bench.line, 9, "q9", bench.clock, timeouts=DriveTimeouts(sdo_s=0.05))
     with pytest.raises(ConnectionFailed, match="node id 9"):
         absent.connect()
 

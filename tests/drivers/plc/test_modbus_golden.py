@@ -13,7 +13,7 @@ import pytest
 from pymodbus.framer.rtu import FramerRTU
 
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine
-from drivers.plc.plc import Plc
+from drivers.plc.plc import Plc, PlcTiming
 from drivers.plc.plc_registers import ReadingRegister, RegisterMap
 from tests.drivers.scripted import CountingClock
 
@@ -126,7 +126,7 @@ def line(request: pytest.FixtureRequest, script: Script) -> Iterator[tuple[Modbu
 
 def test_connecting_and_a_payload_by_the_byte(line: tuple[ModbusLine, list[ScriptedPlc]]) -> None:
     where, played = line
-    plc = Plc(where, clock=CountingClock(), reply_timeout_s=2.0, poll_period_s=0.05)
+    plc = Plc(where, clock=CountingClock(), timing=PlcTiming(reply_timeout_s=2.0, poll_period_s=0.05))
     state = plc.connect()
     assert (state.heartbeat, state.pressure_hpa, state.humidity) == (8, 1002.5, 0.45)
     assert plc.request_payload(2).payload == 2
@@ -139,7 +139,9 @@ def test_connecting_and_a_payload_by_the_byte(line: tuple[ModbusLine, list[Scrip
 def test_a_further_register_comes_with_the_same_read(line: tuple[ModbusLine, list[ScriptedPlc]]) -> None:
     where, played = line
     registers = RegisterMap(readings={"coolant": COOLANT})
-    plc = Plc(where, register_map=registers, clock=CountingClock(), reply_timeout_s=2.0, poll_period_s=0.05)
+    plc = Plc(
+        where, register_map=registers, clock=CountingClock(), timing=PlcTiming(reply_timeout_s=2.0, poll_period_s=0.05)
+    )
     state = plc.connect()
     plc.close()
     assert state.readings == {"coolant": pytest.approx(23.5)}

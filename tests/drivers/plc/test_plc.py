@@ -20,7 +20,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
 from drivers.plc.modbus_line import TcpLine
-from drivers.plc.plc import Plc
+from drivers.plc.plc import Plc, PlcTiming
 from drivers.plc.plc_registers import ReadingRegister, Register, RegisterMap, decode
 from tests.drivers.scripted import CountingClock
 
@@ -103,7 +103,7 @@ def server() -> Iterator[ModbusPlc]:
 
 @pytest.fixture
 def plc(server: ModbusPlc) -> Iterator[Plc]:
-    plc = Plc(TcpLine("127.0.0.1", server.port), clock=CountingClock(), reply_timeout_s=0.5)
+    plc = Plc(TcpLine("127.0.0.1", server.port), clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.5))
     yield plc
     plc.close()
 
@@ -195,18 +195,22 @@ def test_nobody_listens() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(ConnectionFailed, match="no connection"):
-        Plc(TcpLine("127.0.0.1", port), clock=CountingClock(), reply_timeout_s=0.2).connect()
+        Plc(TcpLine("127.0.0.1", port), clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.2)).connect()
 
 
 def test_a_peer_that_does_not_answer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        plc = Plc(TcpLine("127.0.0.1", listener.getsockname()[1]), clock=CountingClock(), reply_timeout_s=0.05)
+        plc = Plc(
+            TcpLine("127.0.0.1", listener.getsockname()[1]),
+            clock=CountingClock(),
+            timing=PlcTiming(reply_timeout_s=0.05),
+        )
         with pytest.raises(NoAnswer, match="no answer"):
             plc.connect()
 
 
 def test_a_wrong_unit(server: ModbusPlc) -> None:
-    plc = Plc(TcpLine("127.0.0.1", server.port), unit=9, clock=CountingClock(), reply_timeout_s=0.2)
+    plc = Plc(TcpLine("127.0.0.1", server.port), unit=9, clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.2))
     with pytest.raises((NoAnswer, PlcError)):
         plc.connect()
 
@@ -263,7 +267,12 @@ def test_our_heartbeat_goes_with_the_reads_and_a_plc_that_does_not_see_it_is_not
 def test_a_sensor_that_stands_still_is_old(server: ModbusPlc) -> None:
     air = Register(4, -20.0, 60.0, stale_s=10.0)
     registers = RegisterMap(temperatures_c={"air": air})
-    plc = Plc(TcpLine("127.0.0.1", server.port), register_map=registers, clock=CountingClock(), reply_timeout_s=0.5)
+    plc = Plc(
+        TcpLine("127.0.0.1", server.port),
+        register_map=registers,
+        clock=CountingClock(),
+        timing=PlcTiming(reply_timeout_s=0.5),
+    )
     plc.connect()
     for celsius in (20.6, 20.7, 20.8):
         plc._clock.sleep_s(8.0)
@@ -282,7 +291,12 @@ FLOW = ReadingRegister(40, low=2.0, high=20.0, type="u16", scale=0.01, offset=-4
 
 def test_a_further_reading_has_its_own_unit_range_and_age(server: ModbusPlc) -> None:
     registers = RegisterMap(readings={"coolant flow": replace(FLOW, stale_s=10.0)})
-    plc = Plc(TcpLine("127.0.0.1", server.port), register_map=registers, clock=CountingClock(), reply_timeout_s=0.5)
+    plc = Plc(
+        TcpLine("127.0.0.1", server.port),
+        register_map=registers,
+        clock=CountingClock(),
+        timing=PlcTiming(reply_timeout_s=0.5),
+    )
     server.words[40] = 1250
     assert plc.connect().readings == {"coolant flow": pytest.approx(8.5)}
     server.words[40] = 599
@@ -298,7 +312,12 @@ def test_a_further_reading_has_its_own_unit_range_and_age(server: ModbusPlc) -> 
 
 def test_a_register_that_the_plc_does_not_have_is_refused_in_one_line(server: ModbusPlc) -> None:
     registers = RegisterMap(readings={"coolant flow": replace(FLOW, address=60)})
-    plc = Plc(TcpLine("127.0.0.1", server.port), register_map=registers, clock=CountingClock(), reply_timeout_s=0.5)
+    plc = Plc(
+        TcpLine("127.0.0.1", server.port),
+        register_map=registers,
+        clock=CountingClock(),
+        timing=PlcTiming(reply_timeout_s=0.5),
+    )
     with pytest.raises(PlcError, match=r"registers 0 to 60.*refused.*check the register map") as caught:
         plc.connect()
     assert "\n" not in str(caught.value)

@@ -13,7 +13,7 @@ from pymodbus.client.base import ModbusBaseClient
 import calibration
 from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, StaleData
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
-from drivers.plc.plc import Plc
+from drivers.plc.plc import Plc, PlcTiming
 from drivers.plc.plc_registers import ReadingRegister, RegisterMap
 from mock_devices.faults import Fault, FaultPlan
 from mock_devices.plant.plant import Plant
@@ -56,7 +56,7 @@ class Bench:
             "rtu": lambda: RtuLine(self.server.serial_port, parity="N"),
         }
         self.line = lines[kind]()
-        self.plc = Plc(self.line, clock=self.clock, reply_timeout_s=0.3)
+        self.plc = Plc(self.line, clock=self.clock, timing=PlcTiming(reply_timeout_s=0.3))
 
     def close(self) -> None:
         self.plc.close()
@@ -89,7 +89,7 @@ def test_values_interlocks_and_both_heartbeats(bench: Bench) -> None:
 def test_a_coolant_temperature_that_follows_the_machine(bench: Bench) -> None:
     bench.plc.connect()
     registers = RegisterMap(readings={"coolant": COOLANT, "oil": OIL})
-    plc = Plc(bench.line, register_map=registers, clock=bench.clock, reply_timeout_s=0.3)
+    plc = Plc(bench.line, register_map=registers, clock=bench.clock, timing=PlcTiming(reply_timeout_s=0.3))
     bench.plc.close()
     plc.connect().require_safe()
     first = plc.read().readings
@@ -155,5 +155,5 @@ def test_a_certificate_of_somebody_else_is_refused(tmp_path: Path) -> None:
     assert isinstance(bench.line, TlsLine)
     trustme.CA().cert_pem.write_to_path(tmp_path / "ca.pem")
     with bench.clock.activity(), pytest.raises(ConnectionFailed):
-        Plc(bench.line, clock=bench.clock, reply_timeout_s=0.3).connect()
+        Plc(bench.line, clock=bench.clock, timing=PlcTiming(reply_timeout_s=0.3)).connect()
     bench.close()

@@ -24,7 +24,7 @@ from drivers.errors import (
     StationError,
     TargetNotFound,
 )
-from drivers.station.geocom import GeoComCalls, GeoComSession
+from drivers.station.geocom import GeoComCalls, GeoComSession, StationLine
 from drivers.station.return_codes import station_error
 from drivers.station.serial_line import SerialLine
 from tests.drivers.scripted import CountingClock, ScriptedPort
@@ -45,9 +45,7 @@ def opened() -> Iterator[Open]:
             "station",
             port.url,
             CountingClock(),
-            reply_timeout_s=0.05,
-            motion_timeout_s=0.05,
-            busy_limit_s=1.0,
+            line=StationLine(reply_timeout_s=0.05, motion_timeout_s=0.05, busy_limit_s=1.0),
         )
         sessions.append(session)
         return session, port

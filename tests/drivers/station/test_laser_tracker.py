@@ -21,6 +21,7 @@ from drivers.errors import (
     SignalError,
     WrongTarget,
 )
+from drivers.station.geocom import StationLine
 from drivers.station.laser_tracker import LaserTracker, LockState, SettleCriterion
 from drivers.station.polar import average, cartesian_to_polar, polar_to_cartesian, to_face_one
 from tests.drivers.scripted import NO_CHECKSUM, CountingClock, ScriptedPort
@@ -70,15 +71,14 @@ def make() -> Iterator[Make]:
     opened: list[tuple[LaserTracker, ScriptedPort]] = []
 
     def build(
-        script: list[tuple[bytes, bytes]], timeout_s: float = 5.0, **settings: object
+        script: list[tuple[bytes, bytes]], timeout_s: float = 5.0, expected_serial: int | None = None
     ) -> tuple[LaserTracker, ScriptedPort]:
         port = ScriptedPort(script)
         tracker = LaserTracker(
             port.url,
             CountingClock(),
-            reply_timeout_s=timeout_s,
-            motion_timeout_s=timeout_s,
-            **settings,  # type: ignore[arg-type]
+            line=StationLine(reply_timeout_s=timeout_s, motion_timeout_s=timeout_s),
+            expected_serial=expected_serial,
         )
         opened.append((tracker, port))
         return tracker, port
@@ -210,7 +210,7 @@ def test_atmosphere(make: Make) -> None:
     tracker.connect()
     with pytest.raises(ProtocolError, match="atmosphere"):
         tracker.set_atmosphere(21.0, 990.0, 0.5)
-    with pytest.raises(ValueError, match="no such air"):
+    with pytest.raises(ValueError, match="implausible air"):
         tracker.set_atmosphere(21.0, 99.0, 0.5)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.errors import AngleOnly, NoAnswer, ProtocolError, TargetNotFound, WrongTarget
+from drivers.station.geocom import StationLine
 from drivers.station.laser_tracker import LaserTracker, LockState, SettleCriterion, average, cartesian_to_polar
 from mock_devices.faults import FAULTS, Fault
 from mock_devices.settings import MockSettings
@@ -77,7 +78,9 @@ def test_nothing_there(tracker: LaserTracker) -> None:
 
 
 def test_a_bad_line_to_the_station(bench: Bench) -> None:
-    tracker = LaserTracker(bench.mock.station_url, bench.clock, reply_timeout_s=0.2, motion_timeout_s=1.0)
+    tracker = LaserTracker(
+        bench.mock.station_url, bench.clock, line=StationLine(reply_timeout_s=0.2, motion_timeout_s=1.0)
+    )
     tracker.connect()
     spoil = itertools.cycle([None, b"R1P,0,", b"?"])
     bench.mock.station_server.tamper = lambda _answer: next(spoil)
@@ -132,7 +135,9 @@ def test_another_nest_is_noticed(bench: Bench, tracker: LaserTracker) -> None:
 @pytest.mark.parametrize("name", [name for name, kind in FAULTS.items() if kind.site == "serial" and not kind.lasting])
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_after_a_spoilt_answer_the_next_one_is_right(bench: Bench, name: str, number: int) -> None:
-    tracker = LaserTracker(bench.mock.station_url, bench.clock, reply_timeout_s=0.3, motion_timeout_s=2.0)
+    tracker = LaserTracker(
+        bench.mock.station_url, bench.clock, line=StationLine(reply_timeout_s=0.3, motion_timeout_s=2.0)
+    )
     tracker.connect()
     tracker.point_and_aim(*_direction(MockSettings(), FLOOR_NEST_M), window_rad=0.04)
     distance_m = tracker.measure()[0].slope_distance_m

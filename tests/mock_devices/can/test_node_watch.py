@@ -6,7 +6,7 @@ import canopen
 import pytest
 
 from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, error_register
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from tests.mock_devices.images import MACHINE_ID
 
 
@@ -21,7 +21,10 @@ class Calls:
 @pytest.fixture
 def drive(bus_factory, clock):
     drive = DriveServer(
-        1, "left", bus_factory(), clock, partner_node_id=2, machine_id=MACHINE_ID, travel_m=(-1.0, 1.0), start_m=0.0
+        1,
+        MockAxis(name="left", partner_node_id=2, machine_id=MACHINE_ID, travel_m=(-1.0, 1.0), start_m=0.0),
+        bus_factory(),
+        clock,
     )
     yield drive
     drive.close()

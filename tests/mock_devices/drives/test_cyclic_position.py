@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.drives.cyclic_position import CyclicPosition
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from tests.mock_devices.images import MACHINE_ID
 
 SYNC, FAULT_STATE, OPERATION_ENABLED = 0x080, 0x08, 0x27
@@ -48,7 +48,10 @@ class Master:
 @pytest.fixture
 def drive(bus_factory, clock):
     drive = DriveServer(
-        1, "left", bus_factory(), clock, partner_node_id=2, machine_id=MACHINE_ID, travel_m=(-1.0, 1.0), start_m=0.0
+        1,
+        MockAxis(name="left", partner_node_id=2, machine_id=MACHINE_ID, travel_m=(-1.0, 1.0), start_m=0.0),
+        bus_factory(),
+        clock,
     )
     yield drive
     drive.close()

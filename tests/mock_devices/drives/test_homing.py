@@ -11,7 +11,7 @@ from mock_devices.drives import cia402
 from mock_devices.drives.compensation import Compensation
 from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
 from mock_devices.drives.homing import INDEX_INC, Homing
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from tests.mock_devices.images import MACHINE_ID, image
 
 PLACE = 100_300_000.0
@@ -161,14 +161,16 @@ def test_the_mark_is_within_a_revolution_and_on_the_right_side(place, method):
 def test_over_the_bus_by_another_makes_client(bus_factory, clock):
     drive = DriveServer(
         1,
-        "left",
+        MockAxis(
+            name="left",
+            partner_node_id=2,
+            machine_id=MACHINE_ID,
+            travel_m=(0.3, 1.7),
+            start_m=1.003,
+            absolute_encoder=False,
+        ),
         bus_factory(),
         clock,
-        partner_node_id=2,
-        machine_id=MACHINE_ID,
-        travel_m=(0.3, 1.7),
-        start_m=1.003,
-        absolute_encoder=False,
     )
     network = canopen.Network(bus_factory())
     network.connect()

@@ -13,7 +13,7 @@ import pytest
 from canopen.objectdictionary import eds
 
 import mock_devices.drives.mock_drive
-from mock_devices.drives.mock_drive import DriveServer
+from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from tests.mock_devices.images import MACHINE_ID, image
 
 logging.getLogger("canopen").setLevel(logging.ERROR)
@@ -83,13 +83,9 @@ def drives(bus_factory, clock):
     made = [
         DriveServer(
             node,
-            name,
+            MockAxis(name=name, partner_node_id=3 - node, machine_id=MACHINE_ID, travel_m=TRAVEL_M, start_m=START_M),
             bus_factory(),
             clock,
-            partner_node_id=3 - node,
-            machine_id=MACHINE_ID,
-            travel_m=TRAVEL_M,
-            start_m=START_M,
             load_kg=lambda: 75.0,
         )
         for node, name in ((1, "left"), (2, "right"))
@@ -290,7 +286,10 @@ def test_a_fault_is_told_by_emcy_and_the_error_objects(master, drives, sdo):
 
 def test_closing_twice_is_once(bus_factory, clock):
     drive = DriveServer(
-        5, "x", bus_factory(), clock, partner_node_id=6, machine_id=MACHINE_ID, travel_m=TRAVEL_M, start_m=1.0
+        5,
+        MockAxis(name="x", partner_node_id=6, machine_id=MACHINE_ID, travel_m=TRAVEL_M, start_m=1.0),
+        bus_factory(),
+        clock,
     )
     drive.close()
     drive.close()

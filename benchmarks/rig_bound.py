@@ -52,7 +52,7 @@ class Bound:
 
     def _jacobian(self, visits: Visits) -> Array:
         poses = self.model.predict(self.values, visits)
-        _, by_point = poses.platform_point(self.model.machine.tool_point_m)
+        by_point = poses.platform_point_derivatives(self.model.machine.tool_point_m)
         return np.concatenate([by_point, poses.jacobian[:, 3:]], axis=1)
 
 

@@ -8,6 +8,8 @@ falls. `form_free` only says whether residuals are structured.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +18,8 @@ from calibration.identification.estimators import identify
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
-from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
+from calibration.reduction.grouped_readings import group_by_visit
 from calibration.reduction.report_frame import fit_report_frame
 
 Array = NDArray[np.float64]
@@ -126,25 +128,12 @@ def signatures(recording: Recording, seen: ReflectorObservations) -> dict[str, l
 def _seen(recording: Recording) -> tuple[ReflectorObservations, StationModel]:
     machine = recording.machine
     rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")
-    names = [s.name for s in machine.smrs]
-    smr = np.array([names.index(str(name)) for name in recording["smr"][rows]], dtype=np.intp)
-    _, head, visit = np.unique(recording["visit"][rows], return_index=True, return_inverse=True)
-    first = rows[head]
-    visits = Visits(
-        drives=recording.drives("actual_m")[first],
-        target_m=recording.targets_m()[first],
-        payload_kg=recording["payload_mass_kg"][first],
-        payload_com_m=recording.payload_com_m()[first],
-        temperatures_c={name: values[first] for name, values in recording.temperatures_c().items()},
-    )
-    seen = ReflectorObservations(
-        visits, visit.astype(np.intp), smr, recording.positions_m[rows], recording.covariances_m2[rows]
-    )
+    seen = group_by_visit(recording, rows, recording.positions_m, recording.covariances_m2).observations
     entry = recording.file.station
     frame = fit_report_frame(machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
-    accuracy = entry.accuracy
-    smrs = tuple(sorted(set(smr.tolist())))
-    return seen, StationModel(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u)
+    smrs = tuple(sorted(set(seen.smr.tolist())))
+    station = StationModel.from_accuracy(frame, smrs, entry.accuracy.to_station_accuracy())
+    return seen, replace(station, refraction_u_per_m=0.0)
 
 
 def _after_identification(recording: Recording, seen: ReflectorObservations, station: StationModel) -> Array:

@@ -17,13 +17,14 @@ from calibration.base.frame import Frame, station_frame
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.effects.context import context_of_recording
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
+from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
 from calibration.reduction.report_frame import fit_report_frame
 
 NEST_PRIOR_M = 5.0e-3
@@ -131,17 +132,14 @@ class _Unknowns:
     @classmethod
     def of(cls, used: Recording, observations: ReflectorObservations) -> _Unknowns:
         """All unknowns that the readings used concern."""
-        machine, entry = used.machine, used.file.station
+        machine = used.machine
         systematic = SystematicUncertainties.from_declared(
             used.file.payloads, machine, used.file.nuisance.temperature_k
         )
         model = Model(ParameterSet.of(machine), systematic)
         smrs = tuple(sorted(set(observations.smr.tolist())))
-        accuracy = entry.accuracy
-        station = StationModel(
-            _initial_frame(used, observations), smrs, accuracy.range_constant_u_m, accuracy.range_scale_u,
-            REFRACTION_U_PER_M,
-        )  # fmt: skip
+        accuracy = used.file.station.accuracy.to_station_accuracy()
+        station = StationModel.from_accuracy(_initial_frame(used, observations), smrs, accuracy)
         unknowns = (*model.unknowns, *station.unknowns(machine))
         sigma = np.array([unknown.sigma for unknown in unknowns])
         out = cls(model, station, tuple(unknown.name for unknown in unknowns), sigma)
@@ -272,26 +270,12 @@ def usable_rows(recording: Recording) -> NDArray[np.intp]:
 
 def _observations(used: Recording) -> tuple[ReflectorObservations, NDArray[np.intp], NDArray[np.intp]]:
     """Readings at poses; of all readings (n,): the row of the visit (-1 for floor nests), the reflector's index."""
-    names = [smr.name for smr in used.machine.smrs]
-    smr = np.array([names.index(str(name)) for name in used["smr"]], dtype=np.intp)
+    smr = reflector_indices(used)
     rows = np.flatnonzero(np.array([s.on != "floor" for s in used.machine.smrs])[smr])
-    _, first, visit = np.unique(used["visit"][rows], return_index=True, return_inverse=True)
-    heads, count = rows[first], np.bincount(visit)
-
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(visit, values[rows]) / count)
-
-    visits = Visits(
-        drives=used.drives("actual_m")[heads],
-        target_m=used.targets_m()[heads],
-        payload_kg=used["payload_mass_kg"][heads],
-        payload_com_m=used.payload_com_m()[heads],
-        temperatures_c={name: mean(t) for name, t in used.temperatures_c().items()},
-    )
+    observations = group_by_visit(used, rows, used.positions_m, used.covariances_m2).observations
     all_visits = np.full(len(smr), -1, dtype=np.intp)
-    all_visits[rows] = visit
-    positions, covariances = used.positions_m[rows], used.covariances_m2[rows]
-    return ReflectorObservations(visits, visit.astype(np.intp), smr[rows], positions, covariances), all_visits, smr
+    all_visits[rows] = observations.visit
+    return observations, all_visits, smr
 
 
 def _initial_frame(used: Recording, observations: ReflectorObservations) -> Frame:

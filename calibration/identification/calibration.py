@@ -15,7 +15,7 @@ from calibration.identification.prediction import predict_poses
 from calibration.identification.remarks import remarks
 from calibration.identification.rigid.closure import MeasuredPoses
 from calibration.identification.rigid.models import RigidIdentification, fit_rigid_identifications
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, SmrPositions, StationModel
+from calibration.instruments.smr_positions import SmrPositions, StationModel
 from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.parameters import ParameterSet
@@ -68,10 +68,9 @@ def identify_recording(
     seen = reduction.calibration()
     require_spread_poses(recording.machine, seen.visits.target_m)
     smrs = tuple(sorted(set(seen.smr.tolist())))
-    stated = recording.file.station.accuracy
-    station = StationModel(
-        reduction.report.frame, smrs, reduction.range_constant_u_m, stated.range_scale_u, REFRACTION_U_PER_M
-    )
+    accuracy = recording.file.station.accuracy.to_station_accuracy()
+    station = StationModel.from_accuracy(reduction.report.frame, smrs, accuracy)
+    station = replace(station, range_constant_u_m=reduction.range_constant_u_m)  # the certified length has tied it
     model = Model(
         ParameterSet.of(recording.machine),
         SystematicUncertainties.from_declared(recording.file.payloads, recording.machine),

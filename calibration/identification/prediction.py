@@ -48,13 +48,13 @@ def tool_derivatives(
     they should cover the workspace.
     """
     poses = model.predict(values[: len(model)], visits)
-    tool, by_point = poses.platform_point(model.machine.tool_point_m)
+    by_point = poses.platform_point_derivatives(model.machine.tool_point_m)
     position = np.zeros((len(visits), 3, layout.size))
     orientation = np.zeros((len(visits), 3, layout.size))
     position[:, :, : len(model)] = by_point
     orientation[:, :, : len(model)] = poses.jacobian[:, 3:]
     if any(part.free_rigid_motion for part in readings):
-        return _without_rigid_motions(position, orientation, tool, poses.equilibrium.rotation)
+        return _without_rigid_motions(position, orientation, poses.tool_m(), poses.equilibrium.rotation)
     return ToolDerivatives(position, orientation)
 
 
@@ -130,11 +130,6 @@ def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
     As the station would measure them: what its ranges have in common acts on measured and predicted poses alike.
     """
     poses = fit.predict(visits)
-    mounting = np.array([fit.mounting_m(i) for i in report.smrs])
-    turned = (
-        np.einsum("nij,kj->nki", poses.equilibrium.rotation, mounting)
-        * poses.conditions.factors["platform"][:, None, None]
-    )
-    places = poses.equilibrium.position_m[:, None] + turned
-    points = fit.as_station_reports(places.reshape(-1, 3)).reshape(places.shape)
+    positions_m = np.stack([poses.reflector_m(i, fit.mounting_m(i)) for i in report.smrs], axis=1)
+    points = fit.as_station_reports(positions_m.reshape(-1, 3)).reshape(positions_m.shape)
     return report.poses(points, poses.equilibrium.coordinates())

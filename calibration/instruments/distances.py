@@ -101,7 +101,7 @@ class Distances:
         residual = ((stated - self.distance_m) / self.sigma_m)[:, None]
         if not derivatives:
             return WhitenedResiduals(residual, np.zeros((len(self), 1, 0)), by_own[:, :, :0])
-        _, by_point = poses.platform_point(machine.tool_point_m)
+        by_point = poses.platform_point_derivatives(machine.tool_point_m)
         by_model = by_point[local[:, 0]]
         if self.second is not None:
             by_model = by_model - by_point[local[:, 1]]

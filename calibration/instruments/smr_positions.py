@@ -8,11 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.base.arrays import Array
+from calibration.base.arrays import Array, RowSelection
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import skew
 from calibration.instruments.readings import WhitenedResiduals
+from calibration.instruments.station_geometry import StationAccuracy
 from calibration.machine.description import Machine
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
@@ -38,6 +39,12 @@ class ReflectorObservations:
 
     def __len__(self) -> int:
         return len(self.visit)
+
+    def take(self, rows: RowSelection) -> ReflectorObservations:
+        """Some of the readings, of the same visits."""
+        return ReflectorObservations(
+            self.visits, self.visit[rows], self.smr[rows], self.position_m[rows], self.covariance_m2[rows]
+        )
 
     def of_visits(self, keep: NDArray[np.bool_]) -> ReflectorObservations:
         """The readings of the visits that are kept."""
@@ -68,6 +75,20 @@ class StationModel:
     range_scale_u: float = 0.0
     refraction_u_per_m: float = 0.0
     known_frame: bool = False
+
+    @classmethod
+    def from_accuracy(
+        cls, start: Frame, smrs: tuple[int, ...], accuracy: StationAccuracy, *, known_frame: bool = False
+    ) -> StationModel:
+        """A station of the accuracy that a recording or a rig file states, its line of sight bent by the air."""
+        return cls(
+            start,
+            smrs,
+            range_constant_u_m=accuracy.range_constant_u_m,
+            range_scale_u=accuracy.range_scale_u,
+            refraction_u_per_m=REFRACTION_U_PER_M,
+            known_frame=known_frame,
+        )
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """Mounting of each reflector (3), frame (rotation, translation), range constant and scale, refraction."""
@@ -166,11 +187,7 @@ class SmrPositions:
 
     def take(self, rows: NDArray[np.intp]) -> SmrPositions:
         """Some of the readings."""
-        s = self.observations
-        part = replace(
-            s, visit=s.visit[rows], smr=s.smr[rows], position_m=s.position_m[rows], covariance_m2=s.covariance_m2[rows]
-        )
-        return SmrPositions(part, self.station)
+        return SmrPositions(self.observations.take(rows), self.station)
 
     def with_noise(self, white: Array) -> SmrPositions:
         """Positions moved by whitened amounts (r, 3)."""
@@ -182,30 +199,21 @@ class SmrPositions:
     ) -> WhitenedResiduals:
         """Whitened differences of predicted and measured positions."""
         machine = poses.model.machine
-        place = np.empty((len(self), 3))
+        positions_m, by_mounting = np.empty((len(self), 3)), np.empty((len(self), 3, 3))
         by_model = np.zeros((len(self), 3, len(poses.model) if derivatives else 0))
-        turn = np.zeros((len(self), 3, 3))
         for smr in self.station.smrs:
             rows = np.flatnonzero(self.observations.smr == smr)
             visit = local[rows, 0]
-            mounted = self.station.mounting_m(machine, own, smr)
-            if machine.smrs[smr].on == "platform":
-                turn[rows] = poses.equilibrium.rotation[visit] * poses.conditions.factors["platform"][visit, None, None]
-                place[rows] = poses.equilibrium.position_m[visit] + turn[rows] @ mounted
-                if derivatives:
-                    by_model[rows] = poses.platform_point(mounted)[1][visit]
-            else:
-                drive = machine.smrs[smr].drive
-                place_all, by_all = poses.point_on_drive(drive, mounted)
-                place[rows] = place_all[visit]
-                turn[rows] = poses.sensitivity.carriers[drive].d_point().transpose(2, 0, 1)[visit]
-                if derivatives:
-                    by_model[rows] = by_all[visit]
-        stated, by_own = self.station.observe(machine, own, place)
+            mounting = self.station.mounting_m(machine, own, smr)
+            positions_m[rows] = poses.reflector_m(smr, mounting)[visit]
+            by_mounting[rows] = poses.mounting_derivatives(smr)[visit]
+            if derivatives:
+                by_model[rows] = poses.reflector_derivatives(smr, mounting)[visit]
+        stated, by_own = self.station.observe(machine, own, positions_m)
         rotation = self.station.frame(own).rotation
         for column, smr in enumerate(self.station.smrs):
             rows = np.flatnonzero(self.observations.smr == smr)
-            by_own[rows, :, 3 * column : 3 * column + 3] = rotation @ turn[rows]
+            by_own[rows, :, 3 * column : 3 * column + 3] = rotation @ by_mounting[rows]
         residual = np.einsum("rij,rj->ri", self.whiten, stated - self.observations.position_m)
         if not derivatives:
             return WhitenedResiduals(residual, by_model, by_own[:, :, :0])

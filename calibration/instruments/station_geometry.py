@@ -33,6 +33,12 @@ def lines_of_sight(hz_rad: Array, v_rad: Array) -> Array:
     return np.stack([sin_v * np.sin(hz_rad), sin_v * np.cos(hz_rad), np.cos(v_rad)], axis=1)
 
 
+def across_line_of_sight(shift_m: Array, point_m: Array) -> Array:
+    """The part of shifts (..., 3) that is perpendicular to the line of sight to a point (3,)."""
+    sight = point_m / np.linalg.norm(point_m)
+    return np.asarray(shift_m - (shift_m @ sight)[..., None] * sight)
+
+
 def points_to_polar(point_m: Array) -> tuple[Array, Array, Array]:
     """Horizontal angle [0, 2 pi), zenith angle and slope distance of points (n, 3)."""
     distance = np.linalg.norm(point_m, axis=1)

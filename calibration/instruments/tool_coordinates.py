@@ -113,7 +113,7 @@ class ToolCoordinates:
         residual = error[:, chosen] / self.sigma
         if not derivatives:
             return WhitenedResiduals(residual, np.zeros((len(self), self.width, 0)), by_own[:, :, :0])
-        _, by_point = poses.platform_point(machine.tool_point_m)
+        by_point = poses.platform_point_derivatives(machine.tool_point_m)
         by_turn = poses.jacobian[:, 3:]
         if self.own_frame:
             by_point, by_turn = frame.rotation @ by_point, frame.rotation @ by_turn

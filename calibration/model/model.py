@@ -16,6 +16,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
 from calibration.machine import equilibrium
+from calibration.machine.carriers import Carrier
 from calibration.machine.description import PARTS, Geometry, Machine
 from calibration.machine.equilibrium import Conditions, Equilibrium
 from calibration.machine.sensitivity import Sensitivity
@@ -177,13 +178,22 @@ class Poses:
         coefficient, warmth = self.model.expansion(self.values, self.visits, part)
         return np.full(len(self.visits), coefficient) if kind == "temperature" else warmth
 
+    @cached_property
+    def carriers(self) -> list[Carrier]:
+        """Carrier of every drive, and of the base last, at these poses."""
+        return equilibrium.carriers_of(self.model.machine, self.geometry, self.visits.drives, self.conditions)
+
     def tool_m(self) -> Array:
         """Tool points (v, 3)."""
-        lever = self.equilibrium.rotation @ self.model.machine.tool_point_m
+        return self.platform_point_m(self.model.machine.tool_point_m)
+
+    def platform_point_m(self, point_m: Array) -> Array:
+        """Positions (v, 3) of a point (3,) of the platform."""
+        lever = self.equilibrium.rotation @ point_m
         return self.equilibrium.position_m + lever * self.conditions.factors["platform"][:, None]
 
-    def platform_point(self, point_m: Array) -> tuple[Array, Array]:
-        """Places (v, 3) of a point (3,) of the platform and their derivatives (v, 3, u)."""
+    def platform_point_derivatives(self, point_m: Array) -> Array:
+        """Derivatives (v, 3, u) of the positions of a point (3,) of the platform with the model's unknowns."""
         lever = self.equilibrium.rotation @ point_m
         grown = lever * self.conditions.factors["platform"][:, None]
         out = self.jacobian[:, :3] - skew(grown) @ self.jacobian[:, 3:]
@@ -191,18 +201,35 @@ class Poses:
             kind, _, part = unknown.name.partition(".")
             if kind in ("expansion", "temperature") and part == "platform":
                 out[:, :, column] += lever * self.growth_derivative(kind, part)[:, None]
-        return self.equilibrium.position_m + grown, out
+        return out
 
-    def point_on_drive(self, drive: int, point_m: Array) -> tuple[Array, Array]:
-        """Places (v, 3) of a point that a drive carries and their derivatives (v, 3, u)."""
-        at = self.sensitivity
-        carrier = at.carriers[drive]
-        place = carrier.position(point_m)
+    def reflector_m(self, smr: int, mounting_m: Array) -> Array:
+        """Positions (v, 3) of a reflector that is mounted at a point (3,) of its part; a nest stays where it is."""
+        reflector = self.model.machine.smrs[smr]
+        if reflector.on == "platform":
+            return self.equilibrium.position_m + self.mounting_derivatives(smr) @ mounting_m
+        if reflector.on == "floor":
+            return np.tile(mounting_m, (len(self.visits), 1))
+        return self.carriers[reflector.drive].position(mounting_m).T
+
+    def reflector_derivatives(self, smr: int, mounting_m: Array) -> Array:
+        """Derivatives (v, 3, u) of the positions of a reflector that moves, with the model's unknowns."""
+        reflector = self.model.machine.smrs[smr]
+        if reflector.on == "platform":
+            return self.platform_point_derivatives(mounting_m)
+        carrier = self.carriers[reflector.drive]
         out = np.zeros((len(self.visits), 3, len(self.model)))
         count = len(self.model.parameters)
-        out[:, :, :count] = self.model.parameters.shift_of_carried_point(at, drive, point_m)
+        out[:, :, :count] = self.model.parameters.shift_of_carried_point(self.sensitivity, reflector.drive, mounting_m)
         for column, unknown in enumerate(self.model.unknowns[count:], start=count):
             kind, _, part = unknown.name.partition(".")
             if kind in ("expansion", "temperature") and part in ("base", "drives"):
-                out[:, :, column] = (carrier.d_growth(point_m, part) * self.growth_derivative(kind, part)).T
-        return place.T, out
+                out[:, :, column] = (carrier.d_growth(mounting_m, part) * self.growth_derivative(kind, part)).T
+        return out
+
+    def mounting_derivatives(self, smr: int) -> Array:
+        """Derivatives (v, 3, 3) of the positions of a reflector that moves, with the point where it is mounted."""
+        reflector = self.model.machine.smrs[smr]
+        if reflector.on == "platform":
+            return self.equilibrium.rotation * self.conditions.factors["platform"][:, None, None]
+        return self.carriers[reflector.drive].d_point().transpose(2, 0, 1)

@@ -17,9 +17,9 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
 from calibration.instruments import station_geometry
 from calibration.instruments.smr_positions import ReflectorObservations
-from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import check_units
+from calibration.reduction.grouped_readings import group_by_visit
 from calibration.reduction.pose_filter import FilteredPoses, estimate_drift, filter_poses
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
@@ -104,13 +104,7 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     poses = filter_poses(report, observations)
     dropped["innovation gate"] = int(np.count_nonzero(~poses.accepted))
     keep = poses.accepted
-    observations = ReflectorObservations(
-        observations.visits,
-        observations.visit[keep],
-        observations.smr[keep],
-        observations.position_m[keep],
-        observations.covariance_m2[keep],
-    )
+    observations = observations.take(keep)
     return Reduction(recording, observations, info, report, poses, constant, constant_u, dropped)
 
 
@@ -127,9 +121,8 @@ def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
                 continue
             point = nests.positions_m[rows].mean(axis=0)
             start = first.setdefault(str(name), point)
-            sight = start / np.linalg.norm(start)
-            shift = point - start
-            shifts[i] = max(shifts[i], float(np.linalg.norm(shift - (shift @ sight) * sight)))
+            shift = station_geometry.across_line_of_sight(point - start, start)
+            shifts[i] = max(shifts[i], float(np.linalg.norm(shift)))
     return checks, shifts
 
 
@@ -209,36 +202,22 @@ def _remove_drift(recording: Recording, constant: float) -> tuple[Array, Array, 
 
 
 def _observations(recording: Recording, position: Array, covariance: Array) -> tuple[ReflectorObservations, VisitInfo]:
-    """Readings of poses, grouped by visit; several readings of one SMR in a visit stay apart."""
-    names = [s.name for s in recording.machine.smrs]
+    """Readings of poses, grouped by visit."""
     phase = np.asarray(recording["phase"])
     rows = np.flatnonzero(np.isin(phase, (CALIBRATION, "repeatability", *VERIFICATIONS)))
-    numbers, first, visit = np.unique(recording["visit"][rows], return_index=True, return_inverse=True)
-    if numbers.size == 0:
+    if rows.size == 0:
         raise InputError(f"recording {recording.file.campaign}: no poses in it")
-    heads = rows[first]
-    visits = Visits(
-        drives=recording.drives("actual_m")[heads],
-        target_m=recording.targets_m()[heads],
-        payload_kg=recording["payload_mass_kg"][heads],
-        payload_com_m=recording.payload_com_m()[heads],
-        temperatures_c={name: _mean_by(t[rows], visit) for name, t in recording.temperatures_c().items()},
-    )
+    grouped = group_by_visit(recording, rows, position, covariance)
+    heads = grouped.heads
     info = VisitInfo(
         phase=phase[heads].astype(str),
         pose=recording["pose"][heads].astype(np.intp),
         direction=recording.drives("direction")[heads],
         payload=recording["payload"][heads].astype(np.intp),
-        t_rig_s=_mean_by(recording["t_rig_s"][rows], visit),
+        t_rig_s=grouped.mean(recording["t_rig_s"][rows]),
         samples=recording["samples"][heads],
     )
-    smr = np.array([names.index(str(s)) for s in np.asarray(recording["smr"])[rows]], dtype=np.intp)
-    return ReflectorObservations(visits, visit.astype(np.intp), smr, position[rows], covariance[rows]), info
-
-
-def _mean_by(values: Array, group: NDArray[np.intp]) -> Array:
-    mean: Array = np.bincount(group, values) / np.bincount(group)
-    return mean
+    return grouped.observations, info
 
 
 def _robust_frame(recording: Recording, zero: ReflectorObservations) -> ReportFrame:
@@ -258,7 +237,5 @@ def _robust_frame(recording: Recording, zero: ReflectorObservations) -> ReportFr
         return report
     keep = np.zeros(len(zero), dtype=bool)
     keep[np.flatnonzero(on_platform)[off <= limit]] = True
-    fewer = ReflectorObservations(
-        zero.visits, zero.visit[keep], zero.smr[keep], zero.position_m[keep], zero.covariance_m2[keep]
-    )
+    fewer = zero.take(keep)
     return fit_report_frame(recording.machine, fewer, report.frame)

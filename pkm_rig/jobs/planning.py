@@ -24,7 +24,7 @@ from calibration.identification.pose_selection import (
 )
 from calibration.instruments import station_geometry
 from calibration.instruments.readings import Readings
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, Machine
 from calibration.model.model import Model, SystematicUncertainties
@@ -146,8 +146,8 @@ def _station_observations(file: RigFile, machine: Machine, visits: Visits) -> Sm
     """Readings of all reflectors that move, with the covariance that the station states; their values do not matter."""
     smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on != "floor")
     frame = station_frame(file.station.position_m, file.station.heading_rad)
-    accuracy = file.station.accuracy
-    station = StationModel(frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M)
+    accuracy = file.station.accuracy.to_station_accuracy()
+    station = StationModel.from_accuracy(frame, smrs, accuracy)
     count = len(visits) * len(smrs)
     visit, smr = np.repeat(np.arange(len(visits)), len(smrs)), np.tile(smrs, len(visits))
     blank = ReflectorObservations(visits, visit, smr, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))
@@ -155,8 +155,6 @@ def _station_observations(file: RigFile, machine: Machine, visits: Visits) -> Sm
     own = np.zeros(len(station.unknowns(machine)))
     poses = model.predict(np.zeros(len(model)), visits)
     point = SmrPositions(blank, station).compare(poses, visit[:, None], own, derivatives=False).residual
-    covariance = station_geometry.point_covariances(
-        *station_geometry.points_to_polar(point), accuracy.to_station_accuracy()
-    )
+    covariance = station_geometry.point_covariances(*station_geometry.points_to_polar(point), accuracy)
     covariance /= file.campaign.readings_per_smr
     return SmrPositions(ReflectorObservations(visits, visit, smr, point, covariance), station)

@@ -14,6 +14,7 @@ import numpy as np
 from bluesky.utils import Msg
 
 from calibration.base.arrays import Array
+from calibration.instruments.station_geometry import across_line_of_sight
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.rig import Rig
@@ -89,9 +90,7 @@ def nest_check(devices: CampaignDevices) -> Plan:
         for nest in devices.smrs("floor"):
             position = yield from _read(devices, "nests", nest)
             start = devices.first_nests.setdefault(nest, position)
-            sight = start / np.linalg.norm(start)
-            off = position - start
-            shift = max(shift, float(np.linalg.norm(off - (off @ sight) * sight)))
+            shift = max(shift, float(np.linalg.norm(across_line_of_sight(position - start, start))))
         if shift <= limit:
             return
         if attempt:
@@ -169,9 +168,8 @@ def _repeatability(devices: CampaignDevices, visit: PlannedVisit) -> Plan:
     for _ in range(settings.repeatability_visits):
         yield from bps.abs_set(devices.machine, visit, wait=True)
         points.append((yield from _read(devices, "repeatability", smr)))
-    scatter = np.array(points) - np.mean(points, axis=0)
-    sight = np.mean(points, axis=0) / np.linalg.norm(np.mean(points, axis=0))
-    across = scatter - np.outer(scatter @ sight, sight)
+    mean = np.mean(points, axis=0)
+    across = across_line_of_sight(np.array(points) - mean, mean)
     rms = float(np.sqrt(np.sum(across**2) / (len(points) - 1)))
     if rms > settings.repeatability_limit_m:
         raise CampaignRefused(

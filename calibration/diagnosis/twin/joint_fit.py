@@ -21,7 +21,7 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import NEST_PRIOR_M, LinearModel
 from calibration.diagnosis.search import Cause
 from calibration.diagnosis.twin.twin_model import FittedMachine, full_model
-from calibration.instruments.smr_positions import REFRACTION_U_PER_M, ReflectorObservations, SmrPositions, StationModel
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 
 MAX_STEPS = 12
 MAX_HALVINGS = 6
@@ -68,12 +68,10 @@ class JointFit:
             np.concatenate([*columns, np.empty((*linear.residual.shape, 0))], axis=2) * self._deviations
         )
         self._on_pose = rows = np.flatnonzero(linear.visit >= 0)
-        accuracy = linear.recording.file.station.accuracy
+        accuracy = linear.recording.file.station.accuracy.to_station_accuracy()
         smrs = tuple(sorted(set(linear.smr[rows].tolist())))
         # The unknowns of the frame count from the frame at which the model is linear, not from where its fit began.
-        self._station = StationModel(
-            linear.frame, smrs, accuracy.range_constant_u_m, accuracy.range_scale_u, REFRACTION_U_PER_M
-        )
+        self._station = StationModel.from_accuracy(linear.frame, smrs, accuracy)
         first = linear.names.index("frame.rx")
         self._offset = np.zeros(linear.sigma.size)
         self._offset[first : first + 6] = linear.values[first : first + 6]
@@ -210,8 +208,7 @@ def as_station_reports_m(linear: LinearModel, solution: Solution, positions_m: A
 
 
 def _as_station_reports_m(linear: LinearModel, frame: Frame, ranges: dict[str, float], positions_m: Array) -> Array:
-    accuracy = linear.recording.file.station.accuracy
-    constant_u_m, scale_u = accuracy.range_constant_u_m, accuracy.range_scale_u
-    station = StationModel(frame, (), constant_u_m, scale_u, REFRACTION_U_PER_M, known_frame=True)
+    accuracy = linear.recording.file.station.accuracy.to_station_accuracy()
+    station = StationModel.from_accuracy(frame, (), accuracy, known_frame=True)
     unknowns = np.array([ranges.get(u.name, 0.0) for u in station.unknowns(linear.machine)])
     return station.observe(linear.machine, unknowns, positions_m)[0]

@@ -111,7 +111,7 @@ class Twin:
         visits = visits_of(self.machine, context).take(different)
         with np.errstate(all="ignore"):
             poses = self.campaign.poses(self.fitted_machine, visits)
-            out = reflector_positions_m(self.machine, poses, self.fitted_machine.mounted_m, smr, row)
+            out = reflector_positions_m(poses, self.fitted_machine.mounted_m, smr, row)
             if self.added:
                 start = replace(visits, target_m=poses.equilibrium.coordinates())
                 out += self._shift_m(context, start, rows, smr, row)

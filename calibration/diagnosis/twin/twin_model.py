@@ -22,6 +22,7 @@ from calibration.machine.description import PARTS, Machine
 from calibration.model.model import Model, Poses, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
+from calibration.reduction.grouped_readings import mean_by_visit
 
 NEIGHBOURS = 4  # poses of the campaign from which a search starts, the nearest first
 ROWS_AT_ONCE = 4096
@@ -69,22 +70,12 @@ def visits_of(machine: Machine, context: ReadingContext) -> Visits:
     return Visits(context.drives, np.zeros((n, 6)), context.payload_kg, context.payload_com_m, temperatures)
 
 
-def reflector_positions_m(
-    machine: Machine, poses: Poses, mounted_m: Array, smr: NDArray[np.intp], row: NDArray[np.intp]
-) -> Array:
+def reflector_positions_m(poses: Poses, mounted_m: Array, smr: NDArray[np.intp], row: NDArray[np.intp]) -> Array:
     """Positions (n, 3) of reflectors smr (n,) at poses row (n,), machine's frame, without effects."""
-    carriers = equilibrium.carriers_of(machine, poses.geometry, poses.visits.drives, poses.conditions)
     out = np.empty((len(smr), 3))
-    for i, reflector in enumerate(machine.smrs):
+    for i in np.unique(smr):
         rows = np.flatnonzero(smr == i)
-        at = row[rows]
-        if reflector.on == "floor":
-            out[rows] = mounted_m[i]
-        elif reflector.on == "platform":
-            lever = poses.equilibrium.rotation[at] @ mounted_m[i]
-            out[rows] = poses.equilibrium.position_m[at] + lever * poses.conditions.factors["platform"][at, None]
-        else:
-            out[rows] = carriers[reflector.drive].position(mounted_m[i]).T[at]
+        out[rows] = poses.reflector_m(int(i), mounted_m[i])[row[rows]]
     return out
 
 
@@ -119,8 +110,8 @@ class TwinCampaign:
         rows = np.flatnonzero(self.visit >= 0)
         _, first, visit_index = np.unique(self.visit[rows], return_index=True, return_inverse=True)
         all_visits = visits_of(self.machine, self.context)
-        heads, count = all_visits.take(rows[first]), np.bincount(visit_index)
-        mean = {name: np.bincount(visit_index, t[rows]) / count for name, t in all_visits.temperatures_c.items()}
+        heads = all_visits.take(rows[first])
+        mean = {name: mean_by_visit(t[rows], visit_index) for name, t in all_visits.temperatures_c.items()}
         return Visits(heads.drives, self.equilibrium_poses, heads.payload_kg, heads.payload_com_m, mean)
 
     @cached_property
@@ -157,7 +148,7 @@ class TwinCampaign:
             poses=poses,
             frame=frame,
             mounted_m=mounted_m,
-            position_m=frame.to_station(reflector_positions_m(self.machine, poses, mounted_m, smr, row)),
+            position_m=frame.to_station(reflector_positions_m(poses, mounted_m, smr, row)),
         )
         channels = Channels(observed)
         return channels, inputs_of_readings(observed, channels, lambda *_: [], lambda *_: [])

@@ -12,7 +12,7 @@ from pkm_rig.rig.device_sections import StationConnection
 from pkm_rig.rig.schedule import Block
 from pkm_rig.rig.store import Store
 
-SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length")
+SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length", "plc")
 SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campaigns have the defaults
 
 RigFile = Mapping[str, Any]  # as the campaign's settings are stored
@@ -33,7 +33,9 @@ def is_same_rig(stored: RigFile, current: RigFile, *, adds: bool) -> bool:
 
 def _comparable_section(rig_file: RigFile, key: str, adds: bool) -> object:
     """A section of the rig file as far as it must be the same to go on with a campaign."""
-    section = rig_file[key]
+    section = rig_file.get(key) or {}
+    if key == "plc":  # what is recorded of it; how it is reached may change
+        return [reading["name"] for reading in section.get("readings") or []]
     if key == "station":  # its port and place may be others
         fields = StationConnection.model_fields
         return [section.get(name, fields[name].default) for name in SAME_OF_STATION]

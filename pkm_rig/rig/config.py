@@ -11,11 +11,13 @@ from calibration.base.errors import InputError
 from calibration.base.toml_file import Section, read_toml
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.payload import PayloadEntry
+from calibration.recording.columns import check_extra_columns
 from calibration.recording.header import DisturbanceLevels, LengthEntry, Name
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
 
+PART_SENSORS = ("struts", "columns", "base", "platform")  # of the PLC, beside the air's
 SHIPPED_RIGS = Path(__file__).parent / "data"
 
 
@@ -121,6 +123,10 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
                 raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
+    try:
+        check_extra_columns(names, PART_SENSORS, rig.plc.extra_columns())
+    except ValueError as error:
+        raise InputError(f"{path}: plc.readings: {error}") from error
     return rig, machine
 
 

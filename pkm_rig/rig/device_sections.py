@@ -106,6 +106,25 @@ class RegisterEntry(Section):
     )
 
 
+class ReadingEntry(Section):
+    """A further analogue register, recorded with each reading as a column of its own."""
+
+    name: str = Field(description="Name of the column; it ends in its unit, as in `coolant_temperature_c`.")
+    meaning: str = Field(default="", max_length=200, description="What it is, for whoever reads the recording.")
+    address: int = Field(ge=0, le=0xFFFF, description="Address of the first word.")
+    type: Literal["u16", "i16", "u32", "i32", "f32"] = Field(default="f32", description="Type of the number.")
+    order: Literal["ABCD", "CDAB", "BADC", "DCBA"] = Field(
+        default="ABCD", description="Order of the bytes of a 32-bit number."
+    )
+    scale: float = Field(default=1.0, description="Factor from the register's number to the unit of the name.")
+    offset: float = Field(default=0.0, description="Added after scaling, in the unit of the name.")
+    low: float = Field(description="Smallest valid value, in the unit of the name.")
+    high: float = Field(description="Largest valid value, in the unit of the name.")
+    stale_s: float | None = Field(
+        gt=0.0, default=None, description="A value unchanged for so long is old; none: the heartbeat decides."
+    )
+
+
 class PlcConnection(Section):
     """The PLC: how it is reached and which registers it has."""
 
@@ -127,6 +146,9 @@ class PlcConnection(Section):
         default=(), description="Registers of the default map that the PLC does not have."
     )
     registers: dict[str, RegisterEntry] = Field(default_factory=dict, description="Changes to the default map.")
+    readings: tuple[ReadingEntry, ...] = Field(
+        default=(), max_length=40, description="Further registers that are recorded with each reading."
+    )
     interlocks: dict[str, Annotated[int, Field(ge=0, le=15)]] = Field(
         default_factory=dict, description="Name and bit of each interlock, in place of the default four."
     )
@@ -138,10 +160,16 @@ class PlcConnection(Section):
             return registers
         return {name: {"address": entry} if isinstance(entry, int) else entry for name, entry in registers.items()}
 
+    def extra_columns(self) -> dict[str, str]:
+        """Columns of the recording for the further registers, name to meaning."""
+        return {entry.name: entry.meaning or f"register {entry.address} of the PLC" for entry in self.readings}
+
     @model_validator(mode="after")
     def _complete(self) -> PlcConnection:
         if self.transport == "tls" and self.ca_file is None:
             raise ValueError("plc: TLS needs ca_file, the certificate that signs the PLC's")
         if self.transport == "rtu" and self.serial_port is None:
             raise ValueError("plc: RTU needs serial_port")
+        if len(self.extra_columns()) != len(self.readings):
+            raise ValueError("plc: two readings have the same name")
         return self

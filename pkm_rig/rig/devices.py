@@ -234,7 +234,7 @@ class StationDevice:
 
     def describe(self) -> dict[str, dict[str, Any]]:
         """Columns of a recording."""
-        columns = columns_of([d.name for d in self._rig.file.drives], self._rig.sensors)
+        columns = columns_of([d.name for d in self._rig.file.drives], self._rig.sensors, self._rig.extra_columns)
         return {
             c.name: {"source": "rig", "dtype": "string" if c.kind == "text" else "number", "shape": []}
             for c in columns

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from calibration.base.errors import InputError
+from calibration.recording.columns import unit_of
 from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine, TlsLine
-from drivers.plc.plc_registers import Register, RegisterMap
-from pkm_rig.rig.device_sections import PlcConnection, RegisterEntry
+from drivers.plc.plc_registers import ReadingRegister, Register, RegisterMap
+from pkm_rig.rig.device_sections import PlcConnection, ReadingEntry, RegisterEntry
 
 _MEASURED = ("pressure_hpa", "humidity_percent")
 _TEMPERATURE = "_temperature_c"
@@ -59,9 +60,15 @@ def register_map(plc: PlcConnection) -> RegisterMap:
                 raise InputError(f"rig file: plc.registers names '{name}', which is not in docs/reference/plc.md")
         if plc.interlocks:
             changed["interlock_bits"] = dict(plc.interlocks)
+        changed["readings"] = {entry.name: _reading_register(entry) for entry in plc.readings}
         return replace(default, temperatures_c=temperatures, **changed)
     except ValueError as error:
         raise InputError(f"rig file: plc: {error}") from error
+
+
+def _reading_register(entry: ReadingEntry) -> ReadingRegister:
+    unit = unit_of(entry.name)
+    return ReadingRegister(**entry.model_dump(exclude={"name", "meaning"}), unit="" if unit is None else unit.symbol)
 
 
 def _register(default: Register, entry: RegisterEntry) -> Register:

@@ -19,12 +19,11 @@ from drivers.plc.plc import Plc
 from drivers.plc.plc_registers import PlcState
 from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
-from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.config import PART_SENSORS, RigFile
 from pkm_rig.rig.station_air import StationAir
 from pkm_rig.rig.supervision import Supervisor
 
 PLC_POLL_S = 1.0
-PART_SENSORS = ("struts", "columns", "base", "platform")
 
 
 class Rig:
@@ -52,6 +51,7 @@ class Rig:
         self.banks = tuple(banks)
         self.plc = plc
         self.sensors = PART_SENSORS
+        self.extra_columns = file.plc.extra_columns()
         self.compensation = 0
         self._poll_period_s = poll_period_s
         self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
@@ -258,6 +258,7 @@ class Rig:
             "pressure_hpa": state.pressure_hpa,
             "humidity_percent": 100.0 * state.humidity,
             **{f"{name}_temperature_c": state.temperatures_c[name] for name in self.sensors},
+            **{name: state.readings[name] for name in self.extra_columns},
         }
 
     def refresh_atmosphere(self) -> None:

@@ -194,6 +194,7 @@ def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
         software=f"pkm-rig {__version__}",
         drives=tuple(d.name for d in file.drives),
         sensors=rig.sensors,
+        extra_columns=rig.extra_columns,
         station=StationEntry(
             name=file.station.name,
             position_m=file.station.position_m,

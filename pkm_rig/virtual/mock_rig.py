@@ -25,10 +25,11 @@ from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.plant import Plant, Sighting
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.rig import MockPorts, MockRig
-from mock_devices.settings import DisturbanceLevels, InstrumentProfile, MockSettings, Payload
+from mock_devices.settings import DisturbanceLevels, InstrumentProfile, MockSettings, Payload, PlcReading
 from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.rig.config import MockSection, RigFile, embedded_rig_path, machine_path
+from pkm_rig.rig.device_sections import ReadingEntry
 from pkm_rig.rig.plc_connection import plc_line
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 from pkm_rig.virtual.twin_files import MACHINE_NAME, read_twin
@@ -87,6 +88,7 @@ def _settings(
         noise_tails=mock.noise_tails,
         temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
         temperature_programme=mock.temperature_programme,
+        plc_readings=tuple(_plc_reading(entry) for entry in file.plc.readings),
         absolute_encoders=mock.encoders == "absolute",
         seed=mock.seed,
         error_scale=mock.error_scale,
@@ -103,6 +105,13 @@ def _settings(
         station_position_m=file.station.position_m,
         station_heading_rad=file.station.heading_rad,
     )
+
+
+def _plc_reading(entry: ReadingEntry) -> PlcReading:
+    """A further register of the PLC as the mock serves it: a temperature of the base."""
+    if entry.type not in ("f32", "i16") or entry.order != "ABCD":
+        raise ValueError(f"plc.readings: {entry.name}: the mock PLC has f32 and i16, high word first, only")
+    return PlcReading(entry.name, entry.address, type=entry.type, scale=entry.scale)
 
 
 @contextmanager

@@ -65,6 +65,9 @@ def test_other_settings_of_the_station_make_it_another_campaign():
         assert is_same_rig(then, {**then, "station": same}, adds=False)
     for other in ({"edm_mode": "single_fast"}, {"prism_type": "round"}, {"prism_constant_m": 0.001}):
         assert not is_same_rig(then, {**then, "station": other}, adds=False)
+    with_coolant = {**then, "plc": {"host": "here", "readings": [{"name": "coolant_temperature_c"}]}}
+    assert is_same_rig(then, {**then, "plc": {"host": "there", "readings": []}}, adds=False)
+    assert not is_same_rig(then, with_coolant, adds=False)  # its readings would have another column
 
 
 def test_a_campaign_that_broke_off_goes_on(tmp_path):

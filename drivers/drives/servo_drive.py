@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import time
-from collections import deque
 from collections.abc import Callable
 
 from drivers.can.can_line import NMT_START, CanLine
@@ -14,6 +12,7 @@ from drivers.can.sdo import SdoAccess
 from drivers.clock import HostClock, RigClock
 from drivers.drives import cia402, objects
 from drivers.drives.cia402 import State
+from drivers.drives.drive_messages import DriveMessages
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from drivers.drives.drive_records import (
     DriveExpectation,
@@ -31,9 +30,6 @@ __all__ = ["DriveExpectation", "DriveIdentity", "DriveSample", "DriveTimeouts", 
 
 _OPERATIONAL = 5
 _MIN_POLLS = 10  # however fast rig time runs
-_TPDO1 = struct.Struct("<Hih")
-_TPDO2 = struct.Struct("<ii")
-_EMERGENCY = struct.Struct("<HB")
 
 
 class ServoDrive:
@@ -69,30 +65,21 @@ class ServoDrive:
         self.limits_m = (-math.inf, math.inf)
         self.rated_torque_n_m = math.nan
         self.target_m = math.nan
-        self.emergencies: deque[Emergency] = deque(maxlen=100)
-        self.on_emergency: Callable[[Emergency], None] | None = None
-        self.restarted = False
         self.reference = ReferenceState(self)
         self.mode: int | None = None
         self.sync_period_s = math.nan
-        self.tpdo_counts = [0, 0]
         self._timeouts = timeouts or DriveTimeouts()
         self.sdo = SdoAccess(line, node_id, name, self._timeouts.sdo_s)
         self._clock = clock or HostClock()
         self._partner_node_id = partner_node_id
         self._master_node_id = master_node_id
-        self._tpdos = [b"", b""]
-        self._heartbeat_s: float | None = None
-        self._nmt_state: int | None = None
         self._profile: dict[DriveObject, int] = {}
-        self._callbacks = {
-            0x080 + node_id: self._on_emergency,
-            0x180 + node_id: self._on_tpdo1,
-            0x280 + node_id: self._on_tpdo2,
-            0x700 + node_id: self._on_heartbeat,
-        }
-        for cob_id, callback in self._callbacks.items():
-            line.subscribe(cob_id, callback)
+        self.messages = DriveMessages(line, node_id, self._clock)
+
+    @property
+    def emergencies(self) -> tuple[Emergency, ...]:
+        """The last EMCY messages, the oldest first."""
+        return tuple(self.messages.emergencies)
 
     @property
     def where(self) -> str:
@@ -106,7 +93,7 @@ class ServoDrive:
         NotReferenced for one that has to be homed or stands where it cannot, unless it may be `unreferenced`.
         """
         self.line.check()
-        self.restarted = False
+        self.messages.restarted = False
         setup = self.setup()
         setup.find()
         self.identity = setup.read_identity(self.expected)
@@ -124,18 +111,15 @@ class ServoDrive:
         self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
         self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
-        self._nmt_state = None
+        self.messages.nmt_state = None
         self.line.send_nmt(NMT_START, self.node_id)
-        self._wait(lambda: self._nmt_state == _OPERATIONAL, "NMT state operational")
+        self._wait(lambda: self.messages.nmt_state == _OPERATIONAL, "NMT state operational")
         self.check()  # a restart in between has undone what was set
         return self.identity
 
     def close(self) -> None:
         """Stop listening to the drive; the line stays open. May be called again."""
-        if self._callbacks:
-            for cob_id, callback in self._callbacks.items():
-                self.line.unsubscribe(cob_id, callback)
-            self._callbacks = {}
+        if self.messages.close():
             self.sdo.close()
 
     def set_mode(self, mode: int) -> None:
@@ -288,13 +272,9 @@ class ServoDrive:
             raise ValueError(f"{self.name}: no such position: {position_m} m")
         return round(position_m / self.metres_per_increment)
 
-    def heartbeat_age_s(self) -> float | None:
-        """Rig seconds since the last heartbeat; None before the first."""
-        return None if self._heartbeat_s is None else self._clock.now_s() - self._heartbeat_s
-
     def heartbeat(self) -> Heartbeat:
         """Whether the heartbeat is alive, late, lost or was never seen."""
-        age_s = self.heartbeat_age_s()
+        age_s = self.messages.heartbeat_age_s()
         if age_s is None:
             return Heartbeat.NEVER
         if age_s > self._timeouts.heartbeat_lost_s or age_s < 0.0:  # a clock that went back tells nothing about ages
@@ -304,38 +284,21 @@ class ServoDrive:
     def check(self) -> None:
         """Raise ConnectionFailed (line lost), StaleData (heartbeat lost) or DriveFault (drive restarted)."""
         self.line.check()
-        if self.restarted:
+        if self.messages.restarted:
             raise DriveFault(self.name, self.where, "the drive has restarted", "connect to it again")
         if self.heartbeat() is Heartbeat.LOST:
-            age_s = self.heartbeat_age_s()
+            age_s = self.messages.heartbeat_age_s()
             raise StaleData(
                 self.name, self.where, f"no heartbeat for {age_s:.1f} s", "check power and cable of the drive"
             )
 
     def latest(self, t_rig_s: float, t_host_s: float) -> DriveSample:
-        """The last TPDO1 and TPDO2 as one sample with the given times of their SYNC."""
-        statusword, position, torque = _TPDO1.unpack(self._tpdos[0][: _TPDO1.size])
-        demand, velocity = _TPDO2.unpack(self._tpdos[1][: _TPDO2.size])
-        step_m = self.metres_per_increment
-        return DriveSample(
-            statusword=statusword,
-            position_m=position * step_m,
-            demand_m=demand * step_m,
-            velocity_m_per_s=velocity * step_m,
-            torque_fraction=torque * 1e-3,
-            following_error_m=(demand - position) * step_m,
-            t_rig_s=t_rig_s,
-            t_host_s=t_host_s,
-        )
-
-    def last_emergency(self) -> Emergency | None:
-        """The last emergency unless the drive has reported since that the error is gone."""
-        emergencies = tuple(self.emergencies)
-        return emergencies[-1] if emergencies and emergencies[-1].is_error else None
+        """What the drive sent last, as one sample with the given times of its SYNC."""
+        return self.messages.sample(self.metres_per_increment, t_rig_s, t_host_s)
 
     def fault(self, what: str) -> DriveFault:
         """A DriveFault with the last emergency in its text."""
-        last = self.last_emergency()
+        last = self.messages.last_emergency()
         because = f", {last}" if last else ""
         return DriveFault(self.name, self.where, what + because, "remove the cause, then reset the fault")
 
@@ -353,34 +316,3 @@ class ServoDrive:
                     "check the drive's display, its power and its enable inputs",
                 )
             self._clock.sleep_s(self._timeouts.poll_period_s)
-
-    def _on_heartbeat(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
-        if len(data) != 1:
-            return
-        state = data[0] & 0x7F
-        if state == 0:
-            self.restarted = True
-        self._nmt_state = state
-        self._heartbeat_s = self._clock.now_s()
-
-    def _on_emergency(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
-        if len(data) >= _EMERGENCY.size:
-            code, register = _EMERGENCY.unpack_from(data)
-            emergency = Emergency(code, register, self._clock.now_s(), time.monotonic())
-            self.emergencies.append(emergency)
-            if self.on_emergency is not None:
-                self.on_emergency(emergency)
-
-    def _on_tpdo1(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
-        self._store_tpdo(0, data, _TPDO1.size)
-
-    def _on_tpdo2(self, _cob_id: int, data: bytearray, _stamp: float) -> None:
-        self._store_tpdo(1, data, _TPDO2.size)
-
-    def _store_tpdo(self, number: int, data: bytearray, size: int) -> None:
-        if len(data) < size:
-            return
-        with self.line.received:
-            self._tpdos[number] = bytes(data)
-            self.tpdo_counts[number] += 1
-            self.line.received.notify_all()

@@ -76,7 +76,7 @@ class SyncSampler:
         return self._sync_once(wait)
 
     def _sync_once(self, wait: Callable[[Callable[[], bool]], None]) -> tuple[float, float]:
-        counts = [list(drive.tpdo_counts) for drive in self.drives]
+        counts = [list(drive.messages.tpdo_counts) for drive in self.drives]
         begin_s, t_rig_s = time.monotonic(), self._clock.now_s()
         self._sync()
         t_host_s = 0.5 * (begin_s + time.monotonic())
@@ -85,7 +85,7 @@ class SyncSampler:
             return [
                 drive
                 for drive, old in zip(self.drives, counts, strict=True)
-                if any(new == was for new, was in zip(drive.tpdo_counts, old, strict=True))
+                if any(new == was for new, was in zip(drive.messages.tpdo_counts, old, strict=True))
             ]
 
         wait(lambda: self._line.failed is not None or not silent())

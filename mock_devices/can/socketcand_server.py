@@ -118,13 +118,13 @@ class _Client:
                 self._pause.daemon = True
                 self._pause.start()
             case ["send", identifier, length, *data] if self._bus is not None:
-                self._send_frame(identifier, length, data)
+                self._send_frame(self._bus, identifier, length, data)
             case ["echo"]:
                 self._send("< echo >")
             case _:
                 self._send("< error unknown command >")
 
-    def _send_frame(self, identifier: str, length: str, data: list[str]) -> None:
+    def _send_frame(self, bus: can.BusABC, identifier: str, length: str, data: list[str]) -> None:
         try:
             content = bytes(int(byte, 16) for byte in data)
             if len(content) != int(length, 16):
@@ -135,8 +135,7 @@ class _Client:
         except ValueError:
             self._send("< error malformed frame >")
             return
-        assert self._bus is not None
-        self._bus.send(message)
+        bus.send(message)
 
     def _forward(self) -> None:
         with self._lock:

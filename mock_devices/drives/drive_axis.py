@@ -10,10 +10,10 @@ following error (0x6066); a homing that was halted is begun anew.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives import cia402
+from mock_devices.drives.axis_limits import AxisLimits
 from mock_devices.drives.axis_motion import AxisMotion, Dynamics, command_for
 from mock_devices.drives.cia402 import State
 from mock_devices.drives.compensation import Compensation
@@ -26,20 +26,6 @@ EMCY_HEARTBEAT = 0x8130
 EMCY_FOLLOWING_ERROR = 0x8611
 EMCY_SYNC = 0x8700
 PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
-
-
-@dataclass
-class AxisLimits:
-    """What the master may set, in increments and seconds."""
-
-    low_inc: int
-    high_inc: int
-    speed: int = 20_000_000
-    acceleration: int = 100_000_000
-    deceleration: int = 100_000_000
-    quick_stop_deceleration: int = 500_000_000
-    following_error_window_inc: int = 100_000
-    position_window_inc: int = 100
 
 
 class DriveAxis:
@@ -314,7 +300,7 @@ class DriveAxis:
             return
         if self.error_code == EMCY_COMPENSATION:
             self._clear_error()
-        self.motion.go(t_s, target_inc, self._dynamics(), at_once=at_once)
+        self.motion.go(t_s, target_inc, self.limits.dynamics(), at_once=at_once)
         self._acknowledged = True
 
     def _permits(self, target_inc: int) -> bool:
@@ -332,12 +318,6 @@ class DriveAxis:
     def _waiting(self, t_s: float) -> bool:
         """Whether a set-point waits for the motion under way."""
         return self.motion.set_point(t_s) != self.motion.set_point(float("inf"))
-
-    def _dynamics(self) -> Dynamics:
-        limits = self.limits
-        return Dynamics(
-            float(max(limits.speed, 1)), float(max(limits.acceleration, 1)), float(max(limits.deceleration, 1))
-        )
 
     def _raise_error(self, code: int) -> None:
         self.error_code = code

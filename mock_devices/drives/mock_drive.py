@@ -15,22 +15,21 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from typing import Any
 
 import can
 import canopen
-from canopen.objectdictionary import ObjectDictionary, eds
 from canopen.sdo.exceptions import SdoAbortedError
 
 from mock_devices.can.node_services import Heartbeat, NmtSlave, NmtState
 from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
 from mock_devices.can.pdo import Mapping, read_mapping
 from mock_devices.can.sdo_abort import RefusedWrite
-from mock_devices.can.sdo_server import SdoServer, SegmentServer
+from mock_devices.can.sdo_server import SdoServer
 from mock_devices.clock import RigClock
 from mock_devices.drives.compensation import Compensation
 from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
+from mock_devices.drives.drive_node import DriveNode
 from mock_devices.drives.drive_objects import METRES_PER_INCREMENT, DriveObjects
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Motion, SetPoint
@@ -89,7 +88,7 @@ class DriveServer:
             self._send_emergency,
             absolute=axis.absolute_encoder,
         )
-        self._node = _Node(node_id, _dictionary(node_id), self._stored, faults)
+        self._node = DriveNode(node_id, self._stored, faults)
         self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
         self._node.data_store[0x1401] = {1: (0x280 + axis.partner_node_id).to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
@@ -340,28 +339,6 @@ class DriveServer:
                 self._objects.write(index, subindex, od.decode_raw(bytes(data)))
             except RefusedWrite as refusal:
                 raise SdoAbortedError(refusal.abort_code) from None
-
-
-class _Node(canopen.LocalNode):
-    """LocalNode without its host-time heartbeat, telling what was stored."""
-
-    def __init__(
-        self, node_id: int, dictionary: ObjectDictionary, stored: Callable[[int], None], faults: FaultPlan
-    ) -> None:
-        super().__init__(node_id, dictionary)
-        self.sdo = SegmentServer(self, faults)
-        self._write_callbacks.clear()
-        self._stored = stored
-
-    def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        super().set_data(index, subindex, data, check_writable)
-        self._stored(index)
-
-
-def _dictionary(node_id: int) -> ObjectDictionary:
-    with resources.files("mock_devices.drives").joinpath("mock_drive.eds").open("r", encoding="ascii") as file:
-        dictionary: ObjectDictionary = eds.import_eds(file, node_id)  # type: ignore[no-untyped-call]
-    return dictionary
 
 
 def _increments(position_m: float) -> int:

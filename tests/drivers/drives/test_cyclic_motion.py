@@ -256,7 +256,7 @@ def test_drives_that_hear_no_sync_stop_by_themselves(opened: Open) -> None:
     bench.clock.sleep_s(2.9 * PERIOD_S)
     assert not any(drive.emergencies for drive in bench.drives)
     bench.clock.sleep_s(0.2 * PERIOD_S)
-    assert [str(drive.last_emergency()) for drive in bench.drives] == ["EMCY 0x8700 (no SYNC)"] * 2
+    assert [str(drive.messages.last_emergency()) for drive in bench.drives] == ["EMCY 0x8700 (no SYNC)"] * 2
     bench.clock.sleep_s(0.1)
     assert [drive.state() for drive in bench.drives] == [State.FAULT] * 2
     with pytest.raises(DriveFault, match="0x8700"):

@@ -36,7 +36,8 @@ from benchmarks.timing import (
     print_table,
 )
 from calibration.base.arrays import Array
-from calibration.identification.estimators import Fit, identify
+from calibration.identification.estimators import identify
+from calibration.identification.fit import Fit
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine

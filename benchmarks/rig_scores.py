@@ -18,7 +18,8 @@ from benchmarks.rig_measured import Rig, measured_targets
 from benchmarks.rig_settings import CASES, ESTIMATORS, WITHIN_95, CalibrationCase, Study
 from benchmarks.rig_truth import Array, deviations, generator
 from calibration.base.errors import InputError
-from calibration.identification.estimators import Fit, identify
+from calibration.identification.estimators import identify
+from calibration.identification.fit import Fit
 from calibration.identification.rigid.models import RIGID_KINDS, fit_rigid_identifications
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.model.model import Model, SystematicUncertainties

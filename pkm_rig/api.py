@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibration.compensation.tables import CompensationTable
     from calibration.diagnosis.result import Diagnosis
     from calibration.identification.calibration import Calibration
-    from calibration.identification.estimators import Estimator
+    from calibration.identification.fit import Estimator
     from calibration.machine.description import Machine
     from calibration.recording.recording import Recording
     from calibration.reduction.reduction import Reduction

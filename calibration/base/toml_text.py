@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TypeGuard
 
 from calibration.base.toml_file import Section
 
@@ -16,23 +17,21 @@ def to_toml(section: Section) -> str:
 
 
 def _emit(table: Mapping[str, object], prefix: str, lines: list[str]) -> None:
-    nested = {k: v for k, v in table.items() if isinstance(v, dict) or _is_table_array(v)}
     for key, value in table.items():
-        if key not in nested:
+        if not isinstance(value, dict) and not _is_table_array(value):
             lines.append(f"{_key(key)} = {_value(value)}")
-    for key, value in nested.items():
+    for key, value in table.items():
         path = f"{prefix}{_key(key)}"
         if isinstance(value, dict):
             lines += ["", f"[{path}]"]
             _emit(value, path + ".", lines)
-        else:
-            assert isinstance(value, tuple | list)
+        elif _is_table_array(value):
             for item in value:
                 lines += ["", f"[[{path}]]"]
                 _emit(item, path + ".", lines)
 
 
-def _is_table_array(value: object) -> bool:
+def _is_table_array(value: object) -> TypeGuard[Sequence[Mapping[str, object]]]:
     return isinstance(value, tuple | list) and bool(value) and all(isinstance(v, dict) for v in value)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.identification.calibration import Calibration
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.prediction import predict_poses
 from calibration.machine import equilibrium
 from calibration.machine.description import Machine

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.estimators import identify
+from calibration.identification.fit import Estimator, Fit
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
 from calibration.identification.remarks import remarks

@@ -8,123 +8,27 @@ fitted before stiffness: its columns vanish at zero misfit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.frame import Frame
+from calibration.identification.fit import Estimator, Fit
 from calibration.identification.linear_system import (
     TriangularSystem,
     estimator_covariance,
     posterior_covariance,
     truncated_covariance,
 )
-from calibration.identification.problem import Layout, LeastSquaresProblem
+from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.readings import Readings
-from calibration.instruments.smr_positions import SmrPositions, StationModel
-from calibration.machine.description import Machine
-from calibration.model.model import Model, Poses
+from calibration.model.model import Model
 from calibration.model.visits import Visits
 
-Estimator = Literal["map", "least_squares", "tikhonov", "l_curve", "truncated_svd"]
 LEAST_SQUARES_WEIGHT = 1e-2  # of the tolerances: only keeps null directions from drifting
 WEIGHTS = np.logspace(-3.0, 3.0, 61)
 SVD_STEPS = 20
 VISITS_TO_START = 128  # the slow part of a fit, away from the minimum, needs no more
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A fitted model. unknowns (u,) and covariance (u, u) in SI, as laid out by `layout`.
-
-    The covariance is that of the estimator's error if the truth is drawn from the priors: for the default one the
-    posterior's; for others what regularisation leaves out or lets through is in it. converged: the search ended by
-    itself.
-    system: the readings linearised at the solution, in unknowns scaled by their priors' standard deviation.
-    chi2_per_dof: weighted sum of squares per degree of freedom of the readings. residuals: whitened, one array
-    (r, w) an instrument.
-    """
-
-    model: Model
-    layout: Layout
-    visits: Visits
-    instruments: tuple[Readings, ...]
-    unknowns: Array
-    covariance: Array
-    system: TriangularSystem
-    weight: float
-    chi2_per_dof: float
-    residuals: tuple[Array, ...]
-    estimator: Estimator
-    converged: bool
-
-    @property
-    def machine(self) -> Machine:
-        """The machine that was fitted."""
-        return self.model.machine
-
-    @property
-    def theta(self) -> Array:
-        """Machine parameters (p,), deviations from nominal."""
-        return self.unknowns[: len(self.model.parameters)]
-
-    @property
-    def theta_u(self) -> Array:
-        """Standard uncertainties (p,) of the machine parameters."""
-        return np.sqrt(np.diag(self.covariance)[: len(self.model.parameters)])
-
-    @property
-    def spectrum(self) -> Array:
-        """Singular values of the whitened, prior-scaled Jacobian; above 1 the data beat the prior."""
-        return self.system.spectrum()
-
-    @property
-    def degrees_of_freedom(self) -> float:
-        """Numbers read minus those that the fit used up, the trace of its hat matrix."""
-        sigma = self.layout.sigma
-        scaled = self.covariance / sigma[:, None] / sigma[None, :]
-        return self.system.n_rows - float(np.sum(scaled * self.system.information()))
-
-    @property
-    def station(self) -> StationModel:
-        """The station that saw the reflectors."""
-        return self._station()[0]
-
-    @property
-    def frame(self) -> Frame:
-        """The machine's frame as the station sees it."""
-        station, own = self._station()
-        return station.frame(own)
-
-    def as_station_reports(self, point_m: Array) -> Array:
-        """Points (n, 3) of the machine's frame as the station would state them, its range errors included."""
-        station, own = self._station()
-        return station.observe(self.machine, own, point_m)[0]
-
-    def mounting_m(self, smr: int) -> Array:
-        """Identified position (3,) of a reflector on its part."""
-        station, own = self._station()
-        return station.mounting_m(self.machine, own, smr)
-
-    def _station(self) -> tuple[StationModel, Array]:
-        for readings, own in zip(self.instruments, self.layout.instrument_slices, strict=True):
-            if isinstance(readings, SmrPositions):
-                return readings.station, self.unknowns[own]
-        raise InputError("identification: no station was used in this fit, so it has no frame")
-
-    def predict(self, visits: Visits) -> Poses:
-        """Poses of visits in the machine's frame."""
-        return self.model.predict(self.unknowns[: len(self.model)], visits)
-
-    def value(self, name: str) -> tuple[float, float]:
-        """Value and standard uncertainty of an unknown by its name."""
-        if name not in self.layout.names:
-            raise InputError(f"identification: there is no unknown '{name}' in this fit")
-        row = self.layout.names.index(name)
-        return float(self.unknowns[row]), float(np.sqrt(self.covariance[row, row]))
 
 
 def identify(
@@ -189,18 +93,18 @@ def _fit(problem: LeastSquaresProblem, z: Array, weight: float, estimator: Estim
     sigma = problem.layout.sigma
     dof = max(1.0, system.n_rows - float(np.sum(scaled * system.information())))
     return Fit(
-        problem.model,
-        problem.layout,
-        problem.visits,
-        tuple(problem.readings),
-        z * sigma,
-        scaled * sigma[:, None] * sigma[None, :],
-        system,
-        weight,
-        sum(float(np.sum(r**2)) for r in residuals) / dof,
-        tuple(residuals),
-        estimator,
-        converged,
+        model=problem.model,
+        layout=problem.layout,
+        visits=problem.visits,
+        instruments=tuple(problem.readings),
+        unknowns=z * sigma,
+        covariance=scaled * sigma[:, None] * sigma[None, :],
+        system=system,
+        weight=weight,
+        chi2_per_dof=sum(float(np.sum(r**2)) for r in residuals) / dof,
+        residuals=tuple(residuals),
+        estimator=estimator,
+        converged=converged,
     )
 
 

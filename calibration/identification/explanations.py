@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model
@@ -64,24 +64,32 @@ def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[
     residual = np.append(system.right_side, np.sqrt(max(system.residual_squares, 0.0)))
     u, s, _ = np.linalg.svd(columns[:, varied], full_matrices=False)
     absorbed = u[:, s > ABSORBED_SHARE * np.max(s, initial=0.0)]
-    left = columns - absorbed @ (absorbed.T @ columns)
+    remaining = columns - absorbed @ (absorbed.T @ columns)
     residual = residual - absorbed @ (absorbed.T @ residual)
     out = []
-    for kind in dict.fromkeys(name.partition(".")[0] for name, known in zip(names, varied, strict=True) if not known):
+    for kind in dict.fromkeys(name.partition(".")[0] for name, fitted in zip(names, varied, strict=True) if not fitted):
         rows = [i for i, name in enumerate(names) if not varied[i] and name.partition(".")[0] == kind]
         for unit in dict.fromkeys(problem.layout.unknowns[i].unit for i in rows):
             some = [i for i in rows if problem.layout.unknowns[i].unit == unit]
-            if np.linalg.norm(left[:, some]) < ABSORBED_SHARE * np.linalg.norm(columns[:, some]):
+            if np.linalg.norm(remaining[:, some]) < ABSORBED_SHARE * np.linalg.norm(columns[:, some]):
                 continue
-            step = -np.linalg.pinv(left[:, some], rcond=NEGLIGIBLE_EFFECT) @ residual
-            effect = left[:, some] @ step
+            step = -np.linalg.pinv(remaining[:, some], rcond=NEGLIGIBLE_EFFECT) @ residual
+            effect = remaining[:, some] @ step
             share = 1.0 - float(np.sum((residual + effect) ** 2) / max(np.sum(residual**2), 1e-300))
             label = kind if len(some) > 1 else names[some[0]]
-            value = step * problem.layout.sigma[some]
-            size = float(np.sqrt(np.mean(step**2)))
-            kept = float(np.sum(left[:, some] ** 2) / np.sum(columns[:, some] ** 2))
-            parts = tuple(names[i] for i in some)
-            out.append(Explanation(label, parts, unit, value, share, size, 1.0 - kept, effect))
+            remaining_share = float(np.sum(remaining[:, some] ** 2) / np.sum(columns[:, some] ** 2))
+            out.append(
+                Explanation(
+                    kind=label,
+                    names=tuple(names[i] for i in some),
+                    unit=unit,
+                    value=step * problem.layout.sigma[some],
+                    share=share,
+                    prior_deviations=float(np.sqrt(np.mean(step**2))),
+                    absorbed=1.0 - remaining_share,
+                    effect=effect,
+                )
+            )
     return tuple(sorted(out, key=lambda e: -e.share))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.identification.calibration import Calibration, identify_recording, pose_u
-from calibration.identification.estimators import Estimator
+from calibration.identification.fit import Estimator
 from calibration.identification.prediction import monte_carlo, predict_poses, predict_tool
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import figures

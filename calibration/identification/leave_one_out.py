@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.problem import VISITS_AT_ONCE
 from calibration.instruments.readings import split_by_visits
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.identification.combinations import known_combinations, list_terms, merge_sentences
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.linear_system import TriangularSystem, posterior_covariance
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.readings import Readings

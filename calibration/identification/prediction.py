@@ -15,7 +15,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector, skew
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.problem import Layout, LeastSquaresProblem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 
 SCATTER = 1.5  # chi-square per degree of freedom from which on readings scatter more than stated
 QUIET = 0.5  # below which they scatter less

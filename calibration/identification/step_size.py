@@ -66,7 +66,7 @@ def nominal_residual_m(measured: MeasuredMachine, factor: float = 1.0) -> float:
         return float("inf")
     tool = poses.tool_m()
     worst = 0.0
-    for readings in measured.readings(nuisances=False):
+    for readings in measured.readings(instrument_unknowns=False):
         if isinstance(readings, ToolCoordinates) and not readings.own_frame:
             lengths = [c for c in readings.coordinates if c < 3]
             shift = (tool[readings.visit] - readings.value[:, :3])[:, lengths]

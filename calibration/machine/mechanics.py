@@ -155,7 +155,17 @@ class MechanicalState:
         k = geometry.stiffness_n_per_m[:, None]
         force = k * residual
         np.divide(force[:s], length, out=curvature[:s])
-        return cls(structure, p, rotation, lever, direction, residual, force, k, curvature)
+        return cls(
+            structure=structure,
+            position=p,
+            rotation=rotation,
+            lever=lever,
+            direction=direction,
+            residual=residual,
+            force=force,
+            stiffness=k,
+            curvature=curvature,
+        )
 
     @cached_property
     def wrench(self) -> Array:

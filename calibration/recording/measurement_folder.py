@@ -53,8 +53,8 @@ class MeasuredMachine:
     pairs: Array
     distance_m: Array
 
-    def readings(self, *, nuisances: bool = True) -> tuple[Readings, ...]:
-        """The readings of each kind that there are; without nuisances instruments have no unknowns but a frame."""
+    def readings(self, *, instrument_unknowns: bool = True) -> tuple[Readings, ...]:
+        """The readings of each kind; without instrument_unknowns an instrument has no unknowns but its frame."""
         out: list[Readings] = []
         if self.file.columns:
             chosen = sorted(COLUMNS.index(c) for c in self.file.columns)
@@ -62,7 +62,7 @@ class MeasuredMachine:
             rows = np.flatnonzero(np.isfinite(self.coordinates[:, chosen[0]]))
             value = np.nan_to_num(self.coordinates[rows])
             sigma = np.tile([e.sd for e in entries], (len(rows), 1))
-            offset = tuple(e.offset_u for e in entries) if nuisances else ()
+            offset = tuple(e.offset_u for e in entries) if instrument_unknowns else ()
             out.append(ToolCoordinates(rows, tuple(chosen), value, sigma, self.file.own_frame, offset))
         stated = self.file.distances
         if stated is not None:
@@ -71,14 +71,14 @@ class MeasuredMachine:
             ball = stated.centre_m is not None
             out.append(
                 Distances(
-                    pairs[:, 0],
-                    None if ball else pairs[:, 1],
-                    self.distance_m,
-                    sigma,
-                    np.array(stated.centre_m) if ball else None,
-                    stated.centre_u_m if nuisances else 0.0,
-                    stated.length_u_m if nuisances else 0.0,
-                    stated.scale_u if nuisances else 0.0,
+                    first=pairs[:, 0],
+                    second=None if ball else pairs[:, 1],
+                    distance_m=self.distance_m,
+                    sigma_m=sigma,
+                    centre_m=np.array(stated.centre_m) if ball else None,
+                    centre_u_m=stated.centre_u_m if instrument_unknowns else 0.0,
+                    length_u_m=stated.length_u_m if instrument_unknowns else 0.0,
+                    scale_u=stated.scale_u if instrument_unknowns else 0.0,
                 )
             )
         return tuple(out)

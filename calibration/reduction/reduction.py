@@ -19,8 +19,9 @@ from calibration.instruments import station_geometry
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import check_units
+from calibration.reduction.drift_filter import estimate_drift
 from calibration.reduction.grouped_readings import group_by_visit
-from calibration.reduction.pose_filter import FilteredPoses, estimate_drift, filter_poses
+from calibration.reduction.pose_filter import FilteredPoses, filter_poses
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
 MAX_MISS_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to
@@ -103,9 +104,16 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     report = basis.report if basis else _robust_frame(recording, observations.of_visits(zero))
     poses = filter_poses(report, observations)
     dropped["innovation gate"] = int(np.count_nonzero(~poses.accepted))
-    keep = poses.accepted
-    observations = observations.take(keep)
-    return Reduction(recording, observations, info, report, poses, constant, constant_u, dropped)
+    return Reduction(
+        recording=recording,
+        observations=observations.take(poses.accepted),
+        info=info,
+        report=report,
+        poses=poses,
+        range_constant_m=constant,
+        range_constant_u_m=constant_u,
+        dropped=dropped,
+    )
 
 
 def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from calibration.base.errors import InputError
 from calibration.identification.calibration import identified_summary, identify_recording
-from calibration.identification.estimators import Estimator
+from calibration.identification.fit import Estimator
 from calibration.identification.held_out import cross_check, held_out_error
 from calibration.recording.recording import Recording
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.estimators import identify
 from calibration.identification.explanations import Explanation, explanations, group_indistinguishable
+from calibration.identification.fit import Estimator, Fit
 from calibration.identification.leave_one_out import LeaveOneOutErrors, leave_one_out
 from calibration.identification.observability import Observability, observability_of
 from calibration.identification.step_size import check_step_size
@@ -114,7 +115,7 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
 def _fit_as_owner_did(measured: MeasuredMachine, kinds: Sequence[str]) -> Fit:
     """The owner's kinds of unknowns by least squares, without unknowns for the instruments."""
     model = Model(ParameterSet.of(measured.machine, tuple(kinds)))
-    return identify(model, measured.visits, measured.readings(nuisances=False), "least_squares")
+    return identify(model, measured.visits, measured.readings(instrument_unknowns=False), "least_squares")
 
 
 def _parameters(fit: Fit) -> dict[str, Any]:

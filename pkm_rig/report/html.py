@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from calibration.compensation.error_map import error_map
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
 from calibration.reduction.figures import COVERAGE_FACTOR

@@ -8,7 +8,8 @@ import pytest
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix
-from calibration.identification.estimators import Estimator, Fit, identify
+from calibration.identification.estimators import identify
+from calibration.identification.fit import Estimator, Fit
 from calibration.identification.problem import Layout
 from calibration.instruments import station_geometry
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel

@@ -58,11 +58,13 @@ def _step(file: Mapping[str, Any], case: Case, p: Array, rotation: Rotation) -> 
         end, length = _base_end(file, case, s)
         v = joints[s["name"]] - end
         reach = float(np.linalg.norm(v))
-        _pinned(frame, s["name"], s["name"], end, reach, s["stiffness_n_per_m"], v / reach, reach - length)
+        stiffness, residual = s["stiffness_n_per_m"], reach - length
+        _pinned(frame, s["name"], s["name"], end=end, reach=reach, stiffness=stiffness, n=v / reach, residual=residual)
     for plane in file["planes"]:
         joint, n = joints[plane["joint"]], np.array(plane["normal"])
         residual = float(n @ (joint - np.array(plane["point"]) * case.grown("base")))
-        _pinned(frame, plane["name"], plane["joint"], joint - n, 1.0, plane["stiffness"], n, residual)
+        name, stiffness = plane["name"], plane["stiffness"]
+        _pinned(frame, name, plane["joint"], end=joint - n, reach=1.0, stiffness=stiffness, n=n, residual=residual)
 
     gravity = np.array(file["gravity_m_per_s2"])
     pushes = [(mass * gravity, centre) for mass, centre in case.masses] + list(case.forces)
@@ -78,7 +80,15 @@ def _step(file: Mapping[str, Any], case: Case, p: Array, rotation: Rotation) -> 
 
 
 def _pinned(
-    frame: FEModel3D, name: str, joint: str, end: Array, reach: float, stiffness: float, n: Array, residual: float
+    frame: FEModel3D,
+    name: str,
+    joint: str,
+    *,
+    end: Array,
+    reach: float,
+    stiffness: float,
+    n: Array,
+    residual: float,
 ) -> None:
     """A member of a stiffness from `end` to a joint along n, and the force of its residual on the joint."""
     frame.add_node(f"base {name}", *end.tolist())

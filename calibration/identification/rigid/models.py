@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
-from calibration.identification.estimators import Fit
+from calibration.identification.fit import Fit
 from calibration.identification.rigid.closure import MeasuredPoses, close_loops, equal_weights
 from calibration.machine.description import Machine
 from calibration.machine.equilibrium import make_conditions, solve, state_at, workspace_middle

@@ -10,7 +10,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from calibration.identification.estimators import Fit, identify
+from calibration.identification.estimators import identify
+from calibration.identification.fit import Fit
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES, parse_machine
 from calibration.model.model import Model

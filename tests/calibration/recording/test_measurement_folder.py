@@ -281,7 +281,7 @@ def spoiled(arm_mm, count):
 def explained(measured):
     kinds = measured.file.former.unknowns
     model = Model(ParameterSet.of(measured.machine, kinds))
-    fit = identify(model, measured.visits, measured.readings(nuisances=False), "least_squares")
+    fit = identify(model, measured.visits, measured.readings(instrument_unknowns=False), "least_squares")
     return explanations(fit, Model(measured.parameters()), measured.readings())
 
 

@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.recording.header import AccuracyEntry
-from calibration.reduction.pose_filter import estimate_drift, innovation_gate
+from calibration.reduction.drift_filter import estimate_drift
+from calibration.reduction.innovation import innovation_gate
 
 STATED = AccuracyEntry(angle_sd_rad=2.4e-6, range_sd_m=1e-4, range_constant_u_m=1e-4, range_scale_u=1e-6)
 NESTS = np.array([[-0.8, 3.1, -1.4], [0.8, 3.1, -1.4]])

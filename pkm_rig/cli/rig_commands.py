@@ -25,11 +25,12 @@ def calibrate(
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, progress_bar
+    from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.store import open_store
 
     with (
         open_store(out) as store,
-        open_rig(rig, real_time=real_time, seed=seed) as connected_rig,
+        open_rig(rig, needs=Need.MOTION | Need.TABLES, real_time=real_time, seed=seed) as connected_rig,
         progress_bar() as progress,
     ):
         outcome = calibrate(connected_rig, store, print_message, progress)
@@ -51,6 +52,7 @@ def measure(
     from pkm_rig.jobs.measure import measure
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result, progress_bar
+    from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
     from pkm_rig.rig.schedule import calibration_blocks
     from pkm_rig.rig.store import open_store
@@ -58,7 +60,7 @@ def measure(
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig or embedded_rig_path())
         calibration_blocks(machine, with_visits(file, campaign_file).campaign)
-    with open_store(out) as store, open_rig(rig) as connected_rig, progress_bar() as progress:
+    with open_store(out) as store, open_rig(rig, needs=Need.MOTION) as connected_rig, progress_bar() as progress:
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
         campaign = measure(connected_rig, store, print_message, progress, resume)
@@ -75,11 +77,16 @@ def verify(
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message, progress_bar
+    from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.store import open_store
 
     with open_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
-    with open_store(out) as store, open_rig(rig) as connected_rig, progress_bar() as progress:
+    with (
+        open_store(out) as store,
+        open_rig(rig, needs=Need.MOTION | Need.TABLES) as connected_rig,
+        progress_bar() as progress,
+    ):
         outcome = verify(connected_rig, store, campaign, print_message, progress)
     _report_outcome(outcome, out, json)
 
@@ -90,8 +97,9 @@ def check(rig: RigOption = None, json: JsonOption = False) -> None:
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.check_text import print_check
     from pkm_rig.report.terminal import print_either
+    from pkm_rig.rig.capabilities import Need
 
-    with open_rig(rig) as connected_rig:
+    with open_rig(rig, needs=Need.MOTION) as connected_rig:
         check_result = check_devices(connected_rig)
     print_either(json, check_result, print_check)
     if check_result["problems"]:
@@ -108,8 +116,9 @@ def home(
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.homing_text import print_homing
     from pkm_rig.report.terminal import print_either
+    from pkm_rig.rig.capabilities import Need
 
-    with open_rig(rig, homing=True) as connected_rig:
+    with open_rig(rig, needs=Need.HOMING if again else Need.NOTHING, homing=True) as connected_rig:
         homing_result = home_drives(connected_rig, again=again)
     print_either(json, homing_result, print_homing)
 

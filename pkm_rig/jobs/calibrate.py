@@ -12,6 +12,7 @@ from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.previous_tables import keep_previous_tables
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.rig_checks import require_table_banks
 from pkm_rig.rig.runner import open_runner
 from pkm_rig.rig.store import Store
 
@@ -22,6 +23,7 @@ def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress) -> Cam
     Raises DeviceError, CampaignRefused, StoreError or InputError with the machine stopped, the
     previous tables restored if the drives can still be reached, and all readings kept.
     """
+    require_table_banks(rig)
     campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
     with (
         open_runner(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,

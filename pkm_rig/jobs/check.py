@@ -1,7 +1,8 @@
-"""Check of a connected rig: identities, units, interlocks and what is not fit."""
+"""Check of a connected rig: identities, units, capabilities, interlocks and every obstacle to a campaign."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from pkm_rig.rig.rig import Rig
@@ -9,7 +10,7 @@ from pkm_rig.rig.rig_checks import check_rig, in_plane_u_m
 
 
 def check_devices(rig: Rig) -> dict[str, Any]:
-    """Identities, units, interlocks and what is not fit."""
+    """Identities, units, capabilities, interlocks and problems of a connected rig (docs/reference/json.md)."""
     state = rig.supervisor.state()
     identity = rig.station.identity
     return {
@@ -21,6 +22,7 @@ def check_devices(rig: Rig) -> dict[str, Any]:
                 "metres_per_increment": drive.metres_per_increment,
                 "limits_m": list(drive.limits_m),
                 "heartbeat": drive.heartbeat().value,
+                "capabilities": asdict(drive.profile.capabilities),
             }
             for drive in rig.drives.drives
         },

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from pkm_rig.rig.capabilities import Need, require_capabilities
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
@@ -34,14 +35,21 @@ def pin_to_one_core(choice: int = 0) -> Iterator[None]:
 
 @contextmanager
 def open_rig(
-    rig_path: Path | None, *, real_time: bool = False, seed: int | None = None, homing: bool = False
+    rig_path: Path | None,
+    *,
+    needs: Need = Need.NOTHING,
+    real_time: bool = False,
+    seed: int | None = None,
+    homing: bool = False,
 ) -> Iterator[Rig]:
     """A connected, supervised rig; without a path the embedded mock rig over its real protocols.
 
+    InputError, before any device is touched, if its file shows that it cannot do what it `needs` to.
     `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference.
     """
     path = rig_path or embedded_rig_path()
     file, machine = load_rig(path)
+    require_capabilities(file, machine, path, needs)
     if file.can.interface == "embedded":
         if seed is not None and file.mock is not None:
             file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})

@@ -22,7 +22,7 @@ from pkm_rig.results.outcome import CampaignOutcome, WrittenTable
 from pkm_rig.rig.plans import Plan, verification
 from pkm_rig.rig.previous_tables import PreviousTables, keep_previous_tables
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.rig_checks import check_rig
+from pkm_rig.rig.rig_checks import check_rig, require_table_banks
 from pkm_rig.rig.runner import Runner, open_runner
 from pkm_rig.rig.schedule import verification_block
 from pkm_rig.rig.store import Store
@@ -33,6 +33,7 @@ def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Prog
 
     The readings join the campaign, whose frame and nests they need: the station must not have been moved.
     """
+    require_table_banks(rig)
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))

@@ -15,6 +15,8 @@ def print_check(check_result: dict[str, Any]) -> None:
             f"drive {name}: node {drive['node_id']}, serial {drive['serial']}, "
             f"{drive['metres_per_increment'] * 1e9:g} nm an increment, heartbeat {drive['heartbeat']}"
         )
+        able = [what.replace("_", " ") for what, can in drive["capabilities"].items() if can]
+        results.print(f"  can: {', '.join(able) or 'move only'}")
     for name, good in check_result["interlocks"].items():
         results.print(f"interlock {name}: {'good' if good else 'OPEN'}")
     results.print(f"payload: {check_result['payload']}")

@@ -14,10 +14,11 @@ from calibration.model.payload import PayloadEntry
 from calibration.recording.columns import check_extra_columns
 from calibration.recording.header import DisturbanceLevels, LengthEntry, Name
 from drivers.drives.drive_profile import DriveProfile, load_profile
-from pkm_rig.rig.campaign_sections import CampaignFile, CampaignSettings, Limits
+from pkm_rig.rig.campaign_sections import MOST_DRIVES, CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
 
 PART_SENSORS = ("struts", "columns", "base", "platform")  # of the PLC, beside the air's
+RIG_DRIVES = 2  # each drive interpolates its table over its own position and its one partner's
 SHIPPED_RIGS = Path(__file__).parent / "data"
 
 
@@ -61,7 +62,9 @@ class RigFile(Section):
         default=None, description="A certified distance; without one the range constant is only the certificate's."
     )
     can: CanConnection = Field(description="The CAN bus.")
-    drives: tuple[DriveEntry, DriveEntry] = Field(description="The drives, in the order of the machine file.")
+    drives: tuple[DriveEntry, ...] = Field(
+        min_length=1, max_length=MOST_DRIVES, description="The drives, in the order of the machine file."
+    )
     plc: PlcConnection = Field(description="The PLC.")
     payloads: tuple[PayloadEntry, ...] = Field(
         min_length=1, description="What may be mounted on the platform; number 0 is no payload."
@@ -112,6 +115,11 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
     if names != list(machine.drive_names):
         raise InputError(
             f"{path}: drives {', '.join(names)} do not match the machine's {', '.join(machine.drive_names)}"
+        )
+    if len(names) != RIG_DRIVES:
+        raise InputError(
+            f"{path}: machine {machine.name} has {len(names)} drives, campaigns and tables are for {RIG_DRIVES}; "
+            "plan its poses with `pkm-rig poses --machine`"
         )
     profiles = [drive_profile(d, path) for d in rig.drives]
     if len({p.compensation is None for p in profiles}) > 1:

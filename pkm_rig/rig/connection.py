@@ -141,9 +141,8 @@ def _servo_drives(
         heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
         master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
     )
-    partners = (
-        [drive.node_id for drive in reversed(file.drives)] if len(file.drives) == 2 else [None] * len(file.drives)
-    )
+    first, second = file.drives
+    partners = (second.node_id, first.node_id)
     return [
         ServoDrive(
             line,

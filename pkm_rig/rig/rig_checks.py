@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
 from calibration.instruments import station_geometry
 from calibration.machine.description import Machine
@@ -28,6 +29,12 @@ def check_rig(rig: Rig) -> list[str]:
                 f"drive {drive.name}: its software limits are narrower than travel_m of the machine file; adjust one"
             )
     return problems
+
+
+def require_table_banks(rig: Rig) -> None:
+    """Raise InputError if the drives of a connected rig store no compensation tables."""
+    if not rig.banks:
+        raise InputError(f"rig {rig.file.rig}: its drives store no compensation tables; measure and identify only")
 
 
 def in_plane_u_m(rig_file: RigFile, machine: Machine) -> float:

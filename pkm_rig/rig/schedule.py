@@ -115,7 +115,7 @@ def _inside(machine: Machine, rows: Sequence[tuple[float, ...]], what: str) -> A
     outside = np.flatnonzero(~np.all((values >= low - 1e-9) & (values <= high + 1e-9), axis=1))
     if outside.size:
         raise InputError(f"{what} {outside[0] + 1} lies outside the workspace of {machine.name}")
-    return _platform_poses(machine, values)
+    return platform_poses(machine, values)
 
 
 def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
@@ -153,10 +153,10 @@ def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tu
 
 def _in_workspace(machine: Machine, unit: Array) -> Array:
     low, high = machine.commanded_limits.T
-    return _platform_poses(machine, low + (high - low) * unit)
+    return platform_poses(machine, low + (high - low) * unit)
 
 
-def _platform_poses(machine: Machine, commanded: Array) -> Array:
+def platform_poses(machine: Machine, commanded: Array) -> Array:
     """Platform poses (n, 6) that have the tool at commanded coordinates (n, k)."""
     poses = np.zeros((len(commanded), 6))
     poses[:, machine.commanded] = commanded

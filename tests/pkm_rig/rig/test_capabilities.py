@@ -1,0 +1,103 @@
+"""What a rig cannot do is said before any device is touched: status 2, one line."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import pytest
+
+import pkm_rig.virtual.mock_rig
+from calibration.machine.description import shipped_machine
+from pkm_rig.cli import main
+from pkm_rig.rig.config import embedded_rig_path
+
+NO_TABLES = ("metres_per_increment = 1.0e-8", 'metres_per_increment = 1.0e-8\nprofile = "plain-402"')
+HOMING = "\n[drives.homing]\nmethod = 33\nposition_m = 1.1\n"
+
+
+class Touched(BaseException):
+    """A command has come as far as the devices."""
+
+
+@pytest.fixture
+def refused(monkeypatch, capsys, tmp_path):
+    """The last line of a command that must end with status 2 and touch no device."""
+
+    def touched(*_arguments, **_options):
+        raise Touched
+
+    def command(name, *options, rig, machine=None):
+        text = embedded_rig_path().read_text(encoding="utf-8")
+        for old, new in rig:
+            assert old in text
+            text = text.replace(old, new)
+        if machine is not None:
+            own = shipped_machine("planar4").read_text(encoding="utf-8")
+            (tmp_path / "machine.toml").write_text(own.replace(*machine), encoding="utf-8")
+        (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(pkm_rig.virtual.mock_rig.MockRig, "__enter__", touched)
+        monkeypatch.setattr(sys, "argv", ["pkm-rig", name, "--rig", "rig.toml", *options])
+        started = time.monotonic()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert time.monotonic() - started < 5.0  # the machine may be busy; it is a fraction of a second
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert (ended.value.code, len(lines)) == (2, 1), lines
+        return lines[0]
+
+    return command
+
+
+def test_a_calibration_of_drives_without_tables(refused):
+    line = refused("calibrate", rig=[NO_TABLES])
+    assert "drive left" in line
+    assert "stores no compensation tables" in line
+
+
+def test_measuring_needs_no_tables(refused):
+    with pytest.raises(Touched):
+        refused("measure", rig=[NO_TABLES])
+
+
+def test_homing_of_drives_that_have_no_way_to_be_homed(refused):
+    assert "[drives.homing]" in refused("home", "--again", rig=[])
+
+
+def test_homing_of_a_make_that_cannot_say_whether_it_succeeded(refused):
+    old, new = NO_TABLES
+    assert "needs a profile with [referenced]" in refused("home", "--again", rig=[(old, new + HOMING)])
+
+
+def test_a_payload_that_is_not_in_the_list(refused):
+    line = refused("calibrate", rig=[("[nuisance]", "[campaign]\nloaded_payload = 3\n[nuisance]")])
+    assert "payload 3 is not in [[payloads]]" in line
+
+
+def test_a_machine_of_another_number_of_drives(refused):
+    text = embedded_rig_path().read_text(encoding="utf-8")
+    drives = text[text.index("[[drives]]") : text.index("[plc]")]
+    three = "".join(
+        f'[[drives]]\nname = "{name}"\nnode_id = {node}\nvendor_id = 1\nproduct_code = 1\nmetres_per_increment = 1e-8\n'
+        for node, name in enumerate(("a", "b", "c"), start=1)
+    )
+    line = refused("measure", rig=[('machine = "planar4"', 'machine = "rrr3"'), (drives, three)])
+    assert "rrr3 has 3 drives" in line
+
+
+OWN_MACHINE = ('machine = "planar4"', 'machine = "machine.toml"')
+
+
+@pytest.mark.parametrize("command", ["calibrate", "measure", "check"])
+def test_a_workspace_beyond_the_travel(refused, command):
+    line = refused(command, rig=[OWN_MACHINE], machine=("travel_m = [0.32, 1.70]", "travel_m = [0.32, 1.60]"))
+    assert "drive left misses" in line
+    assert "at the workspace's corner x = -0.35 m, y = 0.3 m" in line
+    missing_mm = 71.9 if command == "calibrate" else 61.9  # tables need 20 mm beyond, visits their approach of 10 mm
+    assert f"misses {missing_mm} mm" in line
+
+
+def test_a_workspace_out_of_reach(refused):
+    line = refused("measure", rig=[OWN_MACHINE], machine=("length_m = 1.5", "length_m = 0.7"))
+    assert "do not reach the workspace's" in line

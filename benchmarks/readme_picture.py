@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from calibration.compensation.error_map import error_map
-from pkm_rig.jobs.verdict import stored_outcome
+from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.report import pictures
 from pkm_rig.rig.store import open_store
 

@@ -129,23 +129,3 @@ def _averaging(reduction: Reduction) -> float:
     if verification.size == 0:
         return 1.0
     return float(np.sqrt(np.mean(1.0 / verification) / np.mean(1.0 / calibration)))
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Whether tables may stay, and the rule in words."""
-
-    accepted: bool
-    rule: str
-
-
-def decide(before: Figures, after: Figures) -> Decision:
-    """Tables stay only if the position error falls by more than its expanded uncertainty (JCGM 106)."""
-    fall = before.position_rms_m - after.position_rms_m
-    expanded = COVERAGE_FACTOR * float(np.hypot(before.u_position_rms_m, after.u_position_rms_m))
-    accepted = fall > expanded
-    rule = (
-        f"fall {fall * 1e6:.1f} um {'>' if accepted else '<='} U = {expanded * 1e6:.1f} um (k = 2): "
-        f"{'the tables stay' if accepted else 'the former tables come back'}"
-    )
-    return Decision(accepted, rule)

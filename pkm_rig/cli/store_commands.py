@@ -49,7 +49,7 @@ def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: 
 
 def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """Write the report of a verified campaign anew."""
-    from pkm_rig.jobs.verdict import stored_outcome
+    from pkm_rig.jobs.acceptance import stored_outcome
     from pkm_rig.report.html import report_path, write_report
     from pkm_rig.report.outcome_json import outcome_json
     from pkm_rig.report.terminal import print_result

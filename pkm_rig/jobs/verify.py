@@ -12,9 +12,9 @@ from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
 from drivers.drives.table_bank import CompensationState
 from pkm_rig.errors import CampaignRefused
+from pkm_rig.jobs.acceptance import evaluate_campaign, last_verification_attempt
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.measure import planned_readings
-from pkm_rig.jobs.verdict import evaluate_campaign, last_verification_attempt
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt

@@ -7,9 +7,17 @@ from typing import Any
 
 from calibration.compensation.tables import CompensationTable
 from calibration.identification.calibration import Calibration
-from calibration.reduction.figures import Decision, Figures
+from calibration.reduction.figures import Figures
 from calibration.reduction.reduction import Reduction
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether tables may stay, and the rule in words."""
+
+    accepted: bool
+    rule: str
 
 
 @dataclass(frozen=True)

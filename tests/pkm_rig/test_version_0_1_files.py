@@ -15,7 +15,7 @@ from calibration.identification.calibration import calibration_part, identify_re
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import drop_unclosed_readings
-from pkm_rig.jobs.verdict import stored_outcome
+from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.store import STORE_NAME, open_store
 

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.reduction.figures import Figures, decide, figures
-
-
-def made(rms, u):
-    return Figures(rms, 2 * rms, 0.0, u, 0.0, 30)
+from calibration.reduction.figures import figures
 
 
 def test_rms_and_maximum_are_of_the_free_coordinates():
@@ -36,18 +32,3 @@ def test_scale_does_not_average_out():
     machine = load_machine(shipped_machine("planar4"))
     found = figures(machine, np.full((50, 3), 1e-6), np.zeros((50, 3)), 3e-6, 0.3)
     assert found.u_position_rms_m == pytest.approx(0.9e-6)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "accepted"),
-    [(made(40e-6, 2e-6), made(6e-6, 0.5e-6), True), (made(8e-6, 1e-6), made(6e-6, 0.5e-6), False)],
-)
-def test_tables_stay_only_if_the_error_falls_by_more_than_its_uncertainty(before, after, accepted):
-    decision = decide(before, after)
-    assert decision.accepted is accepted
-    assert ("the tables stay" in decision.rule) is accepted
-
-
-def test_a_rise_is_never_accepted():
-    assert not decide(made(6e-6, 0.0), made(6e-6, 0.0)).accepted
-    assert not decide(made(6e-6, 1e-7), made(60e-6, 1e-7)).accepted

@@ -12,10 +12,10 @@ import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
+from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.identify import identify_with_checks
 from pkm_rig.jobs.measure import measure
-from pkm_rig.jobs.verdict import stored_outcome
 from pkm_rig.jobs.verify import verify
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.html import write_report

@@ -1,4 +1,4 @@
-"""Figures and verdict of a verified campaign: a function of what is stored."""
+"""Whether the tables of a verified campaign stay: its figures and the decision, a function of what is stored."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
 from calibration.identification.model_comparison import model_comparison, orientation_prediction
 from calibration.recording.recording import Recording
-from calibration.reduction.figures import decide, noise_floor, visit_figures
+from calibration.reduction.figures import COVERAGE_FACTOR, Figures, noise_floor, visit_figures
 from calibration.reduction.reduction import Reduction, reduce
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
-from pkm_rig.results.outcome import CampaignOutcome, VerificationResult, WrittenTable
+from pkm_rig.results.outcome import CampaignOutcome, Decision, VerificationResult, WrittenTable
 from pkm_rig.rig.store import Store
 
 
@@ -91,3 +91,15 @@ def verify_payload(identification: Calibration, reduction: Reduction, payload: i
         orientation_prediction_rad=predicted,
         models=model_comparison(identification, reduction, payload),
     )
+
+
+def decide(before: Figures, after: Figures) -> Decision:
+    """Tables stay only if the position error falls by more than its expanded uncertainty (JCGM 106)."""
+    fall = before.position_rms_m - after.position_rms_m
+    expanded = COVERAGE_FACTOR * float(np.hypot(before.u_position_rms_m, after.u_position_rms_m))
+    accepted = fall > expanded
+    rule = (
+        f"fall {fall * 1e6:.1f} um {'>' if accepted else '<='} U = {expanded * 1e6:.1f} um (k = 2): "
+        f"{'the tables stay' if accepted else 'the former tables come back'}"
+    )
+    return Decision(accepted, rule)

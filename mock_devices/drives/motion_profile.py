@@ -1,4 +1,4 @@
-"""Trapezoidal motion profiles and the following error of the servo, in closed form.
+"""Trapezoidal motion profiles, in closed form, with the following error along them.
 
 Any consistent unit of length; the drives use increments. Not modelled: jerk limits, ripple, overshoot.
 """
@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-FOLLOWING_ERROR_TIME_S = 0.010
-FOLLOWING_ERROR_SHARE = 0.05  # following error that remains with velocity feed-forward
+from mock_devices.drives.following_error import decay, following_error_after
 
 
 @dataclass(frozen=True)
@@ -44,9 +43,9 @@ class Profile:
     def following_error(self, t_s: float) -> float:
         """Commanded minus actual position; it has decayed some 0.1 s after the end."""
         if t_s >= self.duration_s:
-            return self.final_following_error * _decay(t_s - self.duration_s)
+            return self.final_following_error * decay(t_s - self.duration_s)
         phase = self._phase(t_s)
-        return _following_error_after(phase.v, phase.a, phase.following_error, max(t_s, 0.0) - phase.start_s)
+        return following_error_after(phase.v, phase.a, phase.following_error, max(t_s, 0.0) - phase.start_s)
 
     def _phase(self, t_s: float) -> Phase:
         for phase in self.phases:
@@ -113,26 +112,10 @@ class _Builder:
         if duration_s <= 0.0:
             return
         self.phases.append(Phase(self.t_s, duration_s, self.x, self.v, a, self.following_error))
-        self.following_error = _following_error_after(self.v, a, self.following_error, duration_s)
+        self.following_error = following_error_after(self.v, a, self.following_error, duration_s)
         self.x += duration_s * (self.v + 0.5 * a * duration_s)
         self.v += a * duration_s
         self.t_s += duration_s
 
     def build(self, target: float) -> Profile:
         return Profile(tuple(self.phases), target, self.t_s, self.following_error)
-
-
-def _following_error_after(v: float, a: float, following_error: float, dt_s: float) -> float:
-    """Following error of a first-order loop after dt_s of constant acceleration.
-
-    e' = FOLLOWING_ERROR_SHARE v - e / FOLLOWING_ERROR_TIME_S.
-    """
-
-    def forced(t_s: float) -> float:
-        return FOLLOWING_ERROR_SHARE * FOLLOWING_ERROR_TIME_S * (v + a * t_s - a * FOLLOWING_ERROR_TIME_S)
-
-    return forced(dt_s) + (following_error - forced(0.0)) * _decay(dt_s)
-
-
-def _decay(dt_s: float) -> float:
-    return math.exp(-dt_s / FOLLOWING_ERROR_TIME_S)

@@ -32,6 +32,7 @@ from calibration.recording.measurement_folder import (
     write_measurements,
 )
 from calibration.reduction.data_checks import require_enough_poses
+from pkm_rig.report.notation import plain_number
 from pkm_rig.results.unknowns import kind_in_words
 
 MIN_DOF = 10  # degrees of freedom below which a residual says little: its own relative uncertainty is 1 / sqrt(2 FEW)
@@ -218,10 +219,11 @@ def _remarks(found: dict[str, Any], numbers: int) -> list[str]:
     out = []
     shown = found if found["former"] is None else found["former"]
     dof, scatter = shown["degrees_of_freedom"], float(np.sqrt(shown["chi2_per_dof"]))
+    followed = plain_number(shown["effective_unknowns"])
     if dof < MIN_DOF or dof < MIN_REMAINING_SHARE * numbers:
         out.append(
-            f"the residual is no accuracy: {shown['effective_unknowns']:.3g} unknowns followed {numbers} numbers read "
-            f"(degrees of freedom left: {dof:.2g}); the leave-one-out error is what a new reading would show"
+            f"the residual is no accuracy: {followed} unknowns followed {numbers} numbers read (degrees of freedom "
+            f"left: {plain_number(dof, 2)}); the leave-one-out error is what a new reading would show"
         )
     if scatter > HIGH_SCATTER:
         out.append(

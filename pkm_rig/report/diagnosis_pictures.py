@@ -81,9 +81,9 @@ def error_map(diagnosis: Diagnosis, machine: Machine) -> Figure:
             color=colour, angles="xy", scale_units="xy", width=0.003,
             scale=key_m / (ARROW_SHARE * max(float(spans.max()), 1e-3)),
         )  # fmt: skip
-        axes.quiverkey(arrows, 0.84, 1.04, key_m, f"{key_m * 1e6:g} um", labelpos="E")
+        axes.quiverkey(arrows, 0.84, 1.04, key_m, f"{key_m * 1e6:g} µm", labelpos="E")
         rms = float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
-        axes.set_title(f"{name}: {rms * 1e6:.1f} um RMS", loc="left", fontsize=10)
+        axes.set_title(f"{name}: {rms * 1e6:.1f} µm RMS", loc="left", fontsize=10)
         axes.set_xlabel(f"{names[axes_of[0]]} / m")
         axes.set_ylabel(f"{names[axes_of[1]]} / m")
         axes.set_aspect("equal")
@@ -114,7 +114,7 @@ def coordinates(diagnosis: Diagnosis, machine: Machine) -> Figure:
             axes.set_xticks(distinct, [f"{value:g}" for value in distinct])
             axes.margins(x=0.2)
         axes.set_xlabel(coordinate.label)
-        axes.set_ylabel(f"gap along {_direction_text(along)} / um", fontsize=9)
+        axes.set_ylabel(f"gap along {_direction_text(along)} / µm", fontsize=9)
         axes.set_title(coordinate.share, loc="left", fontsize=9)
         axes.legend(frameon=False, fontsize=8)
     figure.suptitle("Gap against its strongest coordinates", fontsize=11)
@@ -174,7 +174,7 @@ def time_line(diagnosis: Diagnosis, machine: Machine) -> Figure:
             axes.plot(at, mean, "-", color=colour, linewidth=1.5, label=f"{name} (dots: visits, line: mean)")
         axes.axhline(0.0, color="0.8", linewidth=0.8, zorder=0)
         _shade_loads(axes, hours, visits.payload_kg[order])
-        axes.set_ylabel(f"gap in {'xyz'[axis]} / um")
+        axes.set_ylabel(f"gap in {'xyz'[axis]} / µm")
         if place == 1:
             axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
     axes.set_xlabel("rig time / h")

@@ -11,6 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from calibration.base.rounding import round_result
 from calibration.diagnosis.result import (
     NONE,
     UNKNOWN,
@@ -23,10 +24,12 @@ from calibration.diagnosis.result import (
 )
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.diagnosis_json import additions_by_gain, largest_shares, ranking_by_probability
+from pkm_rig.report.notation import plain_number
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED = ("m", "rad", "s")
+LARGEST_PPM = 1e-3  # ratios below are shown in ppm
 MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
 
 
@@ -213,14 +216,13 @@ def format_quantity(quantity: Quantity) -> str:
     if quantity.unit.partition("/")[0] in PREFIXED and math.isfinite(magnitude) and magnitude > 0.0:
         factor, prefix = next((p for p in PREFIXES if magnitude >= p[0]), PREFIXES[-1])
     unit = "" if quantity.unit in ("", "1") else f" {prefix}{quantity.unit}"
+    ratio, _, per = quantity.unit.partition("/")
+    if ratio == "1" and 0.0 < magnitude < LARGEST_PPM:
+        factor, unit = 1e-6, f" ppm/{per}" if per else " ppm"
     value, expanded = quantity.value / factor, COVERAGE_FACTOR * quantity.u / factor
     if not math.isfinite(expanded) or expanded <= 0.0:
-        return f"{value:.4g}{unit}"
-    digits = 1 - math.floor(math.log10(expanded))
-    if not -3 <= digits <= 6:
-        return f"{value:.3g} +- {expanded:.2g}{unit}"
-    shown = max(digits, 0)
-    return f"{round(value, digits):.{shown}f} +- {round(expanded, digits):.{shown}f}{unit}"
+        return f"{plain_number(value, 4)}{unit}"
+    return f"{' +- '.join(round_result(value, expanded))}{unit}"
 
 
 def diagnosis_line(attempt: DiagnosisAttempt) -> str:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from calibration.base.rounding import round_result
 from calibration.compensation.error_map import error_map
 from calibration.identification.fit import Fit
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report import diagnosis_json, diagnosis_pictures, diagnosis_text, pictures
+from pkm_rig.report.notation import plain_number, with_symbols
 from pkm_rig.report.outcome_text import comparison_remark, model_rows
 from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
 from pkm_rig.version import __version__
@@ -38,10 +40,13 @@ def report_html(outcome: CampaignOutcome) -> str:
         autoescape=select_autoescape(),
         undefined=StrictUndefined,
     )
+    environment.filters["plain"] = plain_number
+    environment.filters["symbols"] = with_symbols
+    environment.filters["result"] = _result_um
     environment.filters["um"] = lambda metres: f"{metres * 1e6:.1f}"
     environment.filters["percent"] = diagnosis_text.percent
     environment.filters["probability"] = diagnosis_text.probability
-    environment.filters["sized"] = diagnosis_text.format_quantity
+    environment.filters["sized"] = lambda quantity: with_symbols(diagnosis_text.format_quantity(quantity))
     environment.filters["urad"] = lambda rad: f"{rad * 1e6:.1f}"
     recording = outcome.reduction.recording
     sections = [_payload_section(outcome, verified) for verified in outcome.verified]
@@ -62,12 +67,16 @@ def report_html(outcome: CampaignOutcome) -> str:
             "parameters": pictures.data_uri(pictures.parameter_plot(outcome.calibration)),
         },
         fit=outcome.calibration.fit,
-        diagnosis_line=diagnosis_text.diagnosis_line(outcome.diagnosis),
+        diagnosis_line=with_symbols(diagnosis_text.diagnosis_line(outcome.diagnosis)),
         diagnosis=_diagnosis(outcome),
         version=__version__,
         hashes=_hashes(outcome),
         readings=len(recording),
     )
+
+
+def _result_um(value_m: float, expanded_m: float) -> str:
+    return " ± ".join(round_result(value_m * 1e6, expanded_m * 1e6))
 
 
 def _payload_section(outcome: CampaignOutcome, verified: VerificationResult) -> dict[str, Any]:
@@ -116,14 +125,14 @@ def _conditions(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     hours = (recording["t_rig_s"].max() - recording["t_rig_s"].min()) / 3600.0
     rows = [("duration (rig time)", f"{hours:.2f} h")]
     for name, values in (("air", recording["air_temperature_c"]), *recording.temperatures_c().items()):
-        rows.append((f"temperature, {name}", f"{values.min():.2f} to {values.max():.2f} degC"))
+        rows.append((f"temperature, {name}", f"{values.min():.2f} to {values.max():.2f} °C"))
     rows.append(("air pressure", f"{recording['pressure_hpa'].mean():.1f} hPa"))
     rows.append(("relative humidity", f"{recording['humidity_percent'].mean():.0f} %"))
     rows.append(
         (
             "range constant taken off",
-            f"{outcome.reduction.range_constant_m * 1e6:.1f} um, "
-            f"u = {outcome.reduction.range_constant_u_m * 1e6:.1f} um",
+            f"{outcome.reduction.range_constant_m * 1e6:.1f} µm, "
+            f"u = {outcome.reduction.range_constant_u_m * 1e6:.1f} µm",
         )
     )
     for cause, count in outcome.reduction.dropped.items():
@@ -134,15 +143,16 @@ def _conditions(outcome: CampaignOutcome) -> list[tuple[str, str]]:
 def _parameters(fit: Fit) -> list[dict[str, Any]]:
     rows = []
     for p, value, u in zip(fit.model.parameters.parameters, fit.theta, fit.theta_u, strict=True):
-        factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(
+        factor, unit = {"m": (1e6, "µm"), "rad": (1e6, "µrad")}.get(
             p.unit, (1e6, "ppm") if p.kind == "drive_scale" else (1.0, "1")
         )
+        shown_value, shown_u = round_result(value * factor, COVERAGE_FACTOR * u * factor)
         rows.append(
             {
                 "name": p.name,
-                "value": value * factor,
-                "expanded": COVERAGE_FACTOR * u * factor,
-                "tolerance": p.tolerance * factor,
+                "value": shown_value,
+                "expanded": shown_u,
+                "tolerance": plain_number(p.tolerance * factor),
                 "unit": unit,
                 "share": float(u / p.sigma),
             }

@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.table import Table
 
+from calibration.base.rounding import round_result
 from calibration.identification.observability import HELD
 from pkm_rig.report.terminal import results
 
@@ -18,7 +19,7 @@ def print_identification(result: dict[str, Any]) -> None:
     for name, p in result["parameters"].items():
         factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(p["unit"], (1.0, ""))
         note = "held by its tolerance" if p["left"] > HELD else ""
-        table.add_row(name, f"{p['value'] * factor:.3g}", f"{2 * p['u'] * factor:.2g}", unit, note)
+        table.add_row(name, *round_result(p["value"] * factor, 2 * p["u"] * factor), unit, note)
     results.print(table)
     held, bound = result["held_out"], result["bound"]
     results.print(

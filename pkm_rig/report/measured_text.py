@@ -7,6 +7,8 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+from calibration.base.rounding import round_result
+from pkm_rig.report.notation import plain_number
 from pkm_rig.report.terminal import results
 from pkm_rig.results.unknowns import kind_in_words
 
@@ -23,11 +25,11 @@ def print_measurements(result: dict[str, Any]) -> None:
     if former is not None:
         results.print(
             f"degrees of freedom left: {former['bare_degrees_of_freedom']} after the owner's {former['parameters']} "
-            f"parameters, {result['degrees_of_freedom']:.2g} with all {result['unknowns']} unknowns under tolerances",
+            f"parameters, {result['degrees_of_freedom']:.1f} with all {result['unknowns']} unknowns under tolerances",
             soft_wrap=True,
         )
     else:
-        results.print(f"degrees of freedom left: {result['degrees_of_freedom']:.3g}")
+        results.print(f"degrees of freedom left: {result['degrees_of_freedom']:.1f}")
     results.print(f"{result['rank']} of {result['machine_parameters']} directions of the machine decided by the data")
     if result["explanations"]:
         results.print("what else would make the owner's residual:")
@@ -53,14 +55,13 @@ def _print_values(result: dict[str, Any]) -> None:
         table.add_row(
             escape(name),
             f"{q['nominal'] * factor:.3f}",
-            f"{q['value'] * factor:.3f}",
-            f"{2 * q['u'] * factor:.2g}",
+            *round_result(q["value"] * factor, 2 * q["u"] * factor),
             unit,
         )
     for name, p in {} if named else result["parameters"].items():
         factor, unit = SCALES.get(p["unit"], (1.0, p["unit"]))
         note = "" if p["observable"] else "held by its tolerance"
-        table.add_row(escape(name), f"{p['value'] * factor:.3g}", f"{2 * p['u'] * factor:.2g}", unit, note)
+        table.add_row(escape(name), *round_result(p["value"] * factor, 2 * p["u"] * factor), unit, note)
     results.print(table)
 
 
@@ -88,8 +89,8 @@ def _explanations(result: list[dict[str, Any]]) -> Table:
     for e in result:
         factor, unit = SCALES.get(e["unit"], (1.0, e["unit"]))
         table.add_row(
-            escape(f"  {kind_in_words(e['kind'])}"), f"{e['rms'] * factor:.3g}", unit, f"{e['share']:.0%}",
-            f"{100.0 * (1.0 - e['absorbed']):.2g}%",
-            f"{e['prior_standard_deviations']:.2g}",
+            escape(f"  {kind_in_words(e['kind'])}"), plain_number(e["rms"] * factor), unit, f"{e['share']:.0%}",
+            f"{plain_number(100.0 * (1.0 - e['absorbed']), 2)}%",
+            plain_number(e["prior_standard_deviations"], 2),
         )  # fmt: skip
     return table

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from calibration.base.rounding import round_result
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.terminal import results
@@ -57,7 +58,7 @@ def short_table(outcome: CampaignOutcome) -> list[tuple[str, str, str]]:
         expanded = COVERAGE_FACTOR * figures.u_position_rms_m * 1e6
         return (
             name,
-            f"{figures.position_rms_m * 1e6:.1f} +- {expanded:.1f}",
+            " +- ".join(round_result(figures.position_rms_m * 1e6, expanded)),
             f"{figures.orientation_rms_rad * 1e6:.1f}",
         )
 

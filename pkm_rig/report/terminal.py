@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,11 +16,30 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
+from rich.text import Text
 
+from pkm_rig.report.notation import with_symbols
 from pkm_rig.results.callbacks import Progress as ReportProgress
 
-messages = Console(stderr=True, highlight=False)
-results = Console(highlight=False)
+
+class PeopleConsole(Console):
+    """A console that shows the symbols of units if its stream's encoding has them."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """A string as Text, with symbols; cells of tables are rendered and measured by this."""
+        return super().render_str(with_symbols(text, self.encoding), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Segments of a renderable, Text with symbols."""
+        if isinstance(renderable, Text):
+            renderable = renderable.copy()
+            renderable.plain = with_symbols(renderable.plain, self.encoding)
+        return super().render(renderable, options)
+
+
+messages = PeopleConsole(stderr=True, highlight=False)
+results = PeopleConsole(highlight=False)
 
 
 def print_json(result: dict[str, Any]) -> None:

@@ -69,7 +69,7 @@ def test_an_effect_in_words():
     text = printed(example())
     for part in (
         "verdict: backlash",
-        "width = 30.4 +- 1.2 um",
+        "width = 30.4 +- 1.3 um",
         "equivalent: backlash = friction_windup; their predictions differ by at most 0.4 um",
         "shrink 86 % (95 %: 79 % to 90 %)",
         "smr_offset 3.0 um",
@@ -92,12 +92,12 @@ def test_none_and_unknown_in_words():
 @pytest.mark.parametrize(
     ("quantity", "text"),
     [
-        (Quantity("width", 3.04e-5, 6.2e-7, "m"), "30.4 +- 1.2 um"),
+        (Quantity("width", 3.04e-5, 6.2e-7, "m"), "30.4 +- 1.3 um"),
         (Quantity("compliance", 2.13e-8, 1.0e-9, "m/N"), "21.3 +- 2.0 nm/N"),
         (Quantity("period", 0.01, 1.0e-6, "m"), "10.0000 +- 0.0020 mm"),
         (Quantity("ratio", -0.2, 0.012, "1"), "-0.200 +- 0.024"),
         (Quantity("phase", 1.0, 0.0, "rad"), "1 rad"),
-        (Quantity("growth", 4.0e-6, 3.0e-6, "1/K"), "4e-06 +- 6e-06 1/K"),
+        (Quantity("growth", 4.0e-6, 3.0e-6, "1/K"), "4.0 +- 6.0 ppm/K"),
         (Quantity("small", 0.0, 5.0e-7, "m"), "0.0 +- 1.0 um"),
         (Quantity("lost", float("nan"), float("nan"), "m"), "not known"),
     ],

@@ -17,7 +17,8 @@ FENCE = re.compile(r"^(\s*)(```|~~~).*?^\1\2\s*$", re.MULTILINE | re.DOTALL)
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 CODE = re.compile(r"`([^`\n]+)`")
 LINK = re.compile(r"\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
-PATH = re.compile(rf"(?:{'|'.join(TOP_FOLDERS)})(?:/[\w.-]+)+/?")
+PATH = re.compile(rf"(?<![\w./-])(?:{'|'.join(TOP_FOLDERS)})(?:/[\w.*-]+)+/?")
+MODULE = re.compile(rf"python -m ((?:{'|'.join(TOP_FOLDERS)})(?:\.\w+)+)")
 HEADING = re.compile(r"^#{1,6}\s+(.*?)\s*#*$", re.MULTILINE)
 
 
@@ -36,9 +37,11 @@ def links(page: Path) -> Iterator[tuple[Path, str]]:
 
 
 def paths_in_code(page: Path) -> Iterator[str]:
-    """Paths below the top folders that a page names in `code`."""
+    """Paths below the top folders that a page names in `code`, and those of modules that it runs."""
     for code in CODE.findall(text_of(page)):
-        yield from (path for path in PATH.findall(code) if code.startswith(path))
+        yield from PATH.findall(code)
+    for module in MODULE.findall((ROOT / page).read_text(encoding="utf-8")):
+        yield f"{module.replace('.', '/')}.py"
 
 
 def anchors(page: Path) -> set[str]:

@@ -70,8 +70,8 @@ def main() -> None:
         )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_set: bool) -> None:
+    if is_set:
         print(f"pkm-rig {__version__}")
         raise typer.Exit
 

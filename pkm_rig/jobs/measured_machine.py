@@ -63,8 +63,8 @@ def import_printer(path: Path, folder: Path) -> dict[str, Any]:
 def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str, Any]:
     """Identification of a measurement folder (docs/reference/json.md). InputError where nothing can be said of it."""
     if estimator not in get_args(Estimator) or estimator == "truncated_svd":
-        known = ", ".join(e for e in get_args(Estimator) if e != "truncated_svd")
-        raise InputError(f"estimator '{estimator}' is not known for a measurement folder; use {known}")
+        known_estimators = ", ".join(e for e in get_args(Estimator) if e != "truncated_svd")
+        raise InputError(f"estimator '{estimator}' is not known for a measurement folder; use {known_estimators}")
     chosen: Estimator = estimator  # type: ignore[assignment]
     readings = measured.readings()
     numbers = sum(len(r) * r.width for r in readings)
@@ -97,17 +97,17 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
         "aliased_in_short": list(_short_sentences(observed)),
     }
     if former is not None:
-        before = _fit_as_owner_did(measured, former.unknowns)
-        found = explanations(before, model, readings)
-        groups = group_indistinguishable(found, numbers)
+        previous_fit = _fit_as_owner_did(measured, former.unknowns)
+        candidates = explanations(previous_fit, model, readings)
+        groups = group_indistinguishable(candidates, numbers)
         out["former"] = {
             "parameters": former.parameters,
             "unknowns": list(former.unknowns),
             "bare_degrees_of_freedom": numbers - former.parameters,
-            "quantities": _quantities(measured, before),
-            **_figures(before),
+            "quantities": _quantities(measured, previous_fit),
+            **_figures(previous_fit),
         }
-        out["explanations"] = [_explanation(e) for e in found]
+        out["explanations"] = [_explanation(e) for e in candidates]
         out["alike"] = [[e.kind for e in group] for group in groups if len(group) > 1]
     out["remarks"] = _remarks(out, numbers)
     return out
@@ -181,11 +181,11 @@ def _rms_by_unit(
     instruments: Sequence[Readings], left: Sequence[LeaveOneOutErrors], field: str
 ) -> dict[str, float | None]:
     """None where no such number was read."""
-    found: dict[str, list[Array]] = {"m": [], "rad": []}
+    values_by_unit: dict[str, list[Array]] = {"m": [], "rad": []}
     for readings, part in zip(instruments, left, strict=True):
         for _, unit, values in _in_si(readings, getattr(part, field)):
-            found[unit].append(values)
-    rms = {unit: float(np.sqrt(np.mean(np.concatenate(v) ** 2))) if v else None for unit, v in found.items()}
+            values_by_unit[unit].append(values)
+    rms = {unit: float(np.sqrt(np.mean(np.concatenate(v) ** 2))) if v else None for unit, v in values_by_unit.items()}
     return {"position_rms_m": rms["m"], "orientation_rms_rad": rms["rad"]}
 
 
@@ -203,23 +203,23 @@ def _short_sentences(observed: Observability) -> tuple[str, ...]:
     return (*sentences, f"{others} more combinations of many parameters") if others else sentences
 
 
-def _explanation(found: Explanation) -> dict[str, Any]:
+def _explanation(explanation: Explanation) -> dict[str, Any]:
     return {
-        "kind": found.kind,
-        "rms": found.size,
-        "unit": found.unit,
-        "share": found.share,
-        "prior_standard_deviations": found.prior_deviations,
-        "absorbed": found.absorbed,
+        "kind": explanation.kind,
+        "rms": explanation.size,
+        "unit": explanation.unit,
+        "share": explanation.share,
+        "prior_standard_deviations": explanation.prior_deviations,
+        "absorbed": explanation.absorbed,
     }
 
 
-def _remarks(found: dict[str, Any], numbers: int) -> list[str]:
+def _remarks(result: dict[str, Any], numbers: int) -> list[str]:
     """What must be said beside the figures."""
     out = []
-    shown = found if found["former"] is None else found["former"]
-    dof, scatter = shown["degrees_of_freedom"], float(np.sqrt(shown["chi2_per_dof"]))
-    followed = plain_number(shown["effective_unknowns"])
+    figures = result if result["former"] is None else result["former"]
+    dof, scatter = figures["degrees_of_freedom"], float(np.sqrt(figures["chi2_per_dof"]))
+    followed = plain_number(figures["effective_unknowns"])
     if dof < MIN_DOF or dof < MIN_REMAINING_SHARE * numbers:
         out.append(
             f"the residual is no accuracy: {followed} unknowns followed {numbers} numbers read (degrees of freedom "
@@ -230,12 +230,12 @@ def _remarks(found: dict[str, Any], numbers: int) -> list[str]:
             f"the readings scatter {scatter:.1f} times as much as is stated of them: the model leaves something out, "
             "or the stated deviations are too small; every U here is too small by about as much"
         )
-    if hidden := [kind_in_words(e["kind"]) for e in found["explanations"] if 1.0 - e["absorbed"] < ALIASED_SHARE]:
+    if hidden := [kind_in_words(e["kind"]) for e in result["explanations"] if 1.0 - e["absorbed"] < ALIASED_SHARE]:
         out.append(
             f"aliased with what the owner fitted (less than {ALIASED_SHARE:.0%} of what they do to the readings is "
             f"left): {', '.join(hidden)}"
         )
-    for group in found["alike"]:
+    for group in result["alike"]:
         out.append(
             f"not told apart by these readings: {', '.join(kind_in_words(kind) for kind in group)}; each explains the "
             "residual as well as the others, and sag and play, which no parameter stands for, may too"

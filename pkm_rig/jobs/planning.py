@@ -63,7 +63,7 @@ class Planner:
         cases = machine.load_cases
         sigma = np.where(machine.dof < 3, POSITION_SD_M, ORIENTATION_SD_RAD)
         shares = [c.u_mass_kg / c.mass_kg for c in cases if c.mass_kg > 0.0]
-        known = SystematicUncertainties(max(shares, default=0.0), 0.0, machine.u_expansion_per_k)
+        systematic = SystematicUncertainties(max(shares, default=0.0), 0.0, machine.u_expansion_per_k)
 
         def instrument(visits: Visits) -> list[Readings]:
             return [ToolCoordinates.of(visits, tuple(machine.dof.tolist()), visits.target_m, sigma)]
@@ -71,7 +71,7 @@ class Planner:
         loads = tuple(PlannedLoad(c.mass_kg, c.centre_of_mass_m, c.force_n, c.force_point_m) for c in cases) or (
             PlannedLoad(),
         )
-        return cls(Model(ParameterSet.of(machine), known), instrument, loads)
+        return cls(Model(ParameterSet.of(machine), systematic), instrument, loads)
 
     @property
     def machine(self) -> Machine:
@@ -85,8 +85,10 @@ class Planner:
 
     def selection(self, tool: Array) -> Selection:
         """What measuring some of the tool poses (n, 6) would tell."""
-        over = visits_at(self.machine, workspace_poses(self.machine, EVALUATION_POSES, SEED + 1), self.loads[:1])
-        return Selection.of(self.model, tool, self.loads, self.instrument, over, self.typical_errors())
+        evaluation_visits = visits_at(
+            self.machine, workspace_poses(self.machine, EVALUATION_POSES, SEED + 1), self.loads[:1]
+        )
+        return Selection.of(self.model, tool, self.loads, self.instrument, evaluation_visits, self.typical_errors())
 
     def _fill_grid(self, count: int) -> Array:
         """The largest grid of at most `count` tool poses, filled up to that number with evenly spread ones."""
@@ -103,7 +105,7 @@ class Planner:
         }
         chosen = sets["selected"]
         visits = visits_at(self.machine, chosen.tool, self.loads)
-        seen = planned_observability(self.model, visits, self.instrument(visits), self.typical_errors())
+        observability = planned_observability(self.model, visits, self.instrument(visits), self.typical_errors())
         return {
             "machine": self.machine.name,
             "criterion": criterion,
@@ -111,12 +113,12 @@ class Planner:
             "targets": np.round(chosen.tool[:, self.machine.commanded], 6).tolist(),
             "payloads_kg": [load.mass_kg for load in self.loads],
             "sets": {name: _summary(prospect) for name, prospect in sets.items()},
-            "decided": seen.n_determined,
+            "decided": observability.n_determined,
             "parameters": {
                 name: {"left": float(left)}
-                for name, left in zip(seen.parameters.names, seen.remaining_share, strict=True)
+                for name, left in zip(observability.parameters.names, observability.remaining_share, strict=True)
             },
-            "open": list(seen.sentences),
+            "open": list(observability.sentences),
         }
 
 
@@ -152,9 +154,9 @@ def _station_observations(file: RigFile, machine: Machine, visits: Visits) -> Sm
     visit, smr = np.repeat(np.arange(len(visits)), len(smrs)), np.tile(smrs, len(visits))
     blank = ReflectorObservations(visits, visit, smr, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)))
     model = Model(ParameterSet.of(machine))
-    own = np.zeros(len(station.unknowns(machine)))
+    nominal_unknowns = np.zeros(len(station.unknowns(machine)))
     poses = model.predict(np.zeros(len(model)), visits)
-    point = SmrPositions(blank, station).compare(poses, visit[:, None], own, derivatives=False).residual
+    point = SmrPositions(blank, station).compare(poses, visit[:, None], nominal_unknowns, derivatives=False).residual
     covariance = station_geometry.point_covariances(*station_geometry.points_to_polar(point), accuracy)
     covariance /= file.campaign.readings_per_smr
     return SmrPositions(ReflectorObservations(visits, visit, smr, point, covariance), station)

@@ -21,9 +21,9 @@ def print_identification(result: dict[str, Any]) -> None:
         note = "held by its tolerance" if p["left"] > HELD else ""
         table.add_row(name, *round_result(p["value"] * factor, 2 * p["u"] * factor), unit, note)
     results.print(table)
-    held, bound = result["held_out"], result["bound"]
+    held_out, bound = result["held_out"], result["bound"]
     results.print(
-        f"held-out poses: {held['position_rms_m'] * 1e6:.1f} um, {held['orientation_rms_rad'] * 1e6:.1f} urad "
+        f"held-out poses: {held_out['position_rms_m'] * 1e6:.1f} um, {held_out['orientation_rms_rad'] * 1e6:.1f} urad "
         f"(measurement noise included; bound of the model alone {bound['position_rms_m'] * 1e6:.1f} um, "
         f"{bound['orientation_rms_rad'] * 1e6:.1f} urad)"
     )

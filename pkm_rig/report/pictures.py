@@ -88,14 +88,14 @@ def verification_scatter(reduction: Reduction, payload: int, title: str) -> Figu
 def residuals(calibration: Calibration) -> Figure:
     """Whitened residuals of the fit over rig time by reflector, and their distribution against the normal one."""
     reduction, fit = calibration.reduction, calibration.fit
-    seen = reduction.calibration()
+    observations = reduction.calibration()
     white = fit.residuals[0]
-    t_h = reduction.info.t_rig_s[reduction.info.phase == CALIBRATION][seen.visit] / 3600.0
+    t_h = reduction.info.t_rig_s[reduction.info.phase == CALIBRATION][observations.visit] / 3600.0
     figure = Figure(figsize=(10.0, 3.6))
     axes = figure.add_subplot(1, 3, (1, 2))
     machine = reduction.recording.machine
-    for index in sorted(set(seen.smr.tolist())):
-        rows = seen.smr == index
+    for index in sorted(set(observations.smr.tolist())):
+        rows = observations.smr == index
         axes.plot(t_h[rows], white[rows], ".", markersize=3, color=f"C{index}")
         axes.plot([], [], "o", color=f"C{index}", label=machine.smrs[index].name)
     axes.set_xlabel("rig time / h")
@@ -149,8 +149,8 @@ def parameter_plot(calibration: Calibration) -> Figure:
     figure = Figure(figsize=(10.0, 0.2 * len(parameters) + 0.8))
     axes = figure.add_subplot()
     for row, (p, v, w) in enumerate(zip(parameters, value, u, strict=True)):
-        known = w * p.tolerance < p.sigma
-        axes.errorbar(v, row, xerr=w, fmt="o", markersize=3, color=AFTER if known else "0.65", capsize=2)
+        is_determined = w * p.tolerance < p.sigma
+        axes.errorbar(v, row, xerr=w, fmt="o", markersize=3, color=AFTER if is_determined else "0.65", capsize=2)
     axes.axvspan(-1.0, 1.0, color="0.95", zorder=0)
     axes.set_yticks(range(len(parameters)), [p.name for p in parameters], fontsize=7)
     axes.invert_yaxis()

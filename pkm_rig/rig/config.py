@@ -78,10 +78,10 @@ class RigFile(Section):
     def _consistent(self) -> RigFile:
         if self.campaign.visits and self.campaign.targets:
             raise ValueError("campaign: give targets or visits, not both")
-        wanted = {*self.campaign.verification_payloads, self.campaign.loaded_payload}
-        wanted |= {visit.payload for visit in self.campaign.visits}
-        if max(wanted) >= len(self.payloads):
-            raise ValueError(f"campaign: payload {max(wanted)} is not in [[payloads]] (0 is no payload)")
+        payload_numbers = {*self.campaign.verification_payloads, self.campaign.loaded_payload}
+        payload_numbers |= {visit.payload for visit in self.campaign.visits}
+        if max(payload_numbers) >= len(self.payloads):
+            raise ValueError(f"campaign: payload {max(payload_numbers)} is not in [[payloads]] (0 is no payload)")
         masses = [p.mass_kg for p in self.payloads]
         if len(set(masses)) != len(masses):
             raise ValueError("payloads: two have the same mass, by which the drives tell their tables apart")

@@ -203,9 +203,9 @@ class Rig:
     def images(self, table: CompensationTable, generation: int) -> list[TableImage]:
         """A table as images, one a drive: own axis first, then the partner's."""
         out = []
-        for own, drive in enumerate(self.file.drives):
-            other = 1 - own
-            corrections = table.correction_m[own]
+        for axis, drive in enumerate(self.file.drives):
+            partner = 1 - axis
+            corrections = table.correction_m[axis]
             out.append(
                 TableImage(
                     node_id=drive.node_id,
@@ -213,11 +213,11 @@ class Rig:
                     payload_kg=table.conditions.payload_kg,
                     temperature_c=table.temperature_c,
                     machine_id=machine_id_of(self.machine.name),
-                    own_start_m=float(table.start_m[own]),
-                    own_step_m=float(table.step_m[own]),
-                    partner_start_m=float(table.start_m[other]),
-                    partner_step_m=float(table.step_m[other]),
-                    corrections_m=corrections if own == 0 else corrections.T,
+                    own_start_m=float(table.start_m[axis]),
+                    own_step_m=float(table.step_m[axis]),
+                    partner_start_m=float(table.start_m[partner]),
+                    partner_step_m=float(table.step_m[partner]),
+                    corrections_m=corrections if axis == 0 else corrections.T,
                     metres_per_increment=drive.metres_per_increment,
                 )
             )

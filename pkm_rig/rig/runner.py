@@ -72,14 +72,18 @@ class Runner:
         tags.sequence = int(recording["sequence"].max()) + 1
         tags.visit_number = int(recording["visit"].max())
         last = int(recording["nest_check"].max())
-        said = [event.data.get(SETTINGS, {}) for event in self.store.events(self.campaign, "failed")]
-        held = self.rig.station.settings_unchanged_on_connect or {"check": last, "held": True} in said
-        tags.nest_check = last if held and {"check": last, "held": False} not in said else last + 1
+        settings_events = [event.data.get(SETTINGS, {}) for event in self.store.events(self.campaign, "failed")]
+        settings_unchanged = (
+            self.rig.station.settings_unchanged_on_connect or {"check": last, "held": True} in settings_events
+        )
+        tags.nest_check = (
+            last if settings_unchanged and {"check": last, "held": False} not in settings_events else last + 1
+        )
         nests = recording.rows("nests")
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
             self.devices.first_nests.setdefault(str(name), position)
-        done = usable_readings(recording, tags.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
-        for pose, pass_, smr in zip(*(recording[name][done] for name in ("pose", "pass", "smr")), strict=True):
+        measured = usable_readings(recording, tags.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
+        for pose, pass_, smr in zip(*(recording[name][measured] for name in ("pose", "pass", "smr")), strict=True):
             self.devices.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
 
     def run(self, plan: Plan, purpose: str) -> None:
@@ -137,15 +141,15 @@ class Runner:
             return self.rig.supervisor.trip
         if self._failure is not None:
             return self._failure
-        seen: BaseException | None = error
+        cause: BaseException | None = error
         deepest = error
-        while seen is not None:
-            if isinstance(seen, EXPECTED_ERRORS):
-                return seen
-            inner: Any = seen.args[0] if seen.args else None
+        while cause is not None:
+            if isinstance(cause, EXPECTED_ERRORS):
+                return cause
+            inner: Any = cause.args[0] if cause.args else None
             status_error = inner.exception() if hasattr(inner, "exception") else None
             deepest = status_error or deepest
-            seen = seen.__cause__ or status_error or seen.__context__
+            cause = cause.__cause__ or status_error or cause.__context__
         return deepest
 
 

@@ -148,13 +148,13 @@ def embedded_mock_rig(
             plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
         ) as mock:
             host, port = mock.plc_address
-            found = file.model_copy(
+            rig_file = file.model_copy(
                 update={
                     "station": file.station.model_copy(update={"port": mock.station_url}),
                     "plc": file.plc.model_copy(update={"host": host, "port": port}),
                 }
             )
-            yield Embedded(found, clock if faults is None else SteppedClock(clock, faults), host_bus, mock)
+            yield Embedded(rig_file, clock if faults is None else SteppedClock(clock, faults), host_bus, mock)
     finally:
         clock.close()
 

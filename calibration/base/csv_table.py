@@ -84,12 +84,12 @@ def _rows(path: Path, reader: Iterator[list[str]], header: list[str], empty: Col
 
 def _number(cell: str, where: str) -> float:
     try:
-        found = float(cell)
+        number = float(cell)
     except ValueError:
         raise InputError(f"{where}: {cell[:40]!r} is not a number") from None
-    if not math.isfinite(found):
+    if not math.isfinite(number):
         raise InputError(f"{where}: {cell[:40]!r} is not finite; repair or remove the row")
-    return found
+    return number
 
 
 def _cell(number: float) -> str:

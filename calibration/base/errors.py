@@ -2,4 +2,4 @@
 
 
 class InputError(ValueError):
-    """A file, a measurement or a choice that is not fit: one line that says what, where, and what to do."""
+    """An invalid file, measurement or choice: one line that states what is wrong, where, and what to do."""

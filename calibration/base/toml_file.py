@@ -35,7 +35,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_toml(text: str, model: type[AnySection], name: str) -> AnySection:
-    """Check a TOML text against a model; `name` is said in the complaint."""
+    """Check a TOML text against a model; messages begin with `name`."""
     try:
         data: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -96,9 +96,9 @@ def build_table(fit: Fit, report: ReportFrame, load: OperatingConditions) -> Com
     usable = reached & np.all(np.isfinite(correction), axis=1)
     if np.count_nonzero(usable) < len(nodes) // 2:
         raise InputError("compensation: the model reaches less than half of the table; check the identification")
-    for lost in np.flatnonzero(~usable):
-        nearest = np.argmin(np.where(usable, np.sum((nodes - nodes[lost]) ** 2, axis=1), np.inf))
-        correction[lost] = correction[nearest]
+    for unreachable in np.flatnonzero(~usable):
+        nearest = np.argmin(np.where(usable, np.sum((nodes - nodes[unreachable]) ** 2, axis=1), np.inf))
+        correction[unreachable] = correction[nearest]
     shape = (POINTS_PER_AXIS,) * len(axes)
     return CompensationTable(
         start_m=box[:, 0],

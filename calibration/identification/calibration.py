@@ -1,4 +1,4 @@
-"""Identification of a recording: what of it may be used, the fit and rigid models of the same readings."""
+"""Identification of a recording: the readings that may be used, the fit, and rigid models of the same readings."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ def calibration_part(recording: Recording) -> Recording:
 def identify_recording(
     recording: Recording, estimator: Estimator = "map", *, baselines: bool = True, robust: bool = False
 ) -> Calibration:
-    """Identify a recording. What its readings leave open, such as stiffness with one payload, its prior holds."""
+    """Identify a recording. Unknowns that it does not determine (stiffness with one payload) keep their prior."""
     reduction = reduce(calibration_part(recording))
-    seen = reduction.calibration()
-    require_spread_poses(recording.machine, seen.visits.target_m)
-    smrs = tuple(sorted(set(seen.smr.tolist())))
+    observations = reduction.calibration()
+    require_spread_poses(recording.machine, observations.visits.target_m)
+    smrs = tuple(sorted(set(observations.smr.tolist())))
     accuracy = recording.file.station.accuracy.to_station_accuracy()
     station = StationModel.from_accuracy(reduction.report.frame, smrs, accuracy)
     station = replace(station, range_constant_u_m=reduction.range_constant_u_m)  # the certified length has tied it
@@ -76,24 +76,24 @@ def identify_recording(
         ParameterSet.of(recording.machine),
         SystematicUncertainties.from_declared(recording.file.payloads, recording.machine),
     )
-    fit = identify(model, seen.visits, [SmrPositions(seen, station)], estimator, robust=robust)
+    fit = identify(model, observations.visits, [SmrPositions(observations, station)], estimator, robust=robust)
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
 
 def _baselines(reduction: Reduction, station: StationModel) -> tuple[RigidIdentification, ...]:
     """Rigid identifications of the same readings, their poses in the report frame."""
-    seen, report = reduction.calibration(), reduction.report
+    observations, report = reduction.calibration(), reduction.report
     rows = reduction.info.phase == CALIBRATION
 
     def fit(model: Model, visits: NDArray[np.bool_]) -> Fit:
-        some = seen.of_visits(visits)
-        return identify(model, some.visits, [SmrPositions(some, station)])
+        part = observations.of_visits(visits)
+        return identify(model, part.visits, [SmrPositions(part, station)])
 
-    def stated(found: Fit, visits: Visits) -> Array:
-        return predict_poses(found, report, visits)
+    def stated(fitted: Fit, visits: Visits) -> Array:
+        return predict_poses(fitted, report, visits)
 
-    measured = MeasuredPoses(seen.visits, reduction.poses.coordinates[rows], reduction.poses.covariance[rows])
-    return fit_rigid_identifications(reduction.recording.machine, seen.visits, fit, stated, measured)
+    measured = MeasuredPoses(observations.visits, reduction.poses.coordinates[rows], reduction.poses.covariance[rows])
+    return fit_rigid_identifications(reduction.recording.machine, observations.visits, fit, stated, measured)
 
 
 def pose_u(calibration: Calibration, visits: Visits) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
-"""Combinations of parameters that machines are known to leave open, and how to say them.
+"""Parameter combinations that are known to be unobservable on such machines, and their wording.
 
-Each is a set of deviations that may move together; whether the data notice is decided elsewhere.
+Each is a set of deviations that may move together; whether the data constrain them is decided elsewhere.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class KnownCombination:
-    """Parameters that may move together: name to deviation (SI), and that in words."""
+    """Parameters that may move together: name to deviation (SI), and the sentence for it."""
 
     coefficients: Mapping[str, float]
     words: str
 
 
 def known_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
-    """Known combinations of a machine, the simple ones first; those with parameters that are not free are left out."""
+    """Known combinations of a machine, simple ones first; those with parameters that are not free are omitted."""
     names = set(parameters.names)
     machine = parameters.machine
     groups = (
@@ -40,32 +40,32 @@ def known_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
     )
     for group in groups:
         for candidate in group:
-            kept = {n: v for n, v in candidate.coefficients.items() if v != 0.0}
-            if kept and set(kept) <= names:
-                yield KnownCombination(kept, candidate.words)
+            coefficients = {n: v for n, v in candidate.coefficients.items() if v != 0.0}
+            if coefficients and set(coefficients) <= names:
+                yield KnownCombination(coefficients, candidate.words)
 
 
 def list_terms(parameters: ParameterSet, coefficients: Mapping[str, float]) -> KnownCombination:
-    """A combination that has no name of its own, its terms in units of the tolerance, the largest first."""
+    """A combination without a known name: its terms in units of the tolerance, the largest first."""
     tolerance = {p.name: p.tolerance for p in parameters.parameters}
     share = {name: value / tolerance[name] for name, value in coefficients.items()}
     ordered = sorted(share, key=lambda name: (-round(abs(share[name]), 6), name))
     if len(ordered) == 1:
         return KnownCombination(coefficients, f"{ordered[0]} not at all")
     largest = share[ordered[0]]
-    said = [name for name in ordered[:MAX_TERMS] if abs(share[name] / largest) > MIN_SHARE]
-    terms = [f"{share[name] / largest:+.2g} {name}" for name in said]
-    more = f" and {len(ordered) - len(said)} more" if len(ordered) > len(said) else ""
+    terms_named = [name for name in ordered[:MAX_TERMS] if abs(share[name] / largest) > MIN_SHARE]
+    terms = [f"{share[name] / largest:+.2g} {name}" for name in terms_named]
+    more = f" and {len(ordered) - len(terms_named)} more" if len(ordered) > len(terms_named) else ""
     return KnownCombination(coefficients, f"may move together (in units of their tolerances): {', '.join(terms)}{more}")
 
 
 def merge_sentences(words: Sequence[str]) -> tuple[str, ...]:
-    """Sentences, those that differ in the part they name ('of NAME:') said once with all the names."""
+    """Sentences; those that differ only in the part that they name (in brackets) become one with all the names."""
     merged: dict[str, list[str]] = {}
     for sentence in words:
-        found = re.search(r"\[([^\]]*)\]", sentence)
-        pattern = sentence if found is None else sentence.replace(found.group(0), "[]", 1)
-        merged.setdefault(pattern, []).append("" if found is None else found.group(1))
+        match = re.search(r"\[([^\]]*)\]", sentence)
+        pattern = sentence if match is None else sentence.replace(match.group(0), "[]", 1)
+        merged.setdefault(pattern, []).append("" if match is None else match.group(1))
     return tuple(pattern.replace("[]", ", ".join(names), 1) for pattern, names in merged.items())
 
 
@@ -90,7 +90,7 @@ def _joint_pair_combinations(machine: Machine) -> Iterator[KnownCombination]:
 
 
 def _guide_plane_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
-    """A joint held in a plane: its base joint and axis may lean across that plane at will."""
+    """A joint that is guided in a plane: its base joint and axis may tilt across that plane without any effect."""
     machine = parameters.machine
     for guide, strut in enumerate(machine.guide_joint):
         normal, name = machine.nominal.guide_normal[guide], machine.strut_names[strut]
@@ -99,14 +99,14 @@ def _guide_plane_combinations(parameters: ParameterSet) -> Iterator[KnownCombina
         drive = int(machine.strut_drive[strut])
         if drive != FIXED and machine.drive_kinds[drive] == "slider":
             tilt = np.cross(machine.nominal.axis[drive], normal)
-            found = _tilts(parameters, "axis_tilt", drive, tilt)
+            tilts = _tilts(parameters, "axis_tilt", drive, tilt)
             yield KnownCombination(
-                found, f"lean across its guide of the axis of [{machine.drive_names[drive]}] not at all"
+                tilts, f"lean across its guide of the axis of [{machine.drive_names[drive]}] not at all"
             )
 
 
 def _rigid_body_combinations(parameters: ParameterSet) -> Iterator[KnownCombination]:
-    """Base and platform as bodies: they may lie anywhere if the instrument's frame and the reflectors are unknown."""
+    """Base and platform as rigid bodies: open if the instrument's frame and the reflectors are unknown."""
     machine = parameters.machine
     for k, c in enumerate(AXES):
         words = f"the base as a body along {c} not at all"
@@ -157,6 +157,6 @@ def _move_base(parameters: ParameterSet, shift: Array, turn: Array) -> dict[str,
 
 
 def _tilts(parameters: ParameterSet, kind: str, part: int, turn: Array) -> dict[str, float]:
-    """A small turn in terms of a part's tilt parameters (what turns the part about itself falls away)."""
-    found: list[MachineParameter] = [p for p in parameters.parameters if p.kind == kind and p.part == part]
-    return {p.name: float(np.array(p.about) @ turn) for p in found}
+    """A small rotation as tilt parameters of a part, without the component about the part's own axis."""
+    tilts: list[MachineParameter] = [p for p in parameters.parameters if p.kind == kind and p.part == part]
+    return {p.name: float(np.array(p.about) @ turn) for p in tilts}

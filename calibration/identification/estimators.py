@@ -137,8 +137,8 @@ def gcv_weight(system: TriangularSystem, z: Array, parameters: int) -> float:
 
 def l_curve_weight(system: TriangularSystem, z: Array, parameters: int) -> float:
     """Prior weight at the corner of the L-curve: largest curvature of log misfit against log size (Hansen 1992)."""
-    found = np.log([(misfit, size) for _, misfit, size, _ in _regularisation_path(system, z, parameters)])
-    first, second = np.gradient(found, axis=0), np.gradient(np.gradient(found, axis=0), axis=0)
+    curve = np.log([(misfit, size) for _, misfit, size, _ in _regularisation_path(system, z, parameters)])
+    first, second = np.gradient(curve, axis=0), np.gradient(np.gradient(curve, axis=0), axis=0)
     bend = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     curvature = bend / np.maximum(np.sum(first**2, axis=1), 1e-12) ** 1.5
     return float(WEIGHTS[2:-2][np.argmax(curvature[2:-2])])
@@ -150,8 +150,8 @@ def _fit_truncated_svd(problem: LeastSquaresProblem, z: Array) -> tuple[Array, b
         system = problem.linearise(z)
         u, s, vt = np.linalg.svd(system.factor)
         keep = s > 1.0
-        wanted = u.T @ (system.factor @ z - system.right_side)
-        new = vt[keep].T @ (wanted[keep] / s[keep])
+        projected = u.T @ (system.factor @ z - system.right_side)
+        new = vt[keep].T @ (projected[keep] / s[keep])
         if np.max(np.abs(new - z)) < 1e-7:
             return np.asarray(new), True
         z = new

@@ -1,9 +1,9 @@
-"""What else could have made the residual of a fit: kinds of error that it did not vary, and which of them are alike.
+"""Other explanations of a fit's residual: kinds of error that the fit did not vary, grouped where indistinguishable.
 
-At the solution the readings are linear in every unknown. For each kind of unknown that the fit left alone, the part of
-its effect that the fitted unknowns cannot absorb is fitted to the residual, by the smallest change in units of the
+At the solution the readings are linear in every unknown. For each kind of unknown that the fit did not vary, the part
+of its effect that the fitted unknowns cannot absorb is fitted to the residual, by the smallest change in units of the
 tolerances. Kinds whose explanations differ by less than SAME_WITHIN_SD standard deviations of a reading (RMS) are one
-equivalence class on these readings: nothing in the data tells them apart.
+equivalence class on these readings: the data cannot distinguish them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Explanation:
     """A kind of error and the changes (k,) of its unknowns that explain a residual best.
 
     share: of the residual's weighted squares that they explain; tolerances: RMS of the changes in standard deviations
-    of the priors; absorbed: share of what the kind does to the readings that the fitted unknowns take up; effect
+    of the priors; absorbed: share of the kind's effect on the readings that the fitted unknowns absorb; effect
     (u + 1,): of the changes on the readings, whitened and rotated.
     """
 
@@ -93,10 +93,10 @@ def explanations(fit: Fit, wider: Model, readings: Sequence[Readings]) -> tuple[
     return tuple(sorted(out, key=lambda e: -e.share))
 
 
-def group_indistinguishable(found: Sequence[Explanation], readings: int) -> tuple[tuple[Explanation, ...], ...]:
-    """Groups of explanations that the readings (their number) do not tell apart, by single linkage."""
+def group_indistinguishable(candidates: Sequence[Explanation], readings: int) -> tuple[tuple[Explanation, ...], ...]:
+    """Groups of explanations that the readings cannot distinguish, by single linkage; readings: their number."""
     groups: list[list[Explanation]] = []
-    for one in found:
+    for one in candidates:
         near = [
             group
             for group in groups

@@ -81,23 +81,23 @@ class Fit:
     @property
     def frame(self) -> Frame:
         """The machine's frame as the station sees it."""
-        station, own = self._station()
-        return station.frame(own)
+        station, station_unknowns = self._station()
+        return station.frame(station_unknowns)
 
     def as_station_reports(self, point_m: Array) -> Array:
         """Points (n, 3) of the machine's frame as the station would state them, its range errors included."""
-        station, own = self._station()
-        return station.observe(self.machine, own, point_m)[0]
+        station, station_unknowns = self._station()
+        return station.observe(self.machine, station_unknowns, point_m)[0]
 
     def mounting_m(self, smr: int) -> Array:
         """Identified position (3,) of a reflector on its part."""
-        station, own = self._station()
-        return station.mounting_m(self.machine, own, smr)
+        station, station_unknowns = self._station()
+        return station.mounting_m(self.machine, station_unknowns, smr)
 
     def _station(self) -> tuple[StationModel, Array]:
-        for readings, own in zip(self.instruments, self.layout.instrument_slices, strict=True):
+        for readings, columns in zip(self.instruments, self.layout.instrument_slices, strict=True):
             if isinstance(readings, SmrPositions):
-                return readings.station, self.unknowns[own]
+                return readings.station, self.unknowns[columns]
         raise InputError("identification: no station was used in this fit, so it has no frame")
 
     def predict(self, visits: Visits) -> Poses:

@@ -1,9 +1,9 @@
-"""Leave-one-out: how well a fit predicts each reading that it has not seen.
+"""Leave-one-out: how well a fit predicts each reading from all the others.
 
 For squares with priors the refit without reading i misses it by e_i = (1 - H_ii)^-1 r_i, with the residual r_i and the
 block H_ii = J_i C J_i^T of the hat matrix, C the posterior covariance (Allen's PRESS, 1974). It is exact for a linear
 model, and as good as the model is linear over the change that one reading makes. A residual beside it is small for two
-reasons, a good model or a reading that the fit follows; this tells them apart.
+reasons, a good model or a reading that the fit follows; the leave-one-out error distinguishes them.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ class LeaveOneOutErrors:
 def leave_one_out(fit: Fit) -> tuple[LeaveOneOutErrors, ...]:
     """Residuals and leave-one-out errors of every instrument's readings, of a fit by squares with priors.
 
-    Not for a truncated or robust fit. InputError if a reading is followed exactly, so that nothing is left to judge it.
+    Not for a truncated or robust fit. Raises InputError if a reading is followed exactly.
     """
     out = []
     count = len(fit.model)
-    for readings, own in zip(fit.instruments, fit.layout.instrument_slices, strict=True):
+    for readings, instrument_columns in zip(fit.instruments, fit.layout.instrument_slices, strict=True):
         residual, error, u = (np.empty((len(readings), readings.width)) for _ in range(3))
         for rows, some, needed, local in split_by_visits(readings, VISITS_AT_ONCE):
             poses = fit.predict(fit.visits.take(needed))
-            at = some.compare(poses, local, fit.unknowns[own])
-            columns = np.concatenate([np.arange(count), np.arange(own.start, own.stop)])
-            jacobian = np.concatenate([at.by_model, at.by_own], axis=2)
+            compared = some.compare(poses, local, fit.unknowns[instrument_columns])
+            columns = np.concatenate([np.arange(count), np.arange(instrument_columns.start, instrument_columns.stop)])
+            jacobian = np.concatenate([compared.by_model, compared.by_own], axis=2)
             hat = jacobian @ fit.covariance[np.ix_(columns, columns)] @ jacobian.transpose(0, 2, 1)
             try:
-                kept = np.linalg.inv(np.eye(readings.width) - hat)
+                inverse_complement = np.linalg.inv(np.eye(readings.width) - hat)
             except np.linalg.LinAlgError:
                 raise InputError(
-                    "identification: one reading alone decides an unknown, nothing is left to judge it by; "
-                    "measure more poses"
+                    "identification: an unknown is determined by a single reading, so its leave-one-out error cannot "
+                    "be computed; measure more poses"
                 ) from None
-            residual[rows] = at.residual
-            error[rows] = np.einsum("rij,rj->ri", kept, at.residual)
-            u[rows] = np.sqrt(np.maximum(np.einsum("rij,rji->ri", hat, kept), 0.0))
+            residual[rows] = compared.residual
+            error[rows] = np.einsum("rij,rj->ri", inverse_complement, compared.residual)
+            u[rows] = np.sqrt(np.maximum(np.einsum("rij,rji->ri", hat, inverse_complement), 0.0))
         out.append(LeaveOneOutErrors(residual, error, u))
     return tuple(out)

@@ -81,7 +81,7 @@ def regularised_step(system: TriangularSystem, offset: Array, weight: Array) -> 
 
 
 def posterior_covariance(system: TriangularSystem, weight: Array) -> Array:
-    """(J^T J + diag(w^2))^-1 (u, u), from a triangular factor; weights must hold what the rows leave open."""
+    """(J^T J + diag(w^2))^-1 (u, u), from a triangular factor; the weights must determine what the rows do not."""
     r = np.linalg.qr(np.vstack([system.factor, np.diag(weight)]), mode="r")
     inverse = solve_triangular(r, np.eye(len(r)))
     return np.asarray(inverse @ inverse.T)

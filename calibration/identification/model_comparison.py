@@ -1,4 +1,4 @@
-"""How well identified models predict the poses that were measured to verify them."""
+"""Comparison of identified models by how well they predict the verification poses."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What the data determine: shares of the tolerances that are left, and in words the combinations that stay open.
+"""Observability: the remaining share of each tolerance, and in words the combinations that the data do not determine.
 
 Everything is scaled by noise and tolerance: readings are whitened, parameters divided by their prior standard
-deviation, instruments and systematic unknowns eliminated with their own priors. A singular value s of what is left
+deviation, instruments and systematic unknowns eliminated with their own priors. A singular value s of the rest
 narrows its direction to 1 / sqrt(1 + s^2) of the tolerance: below 1 the tolerance knows more than the data. The same
 works for a planned campaign: only derivatives are used.
 """
@@ -31,7 +31,7 @@ SMALLEST = 5e-4  # coefficients below this share of the largest are not said
 
 @dataclass(frozen=True)
 class Combination:
-    """Parameters that may move together without the data noticing: name to deviation (SI), and that in words."""
+    """Parameters that may move together without effect on the data: name to deviation (SI), and the sentence for it."""
 
     coefficients: Mapping[str, float]
     words: str
@@ -39,7 +39,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Observability:
-    """What readings say of the machine's parameters (p).
+    """How far readings determine the machine's parameters (p).
 
     left (p,): posterior over prior standard deviation. spectrum (p,): singular values, largest first; directions (p,
     p): their unit vectors in rows, in units of the priors' standard deviation. open: combinations that span the
@@ -61,7 +61,7 @@ class Observability:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the data leave open, one sentence a combination; like ones are said once."""
+        """The undetermined combinations, one sentence each; similar ones are merged."""
         return merge_sentences([c.words for c in self.open_combinations])
 
 
@@ -89,12 +89,18 @@ def analyse(system: TriangularSystem, parameters: ParameterSet, threshold: float
     """Observability of a linearised problem whose first unknowns are the machine's parameters."""
     count = len(parameters)
     weight = np.ones(len(system.factor))
-    left = np.sqrt(np.diag(posterior_covariance(system, weight)))[:count]
+    remaining_share = np.sqrt(np.diag(posterior_covariance(system, weight)))[:count]
     _, spectrum, directions = np.linalg.svd(marginal_factor(system, count))
     loose = directions[spectrum < threshold]
-    found = _named_combinations(loose, parameters)
+    combinations = _named_combinations(loose, parameters)
     return Observability(
-        parameters, left, spectrum, directions, found, threshold, _principal_angle(found, loose, parameters)
+        parameters,
+        remaining_share,
+        spectrum,
+        directions,
+        combinations,
+        threshold,
+        _principal_angle(combinations, loose, parameters),
     )
 
 
@@ -108,8 +114,8 @@ def marginal_factor(system: TriangularSystem, count: int) -> Array:
 
 
 def _named_combinations(loose: Array, parameters: ParameterSet) -> tuple[Combination, ...]:
-    """Combinations that span the open directions: known ones first, what they leave over as it stands."""
-    found: list[Combination] = []
+    """Combinations that span the open directions: known ones first, then lists of parameters for the remaining ones."""
+    combinations: list[Combination] = []
     span = np.zeros((0, len(parameters)))
     for candidate in known_combinations(parameters):
         if len(span) == len(loose):
@@ -121,11 +127,11 @@ def _named_combinations(loose: Array, parameters: ParameterSet) -> tuple[Combina
         size = np.linalg.norm(rest)
         if size > 0.05:
             span = np.vstack([span, rest / size])
-            found.append(Combination(candidate.coefficients, candidate.words))
+            combinations.append(Combination(candidate.coefficients, candidate.words))
     inside = loose @ span.T
     u, s, _ = np.linalg.svd(inside) if len(span) else (np.eye(len(loose)), np.zeros(0), None)
     remainder = u[:, np.count_nonzero(s > 0.5) :].T @ loose
-    return (*found, *(_unnamed_combination(row, parameters) for row in _row_echelon(remainder)))
+    return (*combinations, *(_unnamed_combination(row, parameters) for row in _row_echelon(remainder)))
 
 
 def _row_echelon(basis: Array) -> Array:
@@ -156,12 +162,12 @@ def _unit_vector(coefficients: Mapping[str, float], parameters: ParameterSet) ->
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _principal_angle(found: Sequence[Combination], loose: Array, parameters: ParameterSet) -> float:
+def _principal_angle(combinations: Sequence[Combination], loose: Array, parameters: ParameterSet) -> float:
     """Largest principal angle between what is named and what is open."""
     if not len(loose):
         return 0.0
-    if len(found) != len(loose):
+    if len(combinations) != len(loose):
         return float(np.pi / 2.0)
-    q, _ = np.linalg.qr(np.array([_unit_vector(c.coefficients, parameters) for c in found]).T)
+    q, _ = np.linalg.qr(np.array([_unit_vector(c.coefficients, parameters) for c in combinations]).T)
     sines = np.linalg.norm(q - loose.T @ (loose @ q), ord=2)
     return float(np.arcsin(min(1.0, float(sines))))

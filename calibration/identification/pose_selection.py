@@ -1,4 +1,4 @@
-"""Which poses to measure: exchange of candidate poses for least predicted uncertainty, for given instruments and loads.
+"""Selection of the poses to measure, by exchange of candidates for the least predicted uncertainty.
 
 I-optimal: least mean variance of the predicted tool point over the workspace, in the instrument's frame. D-optimal:
 largest determinant of the information on the machine's parameters (priors included). A greedy start, then one visit
@@ -29,14 +29,14 @@ from calibration.model.visits import Visits
 
 Criterion = Literal["I", "D"]
 MAX_ROUNDS = 20
-MIN_IMPROVEMENT = 1e-6  # relative gain below which an exchange is not worth it
+MIN_IMPROVEMENT = 1e-6  # relative improvement below which the exchange stops
 
 Instrument = Callable[[Visits], Sequence[Readings]]
 
 
 @dataclass(frozen=True)
 class PlannedLoad:
-    """What a campaign mounts: a payload, and a known force in the machine frame at a point of the platform."""
+    """A load of a planned campaign: a payload, and a known force in the machine frame at a point of the platform."""
 
     mass_kg: float = 0.0
     centre_of_mass_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -46,7 +46,7 @@ class PlannedLoad:
 
 @dataclass(frozen=True)
 class CampaignForecast:
-    """A planned campaign and what it promises: RMS standard uncertainty of the tool over the workspace.
+    """A planned campaign and its forecast: RMS standard uncertainty of the tool over the workspace.
 
     tool (n, 6): poses, each measured once under every load; u_position_m of the tool point (root of the sum over
     coordinates), u_orientation_rad; rows (n,): of the candidates.
@@ -73,9 +73,9 @@ def workspace_poses(machine: Machine, count: int, seed: int) -> Array:
     exponent = int(np.ceil(np.log2(max(count, 2))))
     for more in range(5):
         sobol = qmc.Sobol(machine.commanded.size, seed=np.random.default_rng(seed))
-        found = reachable(machine, sobol.random_base2(exponent + more))
-        if len(found) >= count:
-            return found[:count]
+        tool_poses = reachable(machine, sobol.random_base2(exponent + more))
+        if len(tool_poses) >= count:
+            return tool_poses[:count]
     raise InputError(f"machine {machine.name}: hardly any of its workspace is within the drives' travel; check both")
 
 
@@ -116,11 +116,11 @@ def visits_at(machine: Machine, tool: Array, loads: Sequence[PlannedLoad]) -> Vi
 
 @dataclass(frozen=True)
 class Selection:
-    """Information of candidate poses and the uncertainty it would leave, linearised at given deviations.
+    """Information of candidate poses and the uncertainty that would remain, linearised at given deviations.
 
     tool (n, 6): candidates; rows (n, m, u): whitened derivatives of each candidate's readings, under all loads, with
-    the scaled unknowns; aim (u, u): mean over the workspace of the predicted tool point's squared derivatives; turn
-    (u, u): likewise of its orientation.
+    the scaled unknowns; position_gram (u, u): mean over the workspace of the predicted tool point's squared
+    derivatives; orientation_gram (u, u): likewise of its orientation.
     """
 
     tool: Array
@@ -161,7 +161,7 @@ class Selection:
         return cls(tool, rows.reshape(len(tool), -1, layout.size), aim, turn, len(model.parameters))
 
     def forecast(self, rows: NDArray[np.intp]) -> CampaignForecast:
-        """What measuring some candidates promises."""
+        """Forecast for measuring some candidates."""
         covariance = np.linalg.inv(self._information(rows))
         position, orientation = (
             float(np.sum(covariance * self.position_gram)),
@@ -170,7 +170,7 @@ class Selection:
         return CampaignForecast(self.tool[rows], rows, float(np.sqrt(position)), float(np.sqrt(orientation)))
 
     def forecast_all(self) -> CampaignForecast:
-        """What measuring every candidate once promises."""
+        """Forecast for measuring every candidate once."""
         return self.forecast(np.arange(len(self.rows)))
 
     def select(self, count: int, criterion: Criterion = "I") -> CampaignForecast:
@@ -200,14 +200,14 @@ class Selection:
         return np.asarray(np.eye(self.rows.shape[2]) + stacked.T @ stacked)
 
     def _score(self, rows: NDArray[np.intp], criterion: Criterion) -> float:
-        """To be made small: predicted variance, or minus the log determinant of the parameters' information."""
+        """The criterion to minimise: predicted variance, or minus the log determinant of the information."""
         covariance = np.linalg.inv(self._information(rows))
         if criterion == "I":
             return float(np.sum(covariance * self.position_gram))
         return float(np.linalg.slogdet(covariance[: self.parameters, : self.parameters])[1])
 
     def _gain(self, covariance: Array, criterion: Criterion) -> Array:
-        """What each candidate (n,) would gain, by the matrix inversion lemma."""
+        """Gain (n,) of adding each candidate, by the matrix inversion lemma."""
         spread = self.rows @ covariance
         inner = spread @ self.rows.transpose(0, 2, 1) + np.eye(self.rows.shape[1])
         if criterion == "I":
@@ -231,16 +231,16 @@ def _rows_by_visit(model: Model, layout: Layout, readings: Sequence[Readings], v
     """Whitened derivatives (n, m, u) of what is read at each visit, filled with zeros where less is read."""
     poses = model.predict(values[: len(model)], visits, visits.target_m)
     per_visit: list[list[Array]] = [[] for _ in range(len(visits))]
-    for part, own in zip(readings, layout.instrument_slices, strict=True):
+    for part, instrument_columns in zip(readings, layout.instrument_slices, strict=True):
         needed = part.visit_indices()
         if needed.shape[1] != 1:
             raise InputError(
                 "poses: distances between two poses cannot be planned pose by pose; use a ball on the base"
             )
-        found = part.compare(poses, needed, values[own])
+        compared = part.compare(poses, needed, values[instrument_columns])
         full = np.zeros((len(part), part.width, layout.size))
-        full[:, :, : len(model)] = found.by_model
-        full[:, :, own] = found.by_own
+        full[:, :, : len(model)] = compared.by_model
+        full[:, :, instrument_columns] = compared.by_own
         for visit, rows in zip(needed[:, 0], full, strict=True):
             per_visit[visit].append(rows)
     stacked = [np.concatenate(rows) for rows in per_visit]

@@ -2,7 +2,7 @@
 
 A station of unknown frame that sees reflectors of unknown mounting knows a pose only up to one rigid motion of the
 machine and one of the tool on its platform. Both are fixed once by the readings (docs/reference/definitions.md,
-frame), so that neither is an error: what fits such motions best over all visits is taken out of the derivatives.
+frame), so that neither is an error: the best fit by such motions over all visits is removed from the derivatives.
 """
 
 from __future__ import annotations
@@ -59,15 +59,15 @@ def tool_derivatives(
 
 
 def _without_rigid_motions(position: Array, orientation: Array, tool_m: Array, rotation: Array) -> ToolDerivatives:
-    """Take out what a motion of the machine (acting on the left) and one of the tool (on the right) explain best."""
+    """Remove the best fit by a motion of the machine (on the left) and one of the tool (on the right)."""
     n, eye = len(tool_m), np.broadcast_to(np.eye(3), (len(tool_m), 3, 3))
     none = np.zeros((n, 3, 3))
     moved = np.concatenate([eye, -skew(tool_m), rotation, none], axis=2)
     turned = np.concatenate([none, eye, none, rotation], axis=2)
     gauge = np.concatenate([moved, ROTATION_LEVER_M * turned], axis=1).reshape(6 * n, 12)
     both = np.concatenate([position, ROTATION_LEVER_M * orientation], axis=1).reshape(6 * n, -1)
-    left = (both - gauge @ (np.linalg.pinv(gauge) @ both)).reshape(n, 6, -1)
-    return ToolDerivatives(left[:, :3], left[:, 3:] / ROTATION_LEVER_M)
+    remaining = (both - gauge @ (np.linalg.pinv(gauge) @ both)).reshape(n, 6, -1)
+    return ToolDerivatives(remaining[:, :3], remaining[:, 3:] / ROTATION_LEVER_M)
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ def predict_tool(fit: Fit, visits: Visits) -> PredictedPoses:
     """Tool poses with the covariance of the fit propagated linearly (GUM)."""
     d = tool_derivatives(fit.model, fit.layout, fit.instruments, fit.unknowns, visits).both
     poses = fit.predict(visits)
-    stated = np.concatenate([poses.tool_m(), rotation_vector(poses.equilibrium.rotation)], axis=1)
-    return PredictedPoses(stated, d @ fit.covariance @ d.transpose(0, 2, 1))
+    coordinates = np.concatenate([poses.tool_m(), rotation_vector(poses.equilibrium.rotation)], axis=1)
+    return PredictedPoses(coordinates, d @ fit.covariance @ d.transpose(0, 2, 1))
 
 
 def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DRAWS) -> PredictedPoses:
@@ -112,11 +112,11 @@ def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DR
     for _ in range(draws):
         noisy = [part.with_noise(rng.standard_normal((len(part), part.width))) for part in perfect]
         problem = LeastSquaresProblem(fit.model, fit.visits, noisy, centre=z + rng.standard_normal(z.size))
-        drawn = fit.model.predict((problem.minimise(z, np.arange(z.size), 1.0) * sigma)[: len(fit.model)], visits)
-        shift = (drawn.tool_m() - tool)[:, :, None]
-        turn = rotation_vector(drawn.equilibrium.rotation @ rotation.transpose(0, 2, 1))[:, :, None]
-        found = _without_rigid_motions(shift, turn, tool, rotation) if gauged else ToolDerivatives(shift, turn)
-        error = found.both[:, :, 0]
+        draw = fit.model.predict((problem.minimise(z, np.arange(z.size), 1.0) * sigma)[: len(fit.model)], visits)
+        shift = (draw.tool_m() - tool)[:, :, None]
+        turn = rotation_vector(draw.equilibrium.rotation @ rotation.transpose(0, 2, 1))[:, :, None]
+        derivatives = _without_rigid_motions(shift, turn, tool, rotation) if gauged else ToolDerivatives(shift, turn)
+        error = derivatives.both[:, :, 0]
         total += error
         square += error[:, :, None] * error[:, None, :]
     mean = total / draws
@@ -127,7 +127,7 @@ def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DR
 def predict_poses(fit: Fit, report: ReportFrame, visits: Visits) -> Array:
     """Predicted platform poses (v, 6) in the report frame; NaN rows where there is no equilibrium.
 
-    As the station would measure them: what its ranges have in common acts on measured and predicted poses alike.
+    As the station would measure them: common errors of its ranges act on measured and predicted poses alike.
     """
     poses = fit.predict(visits)
     positions_m = np.stack([poses.reflector_m(i, fit.mounting_m(i)) for i in report.smrs], axis=1)

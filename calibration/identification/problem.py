@@ -24,7 +24,7 @@ from calibration.model.visits import Visits
 VISITS_AT_ONCE = 1024
 MIN_VISITS_TO_SUBSAMPLE = 0.5
 MOST_STEPS = 60
-LARGEST_SHARE = 0.5  # of a former step: beyond it steps do not shrink evenly and its lesson is not taken
+LARGEST_SHARE = 0.5  # largest ratio to the previous step for which convergence is regular enough to extrapolate
 SETTLED = 1e-7  # of the last step, in standard errors
 START_SETTLED = 1.0
 ROUND_OFF = 1e-11  # of a loss, relative
@@ -34,7 +34,7 @@ HUBER = 2.5  # in standard deviations of a number
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each unknown stands: those of the model first, then those of each instrument."""
+    """Order of the unknowns: those of the model first, then those of each instrument."""
 
     unknowns: tuple[Unknown, ...]
     instrument_slices: tuple[slice, ...]
@@ -81,7 +81,7 @@ class _Block:
 class LeastSquaresProblem:
     """Readings of visits under a model.
 
-    robust: Huber's loss on each reading instead of squares. centre (u,): where the priors stand, in scaled unknowns;
+    robust: Huber's loss on each reading instead of squares. centre (u,): mean of the priors, in scaled unknowns;
     nominal if None.
     """
 
@@ -93,7 +93,7 @@ class LeastSquaresProblem:
     layout: Layout = field(init=False)
     _start: Array = field(init=False)
     _blocks: list[_Block] = field(init=False)
-    converged: bool = field(init=False, default=False)  # whether the last search ended by itself
+    converged: bool = field(init=False, default=False)  # whether the last minimisation converged
     _last: tuple[Array, TriangularSystem] | None = field(init=False, default=None)  # where it was linearised last
 
     def __post_init__(self) -> None:
@@ -171,35 +171,35 @@ class LeastSquaresProblem:
     def loss(self, z: Array, weight: Array) -> float:
         """The function that is minimised."""
         total = float(np.sum((weight * self._prior_offset(z)) ** 2))
-        for found in self.residuals(z):
-            square = np.sum(found**2, axis=1)
-            total += float(np.sum(self._rho(square, found.shape[1])))
+        for residuals in self.residuals(z):
+            square = np.sum(residuals**2, axis=1)
+            total += float(np.sum(self._rho(square, residuals.shape[1])))
         return total
 
     def minimise(self, z: Array, free: NDArray[np.intp], weight: float, *, start_only: bool = False) -> Array:
         """Levenberg-Marquardt over the unknowns `free`; the tolerances have the given weight.
 
         It ends where the next step is shorter than SETTLED standard errors in any direction. Where the answer is but a
-        place for another fit to start from (said so, or with unknowns held), START_SETTLED is enough.
+        place for another fit to start from (start_only, or with unknowns fixed), START_SETTLED is enough.
         """
         prior = self.prior(weight)
-        held = np.setdiff1d(np.arange(z.size), free)
-        enough = START_SETTLED if held.size or start_only else SETTLED
+        fixed = np.setdiff1d(np.arange(z.size), free)
+        enough = START_SETTLED if fixed.size or start_only else SETTLED
         z, damping, shortest = z.copy(), 0.0, np.inf
-        former: tuple[Array, Array] | None = None
+        previous: tuple[Array, Array] | None = None
         system = self.linearise(z)
         best = self._loss_of(system, z, prior)
         self.converged = False
         for _ in range(MOST_STEPS):
-            step = _step(system, self._prior_offset(z), prior, held, damping)
+            step = _step(system, self._prior_offset(z), prior, fixed, damping)
             size = _in_standard_errors(system, step, prior)
-            # The loss's round-off hides what a step this short gains; one that no longer shrinks is round-off itself.
+            # The gain of so short a step is below the loss's round-off; one that no longer shrinks is round-off itself.
             hidden = size * size < ROUND_OFF * (best + 1.0)
             if damping == 0.0 and (size < enough or (hidden and size > 0.9 * shortest)):
                 self.converged = True
                 break
             if damping == 0.0:
-                former, step = (z, step), _accelerated_step(system, prior, former, z, step)
+                previous, step = (z, step), _accelerated_step(system, prior, previous, z, step)
             try:
                 trial = self.linearise(z + step)
                 loss = self._loss_of(trial, z + step, prior)
@@ -214,7 +214,7 @@ class LeastSquaresProblem:
             elif damping > LARGEST_DAMPING:
                 break
             else:
-                former, damping = None, max(1.0, 10.0 * damping)
+                previous, damping = None, max(1.0, 10.0 * damping)
         return z
 
     def _loss_of(self, system: TriangularSystem, z: Array, prior: Array) -> float:
@@ -246,15 +246,19 @@ class LeastSquaresProblem:
             poses = self.model.predict(values[: len(self.model)], visits, self._start[block.visits])
             self._require_equilibria(poses, block.visits)
             self._start[block.visits] = poses.equilibrium.coordinates()
-            own = values[self.layout.instrument_slices[block.instrument]]
-            yield block.instrument, block.rows, block.readings.compare(poses, block.local, own, derivatives=derivatives)
+            instrument_unknowns = values[self.layout.instrument_slices[block.instrument]]
+            yield (
+                block.instrument,
+                block.rows,
+                block.readings.compare(poses, block.local, instrument_unknowns, derivatives=derivatives),
+            )
 
     def _require_equilibria(self, poses: Poses, visits: NDArray[np.intp]) -> None:
-        lost = np.flatnonzero(~poses.equilibrium.converged)
-        if lost.size:
-            what = PoseStatus(int(poses.equilibrium.status[lost[0]])).name.lower().replace("_", " ")
+        failed = np.flatnonzero(~poses.equilibrium.converged)
+        if failed.size:
+            what = PoseStatus(int(poses.equilibrium.status[failed[0]])).name.lower().replace("_", " ")
             raise InputError(
-                f"identification: the model finds no equilibrium for visit {visits[lost[0]]} ({what}); check units, "
+                f"identification: the model finds no equilibrium for visit {visits[failed[0]]} ({what}); check units, "
                 "drive coordinates and that the machine file fits the machine"
             )
 
@@ -265,29 +269,29 @@ def _in_standard_errors(system: TriangularSystem, step: Array, prior: Array) -> 
 
 
 def _accelerated_step(
-    system: TriangularSystem, prior: Array, former: tuple[Array, Array] | None, z: Array, step: Array
+    system: TriangularSystem, prior: Array, previous: tuple[Array, Array] | None, z: Array, step: Array
 ) -> Array:
-    """A Gauss-Newton step at z with what the former one (place and step) tells of the slowest direction.
+    """A Gauss-Newton step at z, accelerated in the slowest direction by the previous iterate and its step.
 
     Where the model's curvature leaves Gauss-Newton linear convergence, steps shrink by the same factor each time;
     Anderson's mixing with a memory of one sums that series, in the metric of the posterior.
     """
-    if former is None:
+    if previous is None:
         return step
-    place, before = former
+    place, before = previous
     metric = np.vstack([system.factor, np.diag(prior)])
     change = metric @ (step - before)
     share = float(change @ (metric @ step)) / float(change @ change)
     return step if abs(share) > LARGEST_SHARE else step - share * (z - place + step - before)
 
 
-def _step(system: TriangularSystem, off_centre: Array, prior: Array, held: NDArray[np.intp], damping: float) -> Array:
-    """Step (u,) of the regularised linear problem; what is held does not move."""
+def _step(system: TriangularSystem, off_centre: Array, prior: Array, fixed: NDArray[np.intp], damping: float) -> Array:
+    """Step (u,) of the regularised linear problem; fixed unknowns do not move."""
     weight = np.hypot(prior, np.sqrt(damping))
     offset = off_centre * prior**2 / weight**2
-    if held.size == 0:
+    if fixed.size == 0:
         return regularised_step(system, offset, weight)
-    free = np.setdiff1d(np.arange(offset.size), held)
+    free = np.setdiff1d(np.arange(offset.size), fixed)
     part = TriangularSystem(system.factor[:, free], system.right_side, system.residual_squares, system.n_rows)
     step = np.zeros_like(offset)
     step[free] = regularised_step(part, offset[free], weight[free])

@@ -1,4 +1,4 @@
-"""What must be said beside a fit before anybody trusts it, one sentence each with what to do."""
+"""Warnings about a fit, one sentence each, with the remedy."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def _convergence(fit: Fit) -> tuple[str, ...]:
 def _scatter(fit: Fit) -> tuple[str, ...]:
     freedom = max(fit.degrees_of_freedom, 1.0)
     spare = FEW_CHI * np.sqrt(2.0 / freedom)
-    found = f"the readings scatter {np.sqrt(fit.chi2_per_dof):.2g} times as much as is stated of them"
+    sentence = f"the readings scatter {np.sqrt(fit.chi2_per_dof):.2g} times as much as is stated of them"
     if fit.chi2_per_dof > SCATTER + spare:
         return (
-            f"{found}: outliers, a wrong unit of their covariance, or an effect that the model leaves out; the stated "
-            "uncertainties are too small, look at the residuals",
+            f"{sentence}: outliers, a wrong unit of their covariance, or an effect that the model leaves out; the "
+            "stated uncertainties are too small, look at the residuals",
         )
     if fit.chi2_per_dof < QUIET - spare:
-        return (f"{found}: check the unit of their covariance; the stated uncertainties are too large",)
+        return (f"{sentence}: check the unit of their covariance; the stated uncertainties are too large",)
     return ()
 
 

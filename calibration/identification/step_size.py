@@ -23,15 +23,15 @@ FACTORS = (1 / 2, 2.0, 1 / 4, 4.0, 1 / 8, 8.0, 1 / 16, 16.0, 1 / 32, 32.0)
 
 
 def check_step_size(measured: MeasuredMachine) -> None:
-    """Raise InputError if the nominal machine misses a length that was read by more than its former fit may.
+    """Raise InputError if the nominal machine misses a measured length by more than its previous fit may.
 
-    It names the factor of all drive coordinates that closes the readings, if one of FACTORS does. Without a former fit
-    nothing is checked.
+    It names the factor of all drive coordinates that closes the readings, if one of FACTORS does. Without a previous
+    fit nothing is checked.
     """
-    former = measured.file.former
-    if former is None:
+    previous_fit = measured.file.former
+    if previous_fit is None:
         return
-    limit = former.misses_at_most_m
+    limit = previous_fit.misses_at_most_m
     miss = nominal_residual_m(measured)
     if miss <= limit:
         return
@@ -47,15 +47,15 @@ def check_step_size(measured: MeasuredMachine) -> None:
                 "microsteps or gearing have changed since; calibrate the machine again, or correct the step distance"
             )
     raise InputError(
-        f"{misses}, and no step distance of 1/32 to 32 times closes them: parameters and readings are not of one "
-        "calibration; calibrate the machine again"
+        f"{misses}, and no step distance of 1/32 to 32 times closes them: parameters and readings do not "
+        "belong to the same calibration; calibrate the machine again"
     )
 
 
 def nominal_residual_m(measured: MeasuredMachine, factor: float = 1.0) -> float:
-    """Largest miss in m of the nominal machine with all drive coordinates times a factor; infinite without a pose.
+    """Largest residual in m of the nominal machine with all drive coordinates times a factor; infinite without a pose.
 
-    Only lengths are compared: with a frame of its own an instrument's coordinates cannot be.
+    Only lengths are compared: coordinates in an unknown frame of an instrument cannot be.
     """
     model = Model(ParameterSet(measured.machine, ()))
     start = measured.visits.target_m

@@ -18,7 +18,7 @@ class Distances:
     """Distances (r,) in m with standard deviations (r,) from the tool point at `first` to where it was at `second`.
 
     second (r,): a visit, or None for a ball on the base at centre_m (3,), known to centre_u_m (an unknown of the
-    fit). length_u_m, scale_u: standard uncertainties of what all distances have in common (length of the bar, scale
+    fit). length_u_m, scale_u: standard uncertainties common to all distances (length of the bar, scale
     of a calliper).
     """
 
@@ -51,9 +51,9 @@ class Distances:
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """Place of the ball on the base, common error of length and of scale."""
         axes = "xy" if machine.planar else "xyz"
-        found = [Unknown(f"ball.{c}", "m", self.centre_u_m if self.second is None else 0.0) for c in axes]
-        found += [Unknown("bar.length", "m", self.length_u_m), Unknown("bar.scale", "1", self.scale_u)]
-        return tuple(u for u in found if u.sigma > 0.0)
+        unknowns = [Unknown(f"ball.{c}", "m", self.centre_u_m if self.second is None else 0.0) for c in axes]
+        unknowns += [Unknown("bar.length", "m", self.length_u_m), Unknown("bar.scale", "1", self.scale_u)]
+        return tuple(u for u in unknowns if u.sigma > 0.0)
 
     def visit_indices(self) -> NDArray[np.intp]:
         """One or two visits a reading."""
@@ -74,7 +74,7 @@ class Distances:
         return replace(self, distance_m=self.distance_m + white[:, 0] * self.sigma_m)
 
     def compare(
-        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+        self, poses: Poses, local: NDArray[np.intp], instrument_unknowns: Array, *, derivatives: bool = True
     ) -> WhitenedResiduals:
         """Whitened differences of predicted and measured distances."""
         machine = poses.model.machine
@@ -84,21 +84,21 @@ class Distances:
             centre = np.array(self.centre_m)
             for column, name in enumerate(names):
                 if name.startswith("ball."):
-                    centre["xyz".index(name[-1])] += own[column]
+                    centre["xyz".index(name[-1])] += instrument_unknowns[column]
             between = tool[local[:, 0]] - centre
         else:
             between = tool[local[:, 0]] - tool[local[:, 1]]
         distance = np.linalg.norm(between, axis=1)
         along = between / distance[:, None]
         by_own = np.zeros((len(self), 1, len(names)))
-        stated = distance.copy()
+        predicted_m = distance.copy()
         for column, name in enumerate(names):
             if name.startswith("ball."):
                 by_own[:, 0, column] = -along[:, "xyz".index(name[-1])]
             else:
                 by_own[:, 0, column] = 1.0 if name == "bar.length" else distance
-                stated += own[column] * by_own[:, 0, column]
-        residual = ((stated - self.distance_m) / self.sigma_m)[:, None]
+                predicted_m += instrument_unknowns[column] * by_own[:, 0, column]
+        residual = ((predicted_m - self.distance_m) / self.sigma_m)[:, None]
         if not derivatives:
             return WhitenedResiduals(residual, np.zeros((len(self), 1, 0)), by_own[:, :, :0])
         by_point = poses.platform_point_derivatives(machine.tool_point_m)

@@ -1,4 +1,4 @@
-"""What instruments read of a machine: reflectors in a station's frame, coordinates of the tool, distances.
+"""Readings of a machine: reflectors in a station's frame, coordinates of the tool, distances.
 
 Each kind is one module with the same shape (`Readings`): its own unknowns with priors, and whitened residuals with
 derivatives for the visits that it was given.
@@ -40,7 +40,7 @@ class Readings(Protocol):
 
     @property
     def free_rigid_motion(self) -> bool:
-        """Whether the instrument knows poses only up to a rigid motion of its own."""
+        """Whether the readings determine poses only up to a rigid motion."""
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """The instrument's own unknowns."""
@@ -52,10 +52,10 @@ class Readings(Protocol):
         """Some of the readings."""
 
     def with_noise(self, white: Array) -> Readings:
-        """The readings moved by whitened amounts (r, w): their residuals fall by as much."""
+        """The readings with whitened noise (r, w) added: their residuals fall by as much."""
 
     def compare(
-        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+        self, poses: Poses, local: NDArray[np.intp], instrument_unknowns: Array, *, derivatives: bool = True
     ) -> WhitenedResiduals:
         """Compare with predicted poses; local: row of `poses` of every entry of `visit_indices`."""
 
@@ -64,7 +64,7 @@ ReadingBlock = tuple[NDArray[np.intp], Readings, NDArray[np.intp], NDArray[np.in
 
 
 def split_by_visits(readings: Readings, size: int) -> Iterator[ReadingBlock]:
-    """Parts of the readings that need some `size` visits each: rows, readings, their visits, local rows of these."""
+    """Blocks of readings that need about `size` visits each: rows, readings, their visits, local rows of these."""
     needed = readings.visit_indices()
     if not len(needed):
         return

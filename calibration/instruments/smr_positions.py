@@ -1,4 +1,4 @@
-"""Reflectors on the platform and on what the drives carry, seen by a station whose frame is unknown."""
+"""Reflectors on the platform and on the drives, measured by a station whose frame is unknown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from calibration.machine.description import Machine
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
 
-FRAME_PRIOR_M = 10.0  # so wide that it says nothing
+FRAME_PRIOR_M = 10.0  # non-informative
 FRAME_PRIOR_RAD = 1.0
 REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 
@@ -61,9 +61,9 @@ class ReflectorObservations:
 
 @dataclass(frozen=True)
 class StationModel:
-    """The station of a fit. start: frame to start from (its prior is loose); smrs: reflectors that it saw.
+    """The station of a fit. start: frame to start from (its prior is loose); smrs: reflectors that it measured.
 
-    range_constant_u_m, range_scale_u: standard uncertainties of what all ranges have in common; refraction_u_per_m:
+    range_constant_u_m, range_scale_u: standard uncertainties common to all ranges; refraction_u_per_m:
     of the curvature of the line of sight that a vertical gradient of the air's index causes (1e-6 per kelvin per
     metre); zero leaves an unknown out. known_frame: the machine frame is the station's (gauge fixed), nothing to be
     fitted.
@@ -109,52 +109,52 @@ class StationModel:
         """First of the six unknowns of the frame."""
         return 3 * len(self.smrs)
 
-    def frame(self, own: Array) -> Frame:
-        """The frame for values of the own unknowns."""
+    def frame(self, station_unknowns: Array) -> Frame:
+        """The frame for values of the station's unknowns."""
         if self.known_frame:
             return self.start
-        return self.start.with_increment(own[self.frame_column : self.frame_column + 6])
+        return self.start.with_increment(station_unknowns[self.frame_column : self.frame_column + 6])
 
-    def mounting_m(self, machine: Machine, own: Array, smr: int) -> Array:
-        """Position (3,) of a reflector on its part for values of the own unknowns."""
+    def mounting_m(self, machine: Machine, station_unknowns: Array, smr: int) -> Array:
+        """Position (3,) of a reflector on its part for values of the station's unknowns."""
         if smr not in self.smrs:
             raise InputError(f"SMR {machine.smrs[smr].name} was not measured; measure it")
         first = 3 * self.smrs.index(smr)
-        return np.asarray(machine.smrs[smr].position_m + own[first : first + 3])
+        return np.asarray(machine.smrs[smr].position_m + station_unknowns[first : first + 3])
 
-    def observe(self, machine: Machine, own: Array, point_m: Array) -> tuple[Array, Array]:
-        """Points (n, 3) of the machine's frame as the station states them, and (n, 3, k) by the own unknowns.
+    def observe(self, machine: Machine, station_unknowns: Array, point_m: Array) -> tuple[Array, Array]:
+        """Points (n, 3) of the machine's frame as the station reports them, derivatives (n, 3, k) with its unknowns.
 
         The columns of the mountings are left at zero: they act before the frame.
         """
-        frame = self.frame(own)
+        frame = self.frame(station_unknowns)
         turned = point_m @ frame.rotation.T
-        seen = turned + frame.translation_m
+        observed = turned + frame.translation_m
         names = [u.name for u in self.unknowns(machine)]
         out = np.zeros((len(point_m), 3, len(names)))
         first = self.frame_column
         if not self.known_frame:
             out[:, :, first : first + 3] = -skew(turned)
             out[:, :, first + 3 : first + 6] = np.eye(3)
-        distance = np.linalg.norm(seen, axis=1)[:, None]
-        up = np.broadcast_to([0.0, 0.0, 1.0], seen.shape)
+        distance = np.linalg.norm(observed, axis=1)[:, None]
+        up = np.broadcast_to([0.0, 0.0, 1.0], observed.shape)
         shifts = {
-            "range.constant": seen / distance,
-            "range.scale": seen,
-            "refraction.curvature": 0.5 * distance**2 * (up - seen * seen[:, 2:] / distance**2),
+            "range.constant": observed / distance,
+            "range.scale": observed,
+            "refraction.curvature": 0.5 * distance**2 * (up - observed * observed[:, 2:] / distance**2),
         }
-        stated = seen.copy()
+        reported = observed.copy()
         for name, shift in shifts.items():
             if name in names:
                 column = names.index(name)
                 out[:, :, column] = shift
-                stated += own[column] * shift
-        return stated, out
+                reported += station_unknowns[column] * shift
+        return reported, out
 
 
 @dataclass(frozen=True)
 class SmrPositions:
-    """Readings of reflectors by a station."""
+    """Positions of reflectors, measured by a station."""
 
     observations: ReflectorObservations
     station: StationModel
@@ -178,7 +178,7 @@ class SmrPositions:
         return np.linalg.inv(np.linalg.cholesky(self.observations.covariance_m2))
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
-        """Those of the station."""
+        """The station's unknowns."""
         return self.station.unknowns(machine)
 
     def visit_indices(self) -> NDArray[np.intp]:
@@ -190,12 +190,12 @@ class SmrPositions:
         return SmrPositions(self.observations.take(rows), self.station)
 
     def with_noise(self, white: Array) -> SmrPositions:
-        """Positions moved by whitened amounts (r, 3)."""
+        """Positions with whitened noise (r, 3) added."""
         shift = np.einsum("rij,rj->ri", np.linalg.cholesky(self.observations.covariance_m2), white)
         return SmrPositions(replace(self.observations, position_m=self.observations.position_m + shift), self.station)
 
     def compare(
-        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+        self, poses: Poses, local: NDArray[np.intp], instrument_unknowns: Array, *, derivatives: bool = True
     ) -> WhitenedResiduals:
         """Whitened differences of predicted and measured positions."""
         machine = poses.model.machine
@@ -204,17 +204,17 @@ class SmrPositions:
         for smr in self.station.smrs:
             rows = np.flatnonzero(self.observations.smr == smr)
             visit = local[rows, 0]
-            mounting = self.station.mounting_m(machine, own, smr)
+            mounting = self.station.mounting_m(machine, instrument_unknowns, smr)
             positions_m[rows] = poses.reflector_m(smr, mounting)[visit]
             by_mounting[rows] = poses.mounting_derivatives(smr)[visit]
             if derivatives:
                 by_model[rows] = poses.reflector_derivatives(smr, mounting)[visit]
-        stated, by_own = self.station.observe(machine, own, positions_m)
-        rotation = self.station.frame(own).rotation
+        predicted_m, by_own = self.station.observe(machine, instrument_unknowns, positions_m)
+        rotation = self.station.frame(instrument_unknowns).rotation
         for column, smr in enumerate(self.station.smrs):
             rows = np.flatnonzero(self.observations.smr == smr)
             by_own[rows, :, 3 * column : 3 * column + 3] = rotation @ by_mounting[rows]
-        residual = np.einsum("rij,rj->ri", self.whiten, stated - self.observations.position_m)
+        residual = np.einsum("rij,rj->ri", self.whiten, predicted_m - self.observations.position_m)
         if not derivatives:
             return WhitenedResiduals(residual, by_model, by_own[:, :, :0])
         return WhitenedResiduals(residual, self.whiten @ (rotation @ by_model), self.whiten @ by_own)

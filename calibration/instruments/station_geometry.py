@@ -46,7 +46,7 @@ def points_to_polar(point_m: Array) -> tuple[Array, Array, Array]:
     return hz, np.arccos(point_m[:, 2] / distance), distance
 
 
-def point_covariances(hz_rad: Array, v_rad: Array, distance_m: Array, stated: StationAccuracy) -> Array:
+def point_covariances(hz_rad: Array, v_rad: Array, distance_m: Array, accuracy: StationAccuracy) -> Array:
     """Covariances (n, 3, 3) in m^2 of single readings from the stated random accuracy.
 
     The range constant and scale are common to all readings: they are unknowns of the fit, not part of this.
@@ -56,9 +56,9 @@ def point_covariances(hz_rad: Array, v_rad: Array, distance_m: Array, stated: St
     along = lines_of_sight(hz_rad, v_rad)
     turn = np.stack([cos_h, -sin_h, np.zeros_like(hz_rad)], axis=1)
     tip = np.stack([cos_v * sin_h, cos_v * cos_h, -sin_v], axis=1)
-    sd_turn = stated.angle_sd_rad * distance_m * sin_v
-    sd_tip = stated.angle_sd_rad * distance_m
-    sd_along = np.full_like(distance_m, stated.range_sd_m)
+    sd_turn = accuracy.angle_sd_rad * distance_m * sin_v
+    sd_tip = accuracy.angle_sd_rad * distance_m
+    sd_along = np.full_like(distance_m, accuracy.range_sd_m)
     out = np.zeros((len(along), 3, 3))
     for direction, sd in ((turn, sd_turn), (tip, sd_tip), (along, sd_along)):
         out += (sd**2)[:, None, None] * direction[:, :, None] * direction[:, None, :]

@@ -1,7 +1,7 @@
 """Coordinates of the tool measured in the machine's frame: the full pose, x and y only, or the height alone.
 
 An instrument whose frame is not known to the machine adds six unknowns; a subset of coordinates is compared after
-that motion. An offset common to all readings (where a touch probe triggers) is an unknown of its own.
+that motion. An offset common to all readings (where a touch probe triggers) is a further unknown.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ToolCoordinates:
 
     @property
     def free_rigid_motion(self) -> bool:
-        """If the instrument has a frame of its own."""
+        """Whether the instrument's frame is unknown."""
         return self.own_frame
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
@@ -76,13 +76,13 @@ class ToolCoordinates:
         return replace(self, visit=self.visit[rows], value=self.value[rows], sigma=self.sigma[rows])
 
     def with_noise(self, white: Array) -> ToolCoordinates:
-        """Values moved by whitened amounts (r, k)."""
+        """Values with whitened noise (r, k) added."""
         value = self.value.copy()
         value[:, list(self.coordinates)] += white * self.sigma
         return replace(self, value=value)
 
     def compare(
-        self, poses: Poses, local: NDArray[np.intp], own: Array, *, derivatives: bool = True
+        self, poses: Poses, local: NDArray[np.intp], instrument_unknowns: Array, *, derivatives: bool = True
     ) -> WhitenedResiduals:
         """Whitened differences; rotations by the vector of the rotation from measured to predicted."""
         machine = poses.model.machine
@@ -91,7 +91,7 @@ class ToolCoordinates:
         increment = np.zeros(6)
         for column, name in enumerate(names):
             if name.startswith("frame."):
-                increment[[3, 4, 5, 0, 1, 2][COORDINATES.index(name[6:])]] = own[column]
+                increment[[3, 4, 5, 0, 1, 2][COORDINATES.index(name[6:])]] = instrument_unknowns[column]
         frame = Frame(np.eye(3), np.zeros(3)).with_increment(increment)
         turned = poses.tool_m()[visit] @ frame.rotation.T
         turn = (
@@ -103,7 +103,7 @@ class ToolCoordinates:
         for column, name in enumerate(names):
             c = COORDINATES.index(name.partition(".")[2])
             if name.startswith("offset."):
-                error[:, c] += own[column]
+                error[:, c] += instrument_unknowns[column]
                 by_own[:, chosen.index(c), column] = 1.0
             elif c < 3:
                 by_own[:, :, column] = np.eye(6)[c][chosen]

@@ -127,7 +127,7 @@ class Machine:
 
 
 def load_machine(path: Path) -> Machine:
-    """Read a machine file; InputError in one line if it is not fit."""
+    """Read a machine file. Raises InputError, in one line, if it is invalid."""
     return parse_machine(read_text(path), str(path))
 
 
@@ -146,7 +146,7 @@ def shipped_machine(name: str) -> Path:
 
 
 def parse_machine(text: str, source: str) -> Machine:
-    """Build a machine from the text of a machine file; `source` is said in complaints."""
+    """Build a machine from the text of a machine file; messages begin with `source`."""
     file = parse_toml(text, MachineFile, source)
     if set(file.expansion) != set(PARTS):
         wrong = sorted(set(PARTS) ^ set(file.expansion))[0]
@@ -155,13 +155,13 @@ def parse_machine(text: str, source: str) -> Machine:
     planes = [plane for guide in file.guides for plane in _planes(guide)]
     strut_names = [s.name for s in file.struts]
     free = [COORDINATES.index(c) for c in file.degrees_of_freedom]
-    wanted = file.commanded or file.degrees_of_freedom[: len(file.drives)]
+    commanded = file.commanded or file.degrees_of_freedom[: len(file.drives)]
     return Machine(
         file=file,
         text=text,
         name=file.name,
         dof=np.array(sorted(free), dtype=np.intp),
-        commanded=np.array(sorted(COORDINATES.index(c) for c in wanted), dtype=np.intp),
+        commanded=np.array(sorted(COORDINATES.index(c) for c in commanded), dtype=np.intp),
         nominal=_nominal(file, planes),
         strut_names=tuple(strut_names),
         strut_drive=np.array([FIXED if s.drive is None else drive_names.index(s.drive) for s in file.struts]),

@@ -31,20 +31,20 @@ from calibration.machine.description import FIXED, Geometry, Machine
 from calibration.machine.mechanics import Cholesky, LoadedStructure, MechanicalState, retain_heap, sum_of_loads
 
 STEP_TOLERANCE = 1e-13  # of the last Newton step, in m and rad
-CONVERGED_STEP = 5e-15  # of the error that is left, told from how much the last step was shorter than the one before
-CHORD_BELOW = 1e-3  # steps so short that the former Hessian serves for the next one
+CONVERGED_STEP = 5e-15  # of the remaining error, estimated from the ratio of the last two steps
+CHORD_BELOW = 1e-3  # steps so short that the Hessian is kept for the next one
 LONGEST_STEP = 0.2  # longer ones would leave the assembly branch
 MAX_STEPS = 30
 BLOCK = 1024  # poses at once: their arrays stay in the processor's cache
 
 
 class PoseStatus(IntEnum):
-    """What became of a pose."""
+    """Outcome of the search for a pose."""
 
     AT_REST = 0
     SINGULAR = 1  # a coordinate that nothing holds
     NOT_CONVERGED = 2
-    OTHER_BRANCH = 3  # at rest, but not as the machine is assembled
+    OTHER_BRANCH = 3  # at rest, but on another assembly branch
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,10 @@ def solve(
         rotation[rows, :axes, :axes] = rest.rotation.transpose(2, 0, 1)
         force[rows] = rest.force.T
         status[rows] = rest.status
-    lost = status != PoseStatus.AT_REST
-    if np.any(lost):
-        for found in (position, rotation, force):
-            found[lost] = np.nan
+    not_at_rest = status != PoseStatus.AT_REST
+    if np.any(not_at_rest):
+        for values in (position, rotation, force):
+            values[not_at_rest] = np.nan
     return Equilibrium(position, rotation, force, status)
 
 
@@ -230,13 +230,13 @@ class _Equilibria:
 
     @classmethod
     def merge(cls, parts: list[tuple[NDArray[np.intp], _Equilibria]]) -> _Equilibria:
-        """All poses; of those that are in several parts, the last word."""
+        """All poses; those that occur in several parts take the last value."""
         if len(parts) == 1:
             return parts[0][1]
         every = cls(*(array.copy() for array in parts[0][1]._arrays()))
         for rows, part in parts[1:]:
-            for mine, its in zip(every._arrays(), part._arrays(), strict=True):
-                mine[..., rows] = its
+            for merged, its in zip(every._arrays(), part._arrays(), strict=True):
+                merged[..., rows] = its
         return every
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
@@ -252,43 +252,43 @@ def _newton(structure: LoadedStructure, start: Array) -> _Equilibria:
     part = _Equilibria.from_poses(structure, start)
     rows, parts = np.arange(len(start)), []
     cholesky: Cholesky | None = None
-    former = np.zeros(len(start))
-    for left in reversed(range(MAX_STEPS)):
+    previous = np.zeros(len(start))
+    for steps_left in reversed(range(MAX_STEPS)):
         state = MechanicalState.from_poses(structure, part.position, part.rotation)
         if cholesky is None:
             cholesky = Cholesky.of(state.hessian())
         step = cholesky.solve(-state.gradient())
-        size, lost = _limit_step(step, cholesky.positive)
+        size, diverged = _limit_step(step, cholesky.positive)
         _move(part, step, structure)
-        settled = (size < STEP_TOLERANCE) | (size * size < CONVERGED_STEP * former)
+        settled = (size < STEP_TOLERANCE) | (size * size < CONVERGED_STEP * previous)
         waiting = part.status == PoseStatus.NOT_CONVERGED
-        part.status[waiting & settled & ~lost] = PoseStatus.AT_REST
-        part.status[waiting & lost] = PoseStatus.SINGULAR
-        stay = np.flatnonzero(part.status == PoseStatus.NOT_CONVERGED)
-        if 2 * stay.size < rows.size or left == 0:
+        part.status[waiting & settled & ~diverged] = PoseStatus.AT_REST
+        part.status[waiting & diverged] = PoseStatus.SINGULAR
+        active = np.flatnonzero(part.status == PoseStatus.NOT_CONVERGED)
+        if 2 * active.size < rows.size or steps_left == 0:
             part.force, part.direction = state.force_after(step), state.direction
             parts.append((rows, part))
-            if stay.size == 0:
+            if active.size == 0:
                 break
-            rows, part, structure, size = rows[stay], part.take(stay), structure.take(stay), size[stay]
-            cholesky = cholesky.take(stay)
-            stay = np.arange(stay.size)
-        former = size
-        if np.max(size[stay]) > CHORD_BELOW:
+            rows, part, structure, size = rows[active], part.take(active), structure.take(active), size[active]
+            cholesky = cholesky.take(active)
+            active = np.arange(active.size)
+        previous = size
+        if np.max(size[active]) > CHORD_BELOW:
             cholesky = None
     return _Equilibria.merge(parts)
 
 
 def _limit_step(step: Array, positive: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Sizes (n,) of steps (f, n), which are cut in place to LONGEST_STEP, and which of the poses are lost."""
+    """Sizes (n,) of steps (f, n), which are cut in place to LONGEST_STEP, and which of the poses diverged."""
     size = np.max(np.abs(step), axis=0)
-    lost = ~(positive & (size < np.inf))
-    if np.any(lost):
-        step[:, lost] = 0.0
-        size[lost] = 0.0
+    diverged = ~(positive & (size < np.inf))
+    if np.any(diverged):
+        step[:, diverged] = 0.0
+        size[diverged] = 0.0
     if np.max(size) > LONGEST_STEP:
         step *= LONGEST_STEP / np.maximum(size, LONGEST_STEP)
-    return size, lost
+    return size, diverged
 
 
 def _move(poses: _Equilibria, step: Array, structure: LoadedStructure) -> None:
@@ -304,7 +304,7 @@ def _move(poses: _Equilibria, step: Array, structure: LoadedStructure) -> None:
 
 
 def _on_assembly_branch(structure: LoadedStructure, carriers: list[Carrier], rest: _Equilibria) -> NDArray[np.bool_]:
-    """Whether the first strut of every drive stands as the branch of the machine file says."""
+    """Whether the first strut of every drive is on the branch that the machine file states."""
     machine = structure.machine
     good = np.ones(rest.status.size, dtype=bool)
     for a, carrier in enumerate(carriers[:-1]):

@@ -1,4 +1,4 @@
-"""Drive positions for wanted poses: rigid closure in closed form, and exactly at equilibrium."""
+"""Drive coordinates for given poses: rigid closure in closed form, and exactly at equilibrium."""
 
 from __future__ import annotations
 
@@ -48,26 +48,26 @@ def _crank_angle(w: Array, arm: Array, u: Array, length: float, branch: float) -
 
 
 def drives_for(
-    machine: Machine, geometry: Geometry, wanted: Array, at: Conditions | None = None
+    machine: Machine, geometry: Geometry, target: Array, at: Conditions | None = None
 ) -> tuple[Array, Array]:
-    """Drive coordinates (n, d) that bring the commanded coordinates of the tool to `wanted` (n, 6), and the poses.
+    """Drive coordinates (n, d) that bring the commanded coordinates of the tool to `target` (n, 6), and the poses.
 
-    wanted: tool point in m and rotation vector in rad; coordinates that the drives do not command are where to
+    target: tool point in m and rotation vector in rad; coordinates that the drives do not command are where to
     start from. With more drives than commanded coordinates the ones nearest to the rigid closure are taken.
     Newton's method on `solve`; NaN where no drive position is found. Without conditions: no load, reference
     temperature.
     """
     if at is None:
-        at = make_conditions(machine, len(wanted)).without_loads()
-    pose = wanted.copy()
-    pose[:, :3] -= rotation_matrix(wanted[:, 3:]) @ machine.tool_point_m
+        at = make_conditions(machine, len(target)).without_loads()
+    pose = target.copy()
+    pose[:, :3] -= rotation_matrix(target[:, 3:]) @ machine.tool_point_m
     drives = rigid_drives(machine, geometry, pose)
     grown = at.factors["platform"][:, None]
     for _ in range(8):
         rest = solve(machine, geometry, drives, at, pose)
         tool = rest.position_m + grown * (rest.rotation @ machine.tool_point_m)
-        turn = rest.rotation @ rotation_matrix(wanted[:, 3:]).transpose(0, 2, 1)
-        error = np.concatenate([tool - wanted[:, :3], rotation_vector(turn)], axis=1)[:, machine.commanded]
+        turn = rest.rotation @ rotation_matrix(target[:, 3:]).transpose(0, 2, 1)
+        error = np.concatenate([tool - target[:, :3], rotation_vector(turn)], axis=1)[:, machine.commanded]
         pose = rest.coordinates()
         if not np.nanmax(np.abs(error), initial=0.0) > 1e-12:
             break
@@ -75,8 +75,8 @@ def drives_for(
             machine, Sensitivity.at_equilibrium(machine, geometry, drives, at, rest).drives(), rest, at
         )
         drives = drives - np.einsum("ndk,nk->nd", _pinv(per_drive[:, machine.commanded]), error)
-    lost = ~(np.max(np.abs(error), axis=1) < 1e-9)
-    drives[lost], pose[lost] = np.nan, np.nan
+    unreachable = ~(np.max(np.abs(error), axis=1) < 1e-9)
+    drives[unreachable], pose[unreachable] = np.nan, np.nan
     return drives, pose
 
 

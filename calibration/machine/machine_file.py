@@ -1,4 +1,4 @@
-"""The machine file as it stands on disk (docs/reference/machine.md): sections, ranges, and what must fit together."""
+"""The machine file (docs/reference/machine.md): its sections, ranges, and consistency between them."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class WorkspaceSection(Section):
     def limits(self, coordinate: Coordinate) -> Range:
         """Lower and upper limit of a coordinate, zero if it is not listed."""
         unit = "rad" if coordinate.startswith("r") else "m"
-        found: Range | None = getattr(self, f"{coordinate}_{unit}")
-        return (0.0, 0.0) if found is None else found
+        limits: Range | None = getattr(self, f"{coordinate}_{unit}")
+        return (0.0, 0.0) if limits is None else limits
 
 
 class SliderEntry(Section):
@@ -229,8 +229,8 @@ class MachineFile(Section):
             "guide_position_m": bool(self.guides),
             "guide_tilt_rad": bool(self.guides),
         }
-        for name, wanted in needed.items():
-            if wanted and getattr(self.tolerances, name) is None:
+        for name, is_needed in needed.items():
+            if is_needed and getattr(self.tolerances, name) is None:
                 raise ValueError(f"[tolerances] {name} is missing")
 
 

@@ -1,1 +1,1 @@
-"""What the machine's poses depend on: its parameters, where it stood and what it carried."""
+"""The model of a fit: the machine's parameters, its visits and its loads, and the poses that they give."""

@@ -38,7 +38,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class SystematicUncertainties:
-    """Standard uncertainties of what is common to all poses; zero: taken as known.
+    """Standard uncertainties of quantities common to all poses; zero: taken as known.
 
     payload_mass relative; payload_com_m; expansion_per_k and temperature_k by part (struts, drives, base, platform).
     """
@@ -52,7 +52,7 @@ class SystematicUncertainties:
     def from_declared(
         cls, payloads: Sequence[PayloadEntry], machine: Machine, temperature_k: float = 0.0
     ) -> SystematicUncertainties:
-        """What is stated of payloads (the largest uncertainty of the list) and of thermal expansion."""
+        """The stated uncertainties of payloads (the largest of the list) and of thermal expansion."""
         shares = [p.u_mass_kg / p.mass_kg for p in payloads if p.mass_kg > 0.0]
         return cls(
             payload_mass=max(shares, default=0.0),
@@ -63,12 +63,12 @@ class SystematicUncertainties:
 
     def unknowns(self, planar: bool) -> tuple[Unknown, ...]:
         """Those that are not taken as known."""
-        found = [Unknown("payload.mass", "1", self.payload_mass)]
+        unknowns = [Unknown("payload.mass", "1", self.payload_mass)]
         axes = "xy" if planar else "xyz"
-        found += [Unknown(f"payload.com.{axis}", "m", self.payload_com_m) for axis in axes]
-        found += [Unknown(f"expansion.{part}", "1/K", self.expansion_per_k.get(part, 0.0)) for part in PARTS]
-        found += [Unknown(f"temperature.{part}", "K", self.temperature_k.get(part, 0.0)) for part in PARTS]
-        return tuple(u for u in found if u.sigma > 0.0)
+        unknowns += [Unknown(f"payload.com.{axis}", "m", self.payload_com_m) for axis in axes]
+        unknowns += [Unknown(f"expansion.{part}", "1/K", self.expansion_per_k.get(part, 0.0)) for part in PARTS]
+        unknowns += [Unknown(f"temperature.{part}", "K", self.temperature_k.get(part, 0.0)) for part in PARTS]
+        return tuple(u for u in unknowns if u.sigma > 0.0)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Model:
         return len(self.unknowns)
 
     def column(self, name: str) -> int | None:
-        """Where an unknown stands, None if it is taken as known."""
+        """Column of an unknown, None if it is taken as known."""
         names = [u.name for u in self.unknowns]
         return names.index(name) if name in names else None
 

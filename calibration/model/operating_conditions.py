@@ -1,4 +1,4 @@
-"""What a machine carries and how warm it is: the condition that a prediction or a table is for."""
+"""Operating conditions: the payload and the temperatures that a prediction or a table is for."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class OperatingConditions:
     temperatures_c: dict[str, float]
 
     def at_poses(self, drives: Array, target_m: Array) -> Visits:
-        """The same load for n poses."""
+        """Visits of n poses under these conditions."""
         n = len(drives)
         return Visits(
             drives,

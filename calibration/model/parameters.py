@@ -1,4 +1,4 @@
-"""The machine's unknowns: which errors a part may have, how large, and what each does to the pose.
+"""The machine's parameters: which errors a part may have, their tolerances, and their effect on the pose.
 
 A parameter vector holds deviations from nominal: metres, radians, relative scale, ln of a stiffness ratio.
 Its prior standard deviation is the tolerance divided by sqrt 3 (a uniform distribution's).
@@ -132,12 +132,12 @@ class ParameterSet:
         joints: dict[tuple[str, int], Array] = {}
         return [self._joint_column(p, at, joints) if p.kind in JOINTS else self._column(p, at) for p in self.parameters]
 
-    def _joint_column(self, p: MachineParameter, at: Sensitivity, known: dict[tuple[str, int], Array]) -> Array:
-        """A column of a joint: all axes of a joint are computed at once and kept in `known`."""
+    def _joint_column(self, p: MachineParameter, at: Sensitivity, cache: dict[tuple[str, int], Array]) -> Array:
+        """A column of a joint: all axes of a joint are computed at once and kept in `cache`."""
         key = (p.kind, p.part)
-        if key not in known:
-            known[key] = at.platform_joint(p.part) if p.kind == "platform_joint" else at.base_joint(p.part)
-        return known[key][:, p.axis]
+        if key not in cache:
+            cache[key] = at.platform_joint(p.part) if p.kind == "platform_joint" else at.base_joint(p.part)
+        return cache[key][:, p.axis]
 
     def _column(self, p: MachineParameter, at: Sensitivity) -> Array:
         columns: dict[str, Callable[[], Array]] = {

@@ -1,4 +1,4 @@
-"""Where the machine stood: drives, commanded pose, payload and temperatures of every visit."""
+"""Visits of poses: drive coordinates, commanded pose, payload and temperatures of each."""
 
 from __future__ import annotations
 

@@ -217,9 +217,9 @@ def column_names(
 
 def check_extra_columns(drives: Sequence[str], sensors: Sequence[str], extra: Mapping[str, str]) -> None:
     """Raise ValueError, in one line, if a further column's name is taken, is no name or does not end in a unit."""
-    taken = {column.name for column in columns_of(drives, sensors)}
+    own_names = {column.name for column in columns_of(drives, sensors)}
     for name in extra:
-        if name in taken:
+        if name in own_names:
             raise ValueError(f"column '{name}' is one of the recording's own; choose another name")
         if EXTRA_NAME.fullmatch(name) is None:
             raise ValueError(f"column '{name[:40]}' is no name; use small letters, digits and underscores")

@@ -1,8 +1,8 @@
 """A linear delta of Klipper's as a machine with measurements.
 
-Three carriages hang from their endstops: the drive coordinate is how far each stands below its own, along -z. One
-strut a carriage stands for its pair of arms; the tool point is the origin of a platform that does not turn. Nominal is
-the owner's last fit. Places of the joints are in the frame of the bed: z is the height above it.
+Three carriages hang from their endstops: the drive coordinate is the distance of each below its own, along -z. One
+strut per carriage represents its pair of arms; the tool point is the origin of a platform that does not turn. The
+nominal geometry is the owner's last fit. Positions of the joints are in the frame of the bed: z is the height above it.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ SCALE_U = 3e-3  # plastic shrinks by some 0.3 %
 NOMINAL_MISSES_M = 1e-3  # a stored fit misses its own readings by some 0.1 mm
 
 # Half-widths. The places of the joints, and the arms where distances were measured, come from a fit of these very
-# readings: a tolerance that held them there would let each reading vouch for itself. Theirs is so wide that it holds
-# only what no reading sees (the frame on the bed).
+# readings: a tight tolerance would let each reading confirm itself. The tolerance is therefore wide enough to constrain
+# only what no reading determines (the frame on the bed).
 FITTED_M = 0.05
 ARM_M = 3e-3  # arms that were cut to length and taken over as they were specified
 RAIL_RAD = 5e-3  # a rail leaning by 1 mm in 200 mm

@@ -1,6 +1,6 @@
 """Recording folders: recording.toml, machine.toml and readings.csv, written to round-trip and read with care.
 
-docs/reference/recording.md defines the format. A folder is hostile input: data only, bounded in size, checked.
+docs/reference/recording.md defines the format. A folder is untrusted input: data only, bounded in size, checked.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def write_folder(recording: Recording, folder: Path) -> None:
 
 
 def read_folder(folder: Path) -> Recording:
-    """Read and check a recording folder; InputError in one line if it is not fit."""
+    """Read and check a recording folder. Raises InputError, in one line, if it is invalid."""
     file = parse_toml(read_text(folder / "recording.toml"), RecordingFile, str(folder / "recording.toml"))
     machine = parse_machine(read_text(folder / "machine.toml"), str(folder / "machine.toml"))
     path = folder / "readings.csv"

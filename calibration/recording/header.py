@@ -72,7 +72,7 @@ class DisturbanceLevels(Section):
 
 
 class RecordingFile(Section):
-    """The header of a recording: with what it was measured, and what is stated of the instruments."""
+    """The header of a recording: the rig, its station and payloads, and the stated accuracies."""
 
     format: Literal[1] = Field(description="Version of the format.")
     campaign: Name = Field(description="Id of the campaign.")
@@ -103,7 +103,7 @@ class RecordingFile(Section):
 
     @model_serializer(mode="wrap")
     def _without_empty_extra_columns(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Versions that do not know `extra_columns` go on reading recordings that have none."""
+        """Versions that do not know `extra_columns` can still read recordings without any."""
         data: dict[str, Any] = serialise(self)
         if not self.extra_columns:
             data.pop("extra_columns", None)

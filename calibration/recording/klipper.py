@@ -2,7 +2,7 @@
 
 Read are: the stored parameters ([printer], [stepper_a] to [stepper_c]), the points probed and the distances measured
 ([delta_calibrate]). Lines that begin with `#*#` are the block that SAVE_CONFIG writes; they override the others. The
-file is hostile input: bounded, data only; [include] is not followed and nothing but these sections is kept.
+file is untrusted input: bounded, data only; [include] is not followed and nothing but these sections is kept.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Tower:
 
 @dataclass(frozen=True)
 class DeltaPrinter:
-    """A linear delta as its owner left it. Steps count how far each carriage stood below its endstop.
+    """A linear delta as configured by its owner. Steps count the distance of each carriage below its endstop.
 
     radius_m: horizontal reach of the arms with the tool in the middle; probed_radius_m: of the circle that was probed.
     height_m (h,) with height_steps (h, 3); distance_m (r,) between first_steps (r, 3) and second_steps (r, 3).
@@ -79,7 +79,7 @@ def read_printer(path: Path) -> DeltaPrinter:
 
 
 def parse_printer(text: str, source: str) -> DeltaPrinter:
-    """The same from the text; `source` is said in complaints."""
+    """The same from the text; messages begin with `source`."""
     options, includes = _options(text)
     file = _PrinterConfig(source, options, " (files that it includes are not read: join them)" if includes else "")
     kinematics = options.get("printer", {}).get("kinematics", "delta")
@@ -115,7 +115,7 @@ def parse_printer(text: str, source: str) -> DeltaPrinter:
 
 def _options(text: str) -> tuple[_Options, bool]:
     """Sections of interest with their options, stored ones last, and whether other files are included."""
-    found: dict[bool, _Options] = {False: {}, True: {}}
+    sections_by_origin: dict[bool, _Options] = {False: {}, True: {}}
     section: dict[bool, str | None] = {False: None, True: None}
     includes = False
     for raw in text.removeprefix("\ufeff").splitlines():
@@ -123,15 +123,15 @@ def _options(text: str) -> tuple[_Options, bool]:
         line = raw[3:].removeprefix(" ") if stored else raw
         line = re.split(r"#|(?:^|\s);", line, maxsplit=1)[0].rstrip()
         if not line or line[0].isspace():
-            continue  # indented lines go on with the value before, which is none of ours
+            continue  # indented lines continue the previous value, which is not used here
         if heading := _SECTION.match(line):
             name = " ".join(heading[1].split())
             includes |= name.startswith("include ")
             section[stored] = name if _WANTED.fullmatch(name) else None
         elif (option := _OPTION.fullmatch(line)) and (name := section[stored] or ""):
-            found[stored].setdefault(name, {})[option[1].lower()] = option[2].strip()
-    merged = {name: dict(values) for name, values in found[False].items()}
-    for name, values in found[True].items():
+            sections_by_origin[stored].setdefault(name, {})[option[1].lower()] = option[2].strip()
+    merged = {name: dict(values) for name, values in sections_by_origin[False].items()}
+    for name, values in sections_by_origin[True].items():
         merged.setdefault(name, {}).update(values)
     return merged, includes
 
@@ -158,17 +158,17 @@ class _PrinterConfig:
 
     def length(self, section: str, key: str, default_m: float | None = None) -> float:
         """A positive length in mm, as metres."""
-        found = round(self.number(section, key, 1e4, None if default_m is None else 1e3 * default_m) / 1e3, 12)
-        if found <= 0.0:
+        length_m = round(self.number(section, key, 1e4, None if default_m is None else 1e3 * default_m) / 1e3, 12)
+        if length_m <= 0.0:
             raise InputError(f"{self.source}: [{section}] {key} is not a positive length; correct it")
-        return found
+        return length_m
 
     def positive(self, section: str, key: str, default: float | None = None) -> float:
         """A positive number."""
-        found = self.number(section, key, 1e6, default)
-        if found <= 0.0:
+        number = self.number(section, key, 1e6, default)
+        if number <= 0.0:
             raise InputError(f"{self.source}: [{section}] {key} is not positive; correct it")
-        return found
+        return number
 
     def steps(self, key: str) -> list[float]:
         """A stable position: steps of the three towers."""
@@ -182,12 +182,12 @@ class _PrinterConfig:
 
     def _finite(self, text: str, where: str, limit: float) -> float:
         try:
-            found = float(text)
+            number = float(text)
         except ValueError:
             raise InputError(f"{self.source}: {where}: {text.strip()[:40]!r} is not a number; correct it") from None
-        if not abs(found) <= limit:
-            raise InputError(f"{self.source}: {where}: {found:g} is out of range; correct it")
-        return found
+        if not abs(number) <= limit:
+            raise InputError(f"{self.source}: {where}: {number:g} is out of range; correct it")
+        return number
 
 
 def _tower(file: _PrinterConfig, name: str) -> Tower:
@@ -217,7 +217,7 @@ def _step_m(file: _PrinterConfig, name: str) -> float:
 
 
 def _gear_ratio(file: _PrinterConfig, section: str) -> float:
-    """Product of ratios such as '57:11, 2:1'; 1 where none is said."""
+    """Product of ratios such as '57:11, 2:1'; 1 if none is given."""
     text = file.text(section, "gear_ratio")
     ratio = 1.0
     for pair in [] if text is None else text.split(",", 10):
@@ -236,5 +236,5 @@ def _require_separate_towers(towers: tuple[Tower, ...], source: str) -> None:
         apart = abs(math.remainder(towers[i].angle_rad - towers[i - 1].angle_rad, 2.0 * math.pi))
         if apart < math.radians(20.0):
             raise InputError(
-                f"{source}: towers {TOWERS[i - 1]} and {TOWERS[i]} stand within 20 degrees; correct their angles"
+                f"{source}: towers {TOWERS[i - 1]} and {TOWERS[i]} are within 20 degrees; correct their angles"
             )

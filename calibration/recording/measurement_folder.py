@@ -1,7 +1,7 @@
 """Measurement folders: a machine measured by anything but reflectors, as plain files that any program can write.
 
 docs/reference/measurements.md defines the format: measurements.toml, machine.toml, coordinates.csv and distances.csv.
-A folder is hostile input: data only, bounded in size, checked.
+A folder is untrusted input: data only, bounded in size, checked.
 """
 
 from __future__ import annotations
@@ -64,21 +64,21 @@ class MeasuredMachine:
             sigma = np.tile([e.sd for e in entries], (len(rows), 1))
             offset = tuple(e.offset_u for e in entries) if instrument_unknowns else ()
             out.append(ToolCoordinates(rows, tuple(chosen), value, sigma, self.file.own_frame, offset))
-        stated = self.file.distances
-        if stated is not None:
+        distances = self.file.distances
+        if distances is not None:
             pairs = self.pairs.astype(np.intp)
-            sigma = np.full(len(pairs), stated.sd_m)
-            ball = stated.centre_m is not None
+            sigma = np.full(len(pairs), distances.sd_m)
+            ball = distances.centre_m is not None
             out.append(
                 Distances(
                     first=pairs[:, 0],
                     second=None if ball else pairs[:, 1],
                     distance_m=self.distance_m,
                     sigma_m=sigma,
-                    centre_m=np.array(stated.centre_m) if ball else None,
-                    centre_u_m=stated.centre_u_m if instrument_unknowns else 0.0,
-                    length_u_m=stated.length_u_m if instrument_unknowns else 0.0,
-                    scale_u=stated.scale_u if instrument_unknowns else 0.0,
+                    centre_m=np.array(distances.centre_m) if ball else None,
+                    centre_u_m=distances.centre_u_m if instrument_unknowns else 0.0,
+                    length_u_m=distances.length_u_m if instrument_unknowns else 0.0,
+                    scale_u=distances.scale_u if instrument_unknowns else 0.0,
                 )
             )
         return tuple(out)
@@ -120,7 +120,7 @@ def write_measurements(measured: MeasuredMachine, folder: Path) -> None:
 
 
 def read_measurements(folder: Path) -> MeasuredMachine:
-    """Read and check a measurement folder; InputError in one line if it is not fit."""
+    """Read and check a measurement folder. Raises InputError, in one line, if it is invalid."""
     header = folder / HEADER
     file = parse_toml(read_text(header), MeasurementFile, str(header))
     machine = parse_machine(read_text(folder / MACHINE), str(folder / MACHINE))
@@ -136,10 +136,12 @@ def read_measurements(folder: Path) -> MeasuredMachine:
     n = len(number)
     positions = np.column_stack([table[name] for name in drives])
     _check_travel(path, machine, positions)
-    given = [name for name in TARGETS if name in table]
-    if given and len(given) != len(TARGETS):
+    target_columns = [name for name in TARGETS if name in table]
+    if target_columns and len(target_columns) != len(TARGETS):
         raise InputError(f"{path}: of the six target columns some are missing; give all or none")
-    target = np.column_stack([table[c] for c in TARGETS]) if given else np.tile(workspace_middle(machine), (n, 1))
+    target = (
+        np.column_stack([table[c] for c in TARGETS]) if target_columns else np.tile(workspace_middle(machine), (n, 1))
+    )
     reference = np.full(n, machine.reference_temperature_c)
     visits = Visits(
         positions,
@@ -162,9 +164,9 @@ def _drive_columns(machine: Machine) -> list[str]:
 
 
 def _check_names(file: MeasurementFile, machine: Machine, header: Path) -> None:
-    known = ParameterSet.of(machine).names
+    parameter_names = ParameterSet.of(machine).names
     for quantity in file.quantities:
-        if strange := [name for name in quantity.of if name not in known]:
+        if strange := [name for name in quantity.of if name not in parameter_names]:
             raise InputError(
                 f"{header}: quantity '{quantity.name}' names the unknown parameter '{strange[0][:60]}'; correct it"
             )
@@ -222,13 +224,13 @@ def _distances(path: Path, file: MeasurementFile, machine: Machine, number: Arra
     order = np.argsort(number)
     pairs = np.empty((len(table["distance_m"]), len(names)))
     for i, name in enumerate(names):
-        wanted = require_counts(path, name, table[name])
-        found = order[np.minimum(np.searchsorted(number[order], wanted), len(number) - 1)]
-        if (strange := np.flatnonzero(number[found] != wanted)).size:
+        visit_numbers = require_counts(path, name, table[name])
+        rows_found = order[np.minimum(np.searchsorted(number[order], visit_numbers), len(number) - 1)]
+        if (strange := np.flatnonzero(number[rows_found] != visit_numbers)).size:
             raise InputError(
-                f"{path}: line {strange[0] + 2}: there is no visit {wanted[strange[0]]:g} in {COORDINATE_TABLE}"
+                f"{path}: line {strange[0] + 2}: there is no visit {visit_numbers[strange[0]]:g} in {COORDINATE_TABLE}"
             )
-        pairs[:, i] = found
+        pairs[:, i] = rows_found
     if not ball and (same := np.flatnonzero(pairs[:, 0] == pairs[:, 1])).size:
         raise InputError(f"{path}: line {same[0] + 2}: a distance from a visit to itself; name two visits")
     room = 2.0 * np.linalg.norm(machine.workspace[:3, 1] - machine.workspace[:3, 0])

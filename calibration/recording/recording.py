@@ -89,8 +89,8 @@ class Recording:
 
     def payload_com_m(self) -> Array:
         """Centre of mass of the payload that was on (r, 3)."""
-        known = np.array([p.com_m for p in self.file.payloads])
-        return known[self["payload"].astype(int)]
+        by_payload = np.array([p.com_m for p in self.file.payloads])
+        return by_payload[self["payload"].astype(int)]
 
 
 def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping[str, float | str]]) -> Recording:
@@ -142,14 +142,14 @@ def _check_geometry(recording: Recording) -> None:
 
 
 def _check_names(recording: Recording) -> None:
-    """Readings that stand once, known phases, reflectors and payloads, the payloads' masses as listed."""
+    """Unique readings, known phases, reflectors and payloads, and masses of payloads as listed."""
     uids, counts = np.unique(np.asarray(recording["uid"]), return_counts=True)
     if np.any(counts > 1):
         raise _input_error(recording, f"reading '{uids[np.argmax(counts)]}' stands twice; keep one")
     for phase in sorted(set(recording["phase"].tolist()) - set(PHASES)):
         raise _input_error(recording, f"unknown phase '{phase}'; known: {', '.join(PHASES)}")
-    known = {smr.name for smr in recording.machine.smrs}
-    for smr in sorted(set(recording["smr"].tolist()) - known):
+    known_names = {smr.name for smr in recording.machine.smrs}
+    for smr in sorted(set(recording["smr"].tolist()) - known_names):
         raise _input_error(recording, f"SMR '{smr}' is not in its machine file")
     payload = recording["payload"]
     if np.any((payload < 0) | (payload >= len(recording.file.payloads))):

@@ -1,4 +1,4 @@
-"""Readings that cannot be what they claim to be, named before anything is fitted to them."""
+"""Plausibility checks of readings before any fit."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ SPACING_ERROR = 0.05  # relative, between reflectors; mountings err by millimetr
 THOUSANDS = {1e3: "in millimetres", 1e-3: "in kilometres"}
 
 
-def check_units(machine: Machine, seen: ReflectorObservations) -> None:
+def check_units(machine: Machine, observations: ReflectorObservations) -> None:
     """Refuse wrong units of drives and positions and mixed up reflectors; InputError in one line."""
-    _check_drives(machine, seen.visits.drives)
-    _check_spacing(machine, seen)
+    _check_drives(machine, observations.visits.drives)
+    _check_spacing(machine, observations)
 
 
 def _check_drives(machine: Machine, drives: Array) -> None:
@@ -37,13 +37,13 @@ def _check_drives(machine: Machine, drives: Array) -> None:
     )
 
 
-def _check_spacing(machine: Machine, seen: ReflectorObservations) -> None:
+def _check_spacing(machine: Machine, observations: ReflectorObservations) -> None:
     """Distances between the platform's reflectors, measured in one visit, against the machine file."""
-    on_platform = [i for i, s in enumerate(machine.smrs) if s.on == "platform" and np.any(seen.smr == i)]
-    place = {i: np.full((len(seen.visits), 3), np.nan) for i in on_platform}
+    on_platform = [i for i, s in enumerate(machine.smrs) if s.on == "platform" and np.any(observations.smr == i)]
+    place = {i: np.full((len(observations.visits), 3), np.nan) for i in on_platform}
     for i in on_platform:
-        rows = seen.smr == i
-        place[i][seen.visit[rows]] = seen.position_m[rows]
+        rows = observations.smr == i
+        place[i][observations.visit[rows]] = observations.position_m[rows]
     for k, i in enumerate(on_platform):
         for j in on_platform[k + 1 :]:
             apart = np.linalg.norm(place[i] - place[j], axis=1)
@@ -65,10 +65,12 @@ def _check_spacing(machine: Machine, seen: ReflectorObservations) -> None:
 
 def require_enough_poses(machine: Machine, target_m: Array) -> None:
     """Refuse too few different poses (v, 6)."""
-    wanted = 2 * machine.dof.size
-    found = len(np.unique(np.round(target_m, 9), axis=0))
-    if found < wanted:
-        raise InputError(f"{found} different poses are too few for machine {machine.name}; measure {wanted} or more")
+    n_required = 2 * machine.dof.size
+    n_poses = len(np.unique(np.round(target_m, 9), axis=0))
+    if n_poses < n_required:
+        raise InputError(
+            f"{n_poses} different poses are too few for machine {machine.name}; measure {n_required} or more"
+        )
 
 
 def require_spread_poses(machine: Machine, target_m: Array) -> None:

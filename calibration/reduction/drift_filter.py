@@ -50,14 +50,14 @@ def estimate_drift(
     nest: NDArray[np.intp],
     position_m: Array,
     covariance_m2: Array,
-    stated: AccuracyEntry,
+    accuracy: AccuracyEntry,
     at_s: Array,
 ) -> DriftEstimate:
     """Follow the frame through the nests and smooth (Rauch-Tung-Striebel).
 
     t_s (n,) ascending; nest (n,): which nest; position_m (n, 3), covariance_m2 (n, 3, 3); at_s (t,): times
-    at which the drift is wanted. The drift is a random walk with the station's stated strength, zero at the
-    first reading; where the nests stand is unknown and part of the state, so that the gauge is explicit and later
+    of the requested estimates. The drift is a random walk with the station's stated strength, zero at the
+    first reading; the nests' positions are unknown and part of the state, so that the gauge is explicit and later
     readings do not shift the frame of earlier ones.
     """
     which, row = np.unique(nest, return_inverse=True)
@@ -65,11 +65,11 @@ def estimate_drift(
     size = 6 + 3 * len(which)
     design = np.zeros((len(t_s), 3, size))
     design[:, :, :6] = _drift_design(first[row])
-    own = 6 + 3 * row[:, None] + np.arange(3)
-    np.put_along_axis(design, own[:, None, :], np.broadcast_to(np.eye(3), (len(t_s), 3, 3)), axis=2)
+    own_columns = 6 + 3 * row[:, None] + np.arange(3)
+    np.put_along_axis(design, own_columns[:, None, :], np.broadcast_to(np.eye(3), (len(t_s), 3, 3)), axis=2)
     walk = np.zeros((size, size))
-    walk[:3, :3] = np.eye(3) * stated.drift_m_per_sqrt_h**2 / 3600.0
-    level, direction = stated.drift_of_level_rad_per_sqrt_h, stated.drift_rad_per_sqrt_h
+    walk[:3, :3] = np.eye(3) * accuracy.drift_m_per_sqrt_h**2 / 3600.0
+    level, direction = accuracy.drift_of_level_rad_per_sqrt_h, accuracy.drift_rad_per_sqrt_h
     walk[3:6, 3:6] = np.diag([level, level, direction]) ** 2 / 3600.0
 
     times = np.concatenate([t_s, at_s])
@@ -98,5 +98,5 @@ def estimate_drift(
     x, p, _, _ = kf.rts_smoother(np.array(states), np.array(covariances), Qs=np.array(process))
     place = np.empty(len(times), dtype=np.intp)
     place[order] = np.arange(len(times))
-    wanted = place[len(t_s) :]
-    return DriftEstimate(x[wanted, :6], p[wanted, :6, :6], np.array(rejected, dtype=np.intp))
+    requested = place[len(t_s) :]
+    return DriftEstimate(x[requested, :6], p[requested, :6, :6], np.array(rejected, dtype=np.intp))

@@ -1,4 +1,4 @@
-"""Before, after, noise floor: the figures that a verdict rests on, each with its uncertainty.
+"""Figures of a verdict: errors before and after and the noise floor, each with its uncertainty.
 
 Definitions are in docs/reference/definitions.md; position figures are of the tool point in the coordinates that the
 drives command, orientation figures of the platform's free rotations.

@@ -32,26 +32,28 @@ class FilteredPoses:
     measured: NDArray[np.bool_]
 
 
-def filter_poses(report: ReportFrame, seen: ReflectorObservations) -> FilteredPoses:
+def filter_poses(report: ReportFrame, observations: ReflectorObservations) -> FilteredPoses:
     """Pose of each visit from its platform reflectors, outliers gated.
 
     An outlier that is read first would make the good ones look wrong, so each order of readings is tried and
     the one that keeps most readings (then: the smallest innovations) counts.
     """
     dof = report.machine.dof
-    target = seen.visits.target_m
+    target = observations.visits.target_m
     predicted, jacobian = report.points(target), report.jacobian(target)[..., dof]
-    coordinates = np.full((len(seen.visits), 6), np.nan)
-    covariance = np.full((len(seen.visits), dof.size, dof.size), np.nan)
-    accepted = ~np.isin(seen.smr, report.smrs)
-    measured = np.zeros(len(seen.visits), dtype=bool)
+    coordinates = np.full((len(observations.visits), 6), np.nan)
+    covariance = np.full((len(observations.visits), dof.size, dof.size), np.nan)
+    accepted = ~np.isin(observations.smr, report.smrs)
+    measured = np.zeros(len(observations.visits), dtype=bool)
     start = np.diag(np.where(dof < 3, START_SD_M, START_SD_RAD) ** 2)
-    for v in range(len(seen.visits)):
-        rows = np.flatnonzero((seen.visit == v) & ~accepted)
+    for v in range(len(observations.visits)):
+        rows = np.flatnonzero((observations.visit == v) & ~accepted)
         if rows.size == 0:
             continue
-        smr = np.searchsorted(report.smrs, seen.smr[rows])
-        best = _best_order(start, seen.position_m[rows] - predicted[v, smr], jacobian[v, smr], seen.covariance_m2[rows])
+        smr = np.searchsorted(report.smrs, observations.smr[rows])
+        best = _best_order(
+            start, observations.position_m[rows] - predicted[v, smr], jacobian[v, smr], observations.covariance_m2[rows]
+        )
         accepted[rows[best.kept]] = True
         measured[v] = len(best.kept) >= 2
         if measured[v]:
@@ -84,12 +86,12 @@ def _filter_in_order(order: list[int], start: Array, error: Array, design: Array
     kf = KalmanFilter(dim_x=len(start), dim_z=3)
     kf.x = np.zeros(len(start))
     kf.P = start.copy()
-    kept, cost = [], 0.0
+    accepted, cost = [], 0.0
     for i in order:
         kf.H = design[i]
         innovation = nis(kf, error[i], noise[i])
         if innovation <= innovation_gate(3):
             kf.update(error[i], R=noise[i])
-            kept.append(i)
+            accepted.append(i)
             cost += innovation
-    return _FilterRun(kept, cost, kf.x, kf.P)
+    return _FilterRun(accepted, cost, kf.x, kf.P)

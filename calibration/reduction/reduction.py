@@ -1,4 +1,4 @@
-"""From a recording to observations and measured poses: a pure function of what is stored.
+"""From a recording to observations and measured poses: a pure function of the stored readings.
 
 In this order: nest checks that failed take their readings out; the certified length ties the range constant;
 the station's drift is followed through the nests; frame and mounting are fitted at zero payload; the pose
@@ -24,14 +24,14 @@ from calibration.reduction.grouped_readings import group_by_visit
 from calibration.reduction.pose_filter import FilteredPoses, filter_poses
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
-MAX_MISS_M = 0.01  # of a reflector from its place by the nominal machine: ten times what tolerances amount to
+MAX_MISS_M = 0.01  # of a reflector from its nominal position: ten times the effect of the tolerances
 CALIBRATION = "calibration"
 VERIFICATIONS = ("verification_before", "verification_after")
 
 
 @dataclass(frozen=True)
 class VisitInfo:
-    """What is known of each visit besides the model's input, one row a visit; direction (v, d)."""
+    """Each visit apart from the model's input, one row per visit; direction (v, d)."""
 
     phase: NDArray[np.str_]
     pose: NDArray[np.intp]
@@ -43,10 +43,10 @@ class VisitInfo:
 
 @dataclass(frozen=True)
 class Reduction:
-    """A recording made ready: what every later analysis starts from.
+    """A reduced recording: the input of every later analysis.
 
     observations: accepted readings of all visits (nests left out). dropped: counts of readings left out, by cause.
-    range_constant_m, range_constant_u_m: what was taken off the ranges.
+    range_constant_m, range_constant_u_m: subtracted from the ranges, with its standard uncertainty.
     """
 
     recording: Recording
@@ -79,7 +79,7 @@ def nominal_frame(recording: Recording) -> Frame:
 
 
 def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
-    """Make a recording ready; InputError in one line if it cannot be.
+    """Reduce a recording. Raises InputError, in one line, if that is impossible.
 
     With a `basis` (the reduction that was identified) its range constant and report frame are kept: figures before
     and after are stated in one frame.
@@ -137,8 +137,8 @@ def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
 def usable_readings(recording: Recording, next_check: int | None = None) -> NDArray[np.bool_]:
     """Readings that lie between two good nest checks (r,); those next to a failed closing check are not used.
 
-    `nest_check` of a reading is the number of the last check before it; `next_check` is one that is still to come and
-    taken for good. With no nests in the recording everything is used.
+    `nest_check` of a reading is the number of the last check before it; `next_check` is a future one that is assumed to
+    succeed. Without nests in the recording all readings are used.
     """
     checks, shifts = nest_shift(recording)
     if checks.size == 0:
@@ -156,8 +156,8 @@ def usable_readings(recording: Recording, next_check: int | None = None) -> NDAr
 def drop_unclosed_readings(recording: Recording) -> Recording:
     """A recording without the readings whose closing nest check was left out, though later ones were made.
 
-    The station may have had other settings at them than it was given (`Runner.resume`): unlike those next to a failed
-    check they tell nothing of the machine.
+    The station may have had other settings than it was given (`Runner.resume`): unlike those next to a failed check,
+    they carry no information about the machine.
     """
     checks, _ = nest_shift(recording)
     is_nest = np.asarray(recording["phase"]) == "nests"
@@ -173,12 +173,12 @@ def last_calibration_check(recording: Recording) -> float:
 
 
 def _range_constant(recording: Recording) -> tuple[float, float]:
-    stated = recording.file.station.accuracy
-    scale_u = stated.range_scale_u * float(np.mean(np.linalg.norm(recording.positions_m, axis=1)))
+    accuracy = recording.file.station.accuracy
+    scale_u = accuracy.range_scale_u * float(np.mean(np.linalg.norm(recording.positions_m, axis=1)))
     length = recording.file.nest_length
     nests = recording.rows("nests")
     names = np.asarray(nests["smr"])
-    prior = float(np.hypot(stated.range_constant_u_m, scale_u))
+    prior = float(np.hypot(accuracy.range_constant_u_m, scale_u))
     if length is None or not all(np.any(names == n) for n in length.nests):
         return 0.0, prior
     common = np.intersect1d(
@@ -203,8 +203,8 @@ def _remove_drift(recording: Recording, constant: float) -> tuple[Array, Array, 
     rows = np.flatnonzero(is_nest)
     rows = rows[np.argsort(t[rows], kind="stable")]
     _, nest = np.unique(np.asarray(recording["smr"])[rows], return_inverse=True)
-    stated = recording.file.station.accuracy
-    drift = estimate_drift(t[rows], nest, position[rows], covariance[rows], stated, t)
+    accuracy = recording.file.station.accuracy
+    drift = estimate_drift(t[rows], nest, position[rows], covariance[rows], accuracy, t)
     position, covariance = drift.remove(position, covariance)
     return position, covariance, len(drift.rejected)
 
@@ -229,7 +229,7 @@ def _observations(recording: Recording, position: Array, covariance: Array) -> t
 
 
 def _robust_frame(recording: Recording, zero: ReflectorObservations) -> ReportFrame:
-    """Fit the frame, drop readings that lie far off, fit again."""
+    """Fit the frame, drop outlying readings, fit again."""
     report = fit_report_frame(recording.machine, zero, nominal_frame(recording))
     expected = report.points(zero.visits.target_m)
     on_platform = np.isin(zero.smr, report.smrs)

@@ -19,12 +19,12 @@ from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.machine.description import Machine
 
-MAX_MISS_TOLERANCES = 20.0  # tolerances of its mounting, beyond which a reflector is not the one it is called
+MAX_MISS_TOLERANCES = 20.0  # mounting tolerances beyond which a reflector is taken to be mislabelled
 
 
 @dataclass(frozen=True)
 class ReportFrame:
-    """Frame of the machine as commanded, and where the platform's reflectors sit.
+    """Frame of the machine as commanded, and the positions of the reflectors on the platform.
 
     smrs: indices in the machine file; mounting_m (k, 3): their positions in the platform frame.
     """
@@ -68,9 +68,9 @@ class ReportFrame:
     def tool_error(self, coordinates: Array, target: Array) -> tuple[Array, Array]:
         """Position error (n, 3) of the tool point and rotation error (n, 3) of poses (n, 6) against targets."""
         tool = self.machine.tool_point_m
-        turn, wanted = rotation_matrix(coordinates[:, 3:]), rotation_matrix(target[:, 3:])
-        position = coordinates[:, :3] + turn @ tool - target[:, :3] - wanted @ tool
-        return position, rotation_vector(turn @ wanted.transpose(0, 2, 1))
+        rotation, target_rotation = rotation_matrix(coordinates[:, 3:]), rotation_matrix(target[:, 3:])
+        position = coordinates[:, :3] + rotation @ tool - target[:, :3] - target_rotation @ tool
+        return position, rotation_vector(rotation @ target_rotation.transpose(0, 2, 1))
 
 
 def apply_increment(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> Array:
@@ -81,26 +81,26 @@ def apply_increment(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> A
     return np.concatenate([coordinates[:, :3] + full[:, :3], rotation_vector(turned)], axis=1)
 
 
-def fit_report_frame(machine: Machine, seen: ReflectorObservations, start: Frame) -> ReportFrame:
+def fit_report_frame(machine: Machine, observations: ReflectorObservations, start: Frame) -> ReportFrame:
     """Fit frame and mounting to readings against their visits' commanded poses.
 
-    `seen` should hold zero payload only; readings of reflectors that are not on the platform are left out.
+    The observations should be without payload; reflectors that are not on the platform are ignored.
     The mounting's prior (its tolerance) fixes the gauge between a shift of all reflectors and one
     of the frame. Raises InputError with fewer than 4 poses or fewer than 3 platform reflectors.
     """
-    smrs = tuple(i for i in sorted(set(seen.smr.tolist())) if machine.smrs[i].on == "platform")
-    if len(smrs) < 3 or len(set(seen.visit.tolist())) < 4:
+    smrs = tuple(i for i in sorted(set(observations.smr.tolist())) if machine.smrs[i].on == "platform")
+    if len(smrs) < 3 or len(set(observations.visit.tolist())) < 4:
         raise InputError("frame: needs 3 platform SMRs measured at 4 or more poses at zero payload; measure more")
     nominal = np.array([machine.smrs[i].position_m for i in smrs])
     _require_spread_points(nominal)
-    rows = np.isin(seen.smr, smrs)
-    column = np.searchsorted(smrs, seen.smr[rows])
-    target = seen.visits.target_m[seen.visit[rows]]
+    rows = np.isin(observations.smr, smrs)
+    column = np.searchsorted(smrs, observations.smr[rows])
+    target = observations.visits.target_m[observations.visit[rows]]
     turn = rotation_matrix(target[:, 3:])
-    # The machine's own errors exceed the station's angle noise by far. Weighed by that noise alone, they would be
-    # traded against the loosely measured range: a tilted frame.
+    # The machine's own errors are much larger than the station's angle noise. Weighted by that noise alone, they would
+    # be traded against the less accurate range: a tilted frame.
     error_m = machine.file.tolerances.strut_length_m
-    whiten = np.linalg.inv(np.linalg.cholesky(seen.covariance_m2[rows] + error_m**2 * np.eye(3)))
+    whiten = np.linalg.inv(np.linalg.cholesky(observations.covariance_m2[rows] + error_m**2 * np.eye(3)))
     sigma = machine.file.tolerances.smr_position_m / np.sqrt(3.0)
 
     def unpack(x: Array) -> tuple[Frame, Array]:
@@ -109,7 +109,7 @@ def fit_report_frame(machine: Machine, seen: ReflectorObservations, start: Frame
     def residual(x: Array) -> Array:
         frame, mounting = unpack(x)
         point = target[:, :3] + np.einsum("rij,rj->ri", turn, mounting[column])
-        error = np.einsum("rij,rj->ri", whiten, frame.to_station(point) - seen.position_m[rows])
+        error = np.einsum("rij,rj->ri", whiten, frame.to_station(point) - observations.position_m[rows])
         return np.concatenate([error.ravel(), x[6:]])
 
     def jacobian(x: Array) -> Array:

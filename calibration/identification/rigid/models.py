@@ -36,13 +36,13 @@ Stated = Callable[[Fit, Visits], Array]
 
 @dataclass(frozen=True)
 class RigidIdentification:
-    """A rigid identification: what it predicts, once, or for each payload (kg, ascending)."""
+    """A rigid identification: its prediction, one for all payloads or one for each (kg, ascending)."""
 
     name: str
     by_payload: tuple[tuple[float, Predictor], ...]
 
     def predict(self, visits: Visits) -> Array:
-        """Predicted poses (v, 6), interpolated in the payload where there are several members."""
+        """Predicted poses (v, 6), interpolated in the payload where there are several models."""
         poses = [predict(visits) for _, predict in self.by_payload]
         if len(poses) == 1:
             return poses[0]
@@ -55,11 +55,11 @@ class RigidIdentification:
         return out
 
 
-def without_struts(machine: Machine, drop: Sequence[int]) -> Machine:
+def without_struts(machine: Machine, removed_struts: Sequence[int]) -> Machine:
     """The machine without some of its struts."""
     g = machine.nominal
     struts = len(machine.strut_names)
-    keep = np.setdiff1d(np.arange(struts), drop)
+    keep = np.setdiff1d(np.arange(struts), removed_struts)
     constraints = np.concatenate([keep, np.arange(struts, len(g.stiffness_n_per_m))])
     nominal = replace(
         g,
@@ -78,11 +78,11 @@ def without_struts(machine: Machine, drop: Sequence[int]) -> Machine:
 
 
 def minimal_subsets(machine: Machine) -> list[tuple[int, ...]]:
-    """Struts to leave out so that as many constraints stay as free coordinates, the last ones first.
+    """Struts to remove so that as many constraints as free coordinates remain, the last ones first.
 
     Only choices that hold the platform everywhere in the workspace; at most MOST_SUBSETS.
     """
-    found = []
+    subsets = []
     for drop in combinations(reversed(range(len(machine.strut_names))), machine.redundancy):
         if np.any(np.isin(machine.guide_joint, drop)):
             continue
@@ -91,9 +91,9 @@ def minimal_subsets(machine: Machine) -> list[tuple[int, ...]]:
         drives = rigid_drives(machine, machine.nominal, pose)
         rest = solve(fewer, fewer.nominal, drives, make_conditions(fewer, 1).without_loads(), pose)
         if rest.converged.all() and _nonsingular_in_workspace(machine, fewer):
-            found.append(tuple(sorted(drop)))
-    step = max(1, -(-len(found) // MOST_SUBSETS))
-    return found[::step]
+            subsets.append(tuple(sorted(drop)))
+    step = max(1, -(-len(subsets) // MOST_SUBSETS))
+    return subsets[::step]
 
 
 def _nonsingular_in_workspace(machine: Machine, fewer: Machine) -> bool:
@@ -115,19 +115,19 @@ def fit_rigid_identifications(
     machine: Machine,
     visits: Visits,
     fit_readings: Callable[[Model, NDArray[np.bool_]], Fit],
-    stated: Stated,
-    measured: MeasuredPoses | None = None,
+    poses_in_report_frame: Stated,
+    measured_poses: MeasuredPoses | None = None,
 ) -> tuple[RigidIdentification, ...]:
-    """All rigid baselines of the same readings.
+    """All rigid identifications of the same readings.
 
-    fit_readings: identifies a model from the readings of some visits (v,); stated: a fit's poses in the frame of
-    the comparison; measured: poses in that frame, for the per-leg closure.
+    fit_readings: identifies a model from the readings of some visits (v,); poses_in_report_frame: predicted poses of a
+    fit; measured_poses: in the same frame, for the closure leg by leg.
     """
     loads = np.unique(visits.payload_kg)
     groups: list[tuple[float, NDArray[np.bool_]]] = [(float(kg), visits.payload_kg == kg) for kg in loads]
     everything = np.ones(len(visits), dtype=bool)
     out = []
-    for name, make in _rigid_methods(machine, fit_readings, stated, measured).items():
+    for name, make in _rigid_methods(machine, fit_readings, poses_in_report_frame, measured_poses).items():
         out.append(RigidIdentification(name, ((0.0, make(everything)),)))
         if len(groups) > 1:
             out.append(RigidIdentification(f"{name}_per_payload", tuple((kg, make(rows)) for kg, rows in groups)))
@@ -137,8 +137,8 @@ def fit_rigid_identifications(
 def _rigid_methods(
     machine: Machine,
     fit_readings: Callable[[Model, NDArray[np.bool_]], Fit],
-    stated: Stated,
-    measured: MeasuredPoses | None,
+    poses_in_report_frame: Stated,
+    measured_poses: MeasuredPoses | None,
 ) -> dict[str, Callable[[NDArray[np.bool_]], Predictor]]:
     subsets = minimal_subsets(machine) if machine.redundancy else [()]
     equal = equal_weights(machine)
@@ -146,7 +146,7 @@ def _rigid_methods(
     def by_fit(machines: Sequence[Machine]) -> Callable[[NDArray[np.bool_]], Predictor]:
         def make(rows: NDArray[np.bool_]) -> Predictor:
             fits = [fit_readings(rigid_model(m), rows) for m in machines]
-            return lambda visits: np.mean([stated(fit, visits) for fit in fits], axis=0)
+            return lambda visits: np.mean([poses_in_report_frame(fit, visits) for fit in fits], axis=0)
 
         return make
 
@@ -155,11 +155,13 @@ def _rigid_methods(
         "mean_of_minimal_subsets": by_fit([without_struts(machine, drop) for drop in subsets]),
         "equal_weight_closure": by_fit([equal]),
     }
-    if measured is not None:
+    if measured_poses is not None:
 
         def closed(rows: NDArray[np.bool_]) -> Predictor:
             model = rigid_model(equal)
-            some = MeasuredPoses(measured.visits.take(rows), measured.coordinates[rows], measured.covariance[rows])
+            some = MeasuredPoses(
+                measured_poses.visits.take(rows), measured_poses.coordinates[rows], measured_poses.covariance[rows]
+            )
             theta = close_loops(model.parameters, some)
             return lambda visits: model.predict(theta, visits).equilibrium.coordinates()
 

@@ -41,9 +41,9 @@ def selection(machine, tool, loads=UNLOADED):
 
 @pytest.mark.parametrize("count", [25, 64])
 def test_selected_poses_beat_the_grid_by_five_percent(machine, count):
-    grid = selection(machine, grid_poses(machine, count)).whole()
-    chosen = selection(machine, candidate_poses(machine, 128, 1)).choose(count)
-    random = selection(machine, workspace_poses(machine, count, 5)).whole()
+    grid = selection(machine, grid_poses(machine, count)).forecast_all()
+    chosen = selection(machine, candidate_poses(machine, 128, 1)).select(count)
+    random = selection(machine, workspace_poses(machine, count, 5)).forecast_all()
     assert len(grid.tool) == count
     assert chosen.u_position_m < 0.95 * grid.u_position_m
     assert grid.u_position_m < random.u_position_m
@@ -54,7 +54,7 @@ def test_simulated_rigs_confirm_the_gain(machine, count):
     """RMS error at held-out poses of rigs calibrated at selected poses and at the grid, the same errors for both."""
     sets = {
         "grid": grid_poses(machine, count),
-        "chosen": selection(machine, candidate_poses(machine, 128, 1)).choose(count).tool,
+        "chosen": selection(machine, candidate_poses(machine, 128, 1)).select(count).tool,
     }
     rigs = 60
     held = visits_at(machine, workspace_poses(machine, 100, 77), UNLOADED)
@@ -72,7 +72,7 @@ def test_simulated_rigs_confirm_the_gain(machine, count):
 
 
 def promise(machine, tool):
-    return selection(machine, tool).whole().u_position_m
+    return selection(machine, tool).forecast_all().u_position_m
 
 
 def held_out(machine, tool, held, seed):
@@ -91,7 +91,7 @@ def held_out(machine, tool, held, seed):
 
 def test_d_optimal_poses_have_the_larger_determinant(machine):
     candidates = selection(machine, candidate_poses(machine, 64, 1))
-    by_d, by_i = candidates.choose(20, "D"), candidates.choose(20, "I")
+    by_d, by_i = candidates.select(20, "D"), candidates.select(20, "I")
 
     def log_det(rows):
         stacked = candidates.rows[rows].reshape(-1, candidates.rows.shape[2])
@@ -115,14 +115,14 @@ def test_greedy_gain_is_the_true_gain(machine):
 def test_load_cases_are_part_of_the_plan(machine):
     tool = candidate_poses(machine, 32, 2)
     loads = (PlannedLoad(), PlannedLoad(400.0, (0.0, -0.2, 0.0)))
-    one, two = selection(machine, tool).choose(12), selection(machine, tool, loads).choose(12)
+    one, two = selection(machine, tool).select(12), selection(machine, tool, loads).select(12)
     assert two.u_position_m < one.u_position_m
 
 
 @pytest.mark.parametrize("name", ["delta6", "gough8", "prs3", "rrr4"])
 def test_every_chosen_pose_is_within_the_travel(name):
     machine = load_machine(shipped_machine(name))
-    chosen = selection(machine, candidate_poses(machine, 32, 3)).choose(8).tool
+    chosen = selection(machine, candidate_poses(machine, 32, 3)).select(8).tool
     drives, _ = drives_for(machine, machine.nominal, chosen)
     assert np.all((drives >= machine.travel[:, 0]) & (drives <= machine.travel[:, 1]))
     low, high = machine.commanded_limits.T

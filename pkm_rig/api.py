@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def load_machine(machine: str | Path) -> Machine:
-    """A machine of the package by its name ("planar4"), or one of your own by its file's path."""
+    """A machine of the package by its name ("planar4"), or your own by the path of its file."""
     from calibration.machine.description import load_machine, shipped_machine
 
     path = Path(machine)

@@ -42,10 +42,10 @@ def diagnose(
     campaign: CampaignArgument,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
-    add: Annotated[bool, typer.Option("--add", help="add what was found to the rig's twin")] = False,
+    add: Annotated[bool, typer.Option("--add", help="write the rig's twin: the model with the effects found")] = False,
     effects: Annotated[
         list[Path] | None,
-        typer.Option(help="Python file with effects of your own (docs/explanation/diagnosis.md); again for more"),
+        typer.Option(help="Python file with your own effects (docs/explanation/diagnosis.md); again for more"),
     ] = None,
 ) -> None:
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""

@@ -42,7 +42,7 @@ def measure(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     resume: Annotated[
-        str | None, typer.Option(help="go on with this campaign, which broke off or is to have more visits")
+        str | None, typer.Option(help="continue this campaign: it broke off, or gets more visits")
     ] = None,
     campaign_file: Annotated[
         Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")

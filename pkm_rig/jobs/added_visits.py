@@ -1,4 +1,4 @@
-"""Visits that join a campaign: which rig file may go on with it, and how their poses are numbered."""
+"""Visits that join a campaign: which rig file may continue it, and how their poses are numbered."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def is_same_rig(stored: RigFile, current: RigFile, *, adds: bool) -> bool:
 
 
 def _comparable_section(rig_file: RigFile, key: str, adds: bool) -> object:
-    """A section of the rig file as far as it must be the same to go on with a campaign."""
+    """A section of the rig file as far as it must be the same to continue a campaign."""
     section = rig_file.get(key) or {}
     if key == "plc":  # what is recorded of it; how it is reached may change
         return [reading["name"] for reading in section.get("readings") or []]

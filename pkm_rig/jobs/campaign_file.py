@@ -32,7 +32,7 @@ def campaign_text(
         "",
         "pkm-rig measure --rig RIG.toml --campaign THIS-FILE                    as a campaign of its own",
         f"pkm-rig measure --rig RIG.toml --campaign THIS-FILE --resume {campaign}  added to that campaign,",
-        "  as long as station and nests stand where they stood and it was not verified",
+        "  as long as station and nests were not moved and it was not verified",
     ]
     head = "".join(f"# {_one_line(line)}\n" if line else "#\n" for line in lines)
     return head + to_toml(CampaignFile(campaign=VisitsSection(visits=visits)))

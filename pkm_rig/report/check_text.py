@@ -1,4 +1,4 @@
-"""What a check of the rig found, for people."""
+"""The result of a check of the rig, for people."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pkm_rig.report.terminal import results
 
 
 def print_check(check_result: dict[str, Any]) -> None:
-    """The same for people."""
+    """Identities, capabilities, interlocks and whether a campaign may start."""
     results.print(f"station: {check_result['station']}")
     for name, drive in check_result["drives"].items():
         results.print(

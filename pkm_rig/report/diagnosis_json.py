@@ -98,7 +98,7 @@ def largest_shares(diagnosis: Diagnosis) -> list[Share]:
 
 
 def additions_by_gain(diagnosis: Diagnosis) -> list[CampaignAddition]:
-    """Candidates, the most telling a minute first."""
+    """Additions to the campaign, the largest information per minute first."""
     return sorted(diagnosis.next_measurement, key=lambda c: -c.gain_bit_per_min)
 
 

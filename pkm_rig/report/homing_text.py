@@ -1,4 +1,4 @@
-"""What homing did, for people."""
+"""The result of homing, for people."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pkm_rig.report.terminal import results
 
 
 def print_homing(homing_result: dict[str, Any]) -> None:
-    """The same for people."""
+    """Which drives were homed, and where each is now."""
     for name, drive in homing_result["drives"].items():
         what = "homed" if drive["homed"] else "is referenced, not homed"
-        results.print(f"drive {name}: {what}, stands at {drive['position_m']:.6f} m")
+        results.print(f"drive {name}: {what}, is at {drive['position_m']:.6f} m")
     if homing_result["compensation_switched_off"]:
         results.print("compensation is off and stays off until tables are activated (verify, calibrate)")

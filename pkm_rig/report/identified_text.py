@@ -1,4 +1,4 @@
-"""What an identification found, for people."""
+"""The result of an identification, for people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an interim test found, for people and for programs."""
+"""The result of an interim test, for people and for programs."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ class RigFile(Section):
 
 
 def with_visits(rig: RigFile, path: Path) -> RigFile:
-    """The rig file with the visits of a campaign file in place of its own poses; InputError if they do not fit."""
+    """The rig file with the visits of a campaign file for its own poses; InputError if it lacks their payload."""
     visits = read_toml(path, CampaignFile).campaign.visits
     most = max(visit.payload for visit in visits)
     if most >= len(rig.payloads):
@@ -105,7 +105,7 @@ def with_visits(rig: RigFile, path: Path) -> RigFile:
 
 
 def load_rig(path: Path) -> tuple[RigFile, Machine]:
-    """Read a rig file and its machine; InputError in one line if they are not fit.
+    """Read a rig file and its machine; InputError in one line if they are invalid.
 
     `machine` names a shipped machine or a file beside the rig file.
     """

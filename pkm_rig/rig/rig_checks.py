@@ -1,4 +1,4 @@
-"""Whether a connected rig is fit to be calibrated, before anything moves."""
+"""Obstacles to a campaign on a connected rig, found before anything moves."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pkm_rig.rig.rig import Rig
 
 
 def check_rig(rig: Rig) -> list[str]:
-    """What is not fit, one line each; empty when the rig may be used."""
+    """Obstacles to a campaign, one line each; empty if there are none."""
     problems = []
     u_m = in_plane_u_m(rig.file, rig.machine)
     limit_m = rig.file.limits.in_plane_u_m

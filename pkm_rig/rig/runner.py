@@ -121,13 +121,13 @@ class Runner:
         return {SETTINGS: {"check": check, "held": True}}
 
     def _end_plan(self) -> None:
-        """An interrupt reaches this thread while the engine's loop goes on: end its plan before anything else."""
+        """An interrupt reaches this thread while the engine's loop continues: end its plan before anything else."""
         if self._engine.state != "idle":
             with contextlib.suppress(Exception):
                 self._engine.abort("the campaign ended")
 
     def _store_reading(self, _name: str, document: dict[str, Any]) -> None:
-        """Store a reading; the engine goes on only when it is on disk."""
+        """Store a reading; the engine continues only when it is on disk."""
         data = {**document["data"], "uid": document["uid"]}
         try:
             self.store.add_reading(self.campaign, document["uid"], int(data["sequence"]), data)

@@ -214,14 +214,14 @@ def serve_mock_rig(
 
 @dataclass(frozen=True)
 class TwinFiles:
-    """A twin's folder, and files of effects of one's own that it needs."""
+    """A twin's folder, and files of the user-defined effects that it needs."""
 
     folder: Path
     effects: tuple[Path, ...] = ()
 
 
 class TwinPlant(Plant):
-    """A plant whose reflectors stand where a twin says; drives, PLC, temperatures, station and noise are the mock's.
+    """A plant whose reflectors are where a twin places them; the rest is the mock rig's.
 
     Its `truth` is that of the mock machine, not the twin's: it must not be used for scoring.
     """

@@ -35,7 +35,7 @@ def find_twin(what: str, out: Path) -> Path:
 
 
 def read_twin(folder: Path, effects: Sequence[Path] = ()) -> Twin:
-    """Read and check a twin; InputError in one line if it is not fit. effects: files of effects of one's own."""
+    """Read and check a twin; InputError in one line if it is invalid. effects: files of user-defined effects."""
     path = folder / TWIN_NAME
     content = _json(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT or "twin" not in content:

@@ -33,60 +33,62 @@ FINE_PERIODS_M = (1e-4, 2e-4, 4e-4, 1e-3)
 
 def simple_answers(recording: Recording, without: tuple[str, ...] = ()) -> dict[str, str]:
     """A verdict by method."""
-    seen, station = _seen(recording)
-    signs = {name: columns for name, columns in signatures(recording, seen).items() if name not in without}
-    fitted = _per_reflector(seen, _after_identification(recording, seen, station))
-    plain = _per_reflector(seen, _after_frame(recording, seen, station))
+    observations, station = _observations(recording)
+    signatures = {
+        name: columns for name, columns in effect_signatures(recording, observations).items() if name not in without
+    }
+    fitted = _per_reflector(observations, _after_identification(recording, observations, station))
+    plain = _per_reflector(observations, _after_frame(recording, observations, station))
     structured = float(np.sqrt(np.mean(fitted**2))) > STRUCTURED
     return {
-        "nearest_residual": nearest(fitted, signs) if structured else NONE,
-        "greedy_bic": greedy_bic(plain, signs),
+        "nearest_residual": nearest(fitted, signatures) if structured else NONE,
+        "greedy_bic": greedy_bic(plain, signatures),
         "form_free": UNKNOWN if structured else NONE,
     }
 
 
 def residuals_after_identification(recording: Recording) -> Array:
     """Whitened residuals (r, 3), model minus measured, of all readings but the nests'."""
-    seen, station = _seen(recording)
-    return _after_identification(recording, seen, station)
+    observations, station = _observations(recording)
+    return _after_identification(recording, observations, station)
 
 
-def nearest(residual: Array, signs: dict[str, list[Array]]) -> str:
+def nearest(residual: Array, signatures: dict[str, list[Array]]) -> str:
     """Effect of the signature that correlates best with any residual (v, k), or none."""
     size = np.linalg.norm(residual - residual.mean(axis=0), axis=0)
-    best, found = CORRELATED, NONE
-    for name, columns in signs.items():
+    best_score, best_name = CORRELATED, NONE
+    for name, columns in signatures.items():
         for column in columns:
             s = column - column.mean()
             norm = np.linalg.norm(s)
             if norm > 0.0:
                 score = float(np.max(np.abs(s @ (residual - residual.mean(axis=0))) / (norm * size)))
-                if score > best:
-                    best, found = score, name
-    return found
+                if score > best_score:
+                    best_score, best_name = score, name
+    return best_name
 
 
-def greedy_bic(residual: Array, signs: dict[str, list[Array]]) -> str:
+def greedy_bic(residual: Array, signatures: dict[str, list[Array]]) -> str:
     """First effect that is taken up, or none if BIC does not fall."""
     n = residual.size
     centred = residual - residual.mean(axis=0)
     base = float(n * np.log(np.sum(centred**2) / n))
-    best, found = base, NONE
-    for name, columns in signs.items():
+    best_score, best_name = base, NONE
+    for name, columns in signatures.items():
         for column in columns:
             s = column - column.mean()
             power = float(s @ s)
             if power > 0.0:
-                left = np.sum(centred**2) - np.sum((s @ centred) ** 2) / power
-                bic = float(n * np.log(left / n) + residual.shape[1] * np.log(n))
-                if bic < best:
-                    best, found = bic, name
-    return found
+                remaining = np.sum(centred**2) - np.sum((s @ centred) ** 2) / power
+                bic = float(n * np.log(remaining / n) + residual.shape[1] * np.log(n))
+                if bic < best_score:
+                    best_score, best_name = bic, name
+    return best_name
 
 
-def signatures(recording: Recording, seen: ReflectorObservations) -> dict[str, list[Array]]:
+def effect_signatures(recording: Recording, observations: ReflectorObservations) -> dict[str, list[Array]]:
     """Columns (v,) over the visits by effect."""
-    _, head = np.unique(seen.visit, return_index=True)
+    _, head = np.unique(observations.visit, return_index=True)
     rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")[head]
     t = recording["t_rig_s"][rows]
     x = (t - t[0]) / max(float(np.ptp(t)), 1.0)
@@ -125,47 +127,49 @@ def signatures(recording: Recording, seen: ReflectorObservations) -> dict[str, l
     }
 
 
-def _seen(recording: Recording) -> tuple[ReflectorObservations, StationModel]:
+def _observations(recording: Recording) -> tuple[ReflectorObservations, StationModel]:
     machine = recording.machine
     rows = np.flatnonzero(np.asarray(recording["phase"]) != "nests")
-    seen = group_by_visit(recording, rows, recording.positions_m, recording.covariances_m2).observations
+    observations = group_by_visit(recording, rows, recording.positions_m, recording.covariances_m2).observations
     entry = recording.file.station
-    frame = fit_report_frame(machine, seen, station_frame(entry.position_m, entry.heading_rad)).frame
-    smrs = tuple(sorted(set(seen.smr.tolist())))
+    frame = fit_report_frame(machine, observations, station_frame(entry.position_m, entry.heading_rad)).frame
+    smrs = tuple(sorted(set(observations.smr.tolist())))
     station = StationModel.from_accuracy(frame, smrs, entry.accuracy.to_station_accuracy())
-    return seen, replace(station, refraction_u_per_m=0.0)
+    return observations, replace(station, refraction_u_per_m=0.0)
 
 
-def _after_identification(recording: Recording, seen: ReflectorObservations, station: StationModel) -> Array:
+def _after_identification(recording: Recording, observations: ReflectorObservations, station: StationModel) -> Array:
     """Whitened residuals (r, 3) of the ordinary identification."""
     model = Model(ParameterSet.of(recording.machine))
-    readings = SmrPositions(seen, station)
-    fit = identify(model, seen.visits, [readings])
-    own = fit.unknowns[len(model) :]
-    return readings.compare(fit.predict(seen.visits), seen.visit[:, None], own, derivatives=False).residual
+    readings = SmrPositions(observations, station)
+    fit = identify(model, observations.visits, [readings])
+    unknowns_of_station = fit.unknowns[len(model) :]
+    return readings.compare(
+        fit.predict(observations.visits), observations.visit[:, None], unknowns_of_station, derivatives=False
+    ).residual
 
 
-def _after_frame(recording: Recording, seen: ReflectorObservations, station: StationModel) -> Array:
+def _after_frame(recording: Recording, observations: ReflectorObservations, station: StationModel) -> Array:
     """Whitened residuals (r, 3) of the nominal machine, frame and reflectors fitted, geometry not."""
     model = Model(ParameterSet.of(recording.machine))
-    readings = SmrPositions(seen, station)
-    poses = model.predict(np.zeros(len(model)), seen.visits, seen.visits.target_m)
+    readings = SmrPositions(observations, station)
+    poses = model.predict(np.zeros(len(model)), observations.visits, observations.visits.target_m)
     unknowns = station.unknowns(recording.machine)
-    own = np.zeros(len(unknowns))
+    unknowns_of_station = np.zeros(len(unknowns))
     prior = np.array([1.0 / u.sigma for u in unknowns])
     for _ in range(2):
-        compared = readings.compare(poses, seen.visit[:, None], own)
-        jacobian = np.concatenate([compared.by_own.reshape(-1, len(own)), np.diag(prior)])
-        rest = np.concatenate([compared.residual.ravel(), prior * own])
-        own = own - np.linalg.lstsq(jacobian, rest, rcond=None)[0]
-    return readings.compare(poses, seen.visit[:, None], own, derivatives=False).residual
+        compared = readings.compare(poses, observations.visit[:, None], unknowns_of_station)
+        jacobian = np.concatenate([compared.by_own.reshape(-1, len(unknowns_of_station)), np.diag(prior)])
+        right_side = np.concatenate([compared.residual.ravel(), prior * unknowns_of_station])
+        unknowns_of_station = unknowns_of_station - np.linalg.lstsq(jacobian, right_side, rcond=None)[0]
+    return readings.compare(poses, observations.visit[:, None], unknowns_of_station, derivatives=False).residual
 
 
-def _per_reflector(seen: ReflectorObservations, residual: Array) -> Array:
+def _per_reflector(observations: ReflectorObservations, residual: Array) -> Array:
     """One row a visit: residuals (v, k) of every reflector's coordinates; a reading that is missing is zero."""
-    smrs = sorted(set(seen.smr.tolist()))
-    out = np.zeros((len(seen.visits), 3 * len(smrs)))
+    smrs = sorted(set(observations.smr.tolist()))
+    out = np.zeros((len(observations.visits), 3 * len(smrs)))
     for column, smr in enumerate(smrs):
-        rows = np.flatnonzero(seen.smr == smr)
-        out[seen.visit[rows], 3 * column : 3 * column + 3] = residual[rows]
+        rows = np.flatnonzero(observations.smr == smr)
+        out[observations.visit[rows], 3 * column : 3 * column + 3] = residual[rows]
     return out

@@ -55,5 +55,5 @@ def true_kinds(effect: str, variant: str) -> tuple[str, ...]:
 
 def first_kind(where: Sequence[dict[str, Any]]) -> str:
     """Kind of the largest share among KINDS; empty without any."""
-    known = [share for share in where if share["kind"] in KINDS]
-    return str(max(known, key=lambda share: share["share"])["kind"]) if known else ""
+    comparable = [share for share in where if share["kind"] in KINDS]
+    return str(max(comparable, key=lambda share: share["share"])["kind"]) if comparable else ""

@@ -86,7 +86,7 @@ class Designs:
     seed: int
     counts: dict[str, int] = field(default_factory=lambda: COUNTS)
     machine: MachineFile = field(default_factory=lambda: read_machine_file(MACHINE))
-    _made: dict[str, Drawn] = field(default_factory=dict)
+    _designs: dict[str, Drawn] = field(default_factory=dict)
 
     def one(self, style: str, rng: np.random.Generator) -> Drawn:
         """One of the designs of a style: rich, platform or poor."""
@@ -94,7 +94,7 @@ class Designs:
 
     def by_name(self, name: str) -> Drawn:
         """The design of a name."""
-        if name not in self._made:
+        if name not in self._designs:
             style, number = name.rstrip("0123456789"), int(name[-1])
             words = [self.seed, list(OPTIONS).index(style), number]
             rng = np.random.default_rng(np.random.SeedSequence(words))
@@ -102,5 +102,5 @@ class Designs:
             start_s = timeline.design.start_s
             duration_s = float(timeline.t_s[-1]) - start_s
             swing_k = float(rng.uniform(*SWING_K[style]))
-            self._made[name] = Drawn(name, timeline, draw_programme(rng, swing_k, start_s, duration_s))
-        return self._made[name]
+            self._designs[name] = Drawn(name, timeline, draw_programme(rng, swing_k, start_s, duration_s))
+        return self._designs[name]

@@ -28,7 +28,7 @@ class RunFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class LaneOptions:
-    """What a lane is told. done: keys of finished cases; finished: batches of this lane."""
+    """The settings of a lane. done: keys of finished cases; finished: number of batches of this lane."""
 
     seed: int | None
     final: bool
@@ -126,13 +126,13 @@ class MakerProcess:
         return answer
 
 
-def diagnose(recordings: Path, answers: Path, function: str, *more: str) -> None:
+def diagnose(recordings: Path, answers: Path, function: str, *arguments: str) -> None:
     """Run the diagnoser on a folder of recordings; raises RunFailed if it touched the plant or broke."""
     command = [sys.executable, "-m", "benchmarks.withheld.diagnoser", str(recordings), str(answers)]
     if function:
         command += ["--diagnose", function]
     with (recordings.parent / "diagnoser.log").open("a", encoding="utf-8") as log:
-        status = subprocess.run([*command, *more], cwd=ROOT, env=environment(), stderr=log, check=False).returncode
+        status = subprocess.run([*command, *arguments], cwd=ROOT, env=environment(), stderr=log, check=False).returncode
     if status:
         raise RunFailed(f"withheld: the diagnoser of {recordings} failed; see {recordings.parent / 'diagnoser.log'}")
 

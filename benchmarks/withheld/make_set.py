@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.withheld.cases import FULL, drawn_order, plan
 from benchmarks.withheld.designs import Designs
 from benchmarks.withheld.making import make_case, platform_rows
-from benchmarks.withheld.mimics import Libraries
+from benchmarks.withheld.mimics import MimicLibraries
 from mock_devices.recordings.files import write_recording
 
 
@@ -42,7 +42,7 @@ def main() -> int:
         names = set(options.effects.split(","))
         slots = [slot for slot in slots if names & set(slot.effects)]
     designs = Designs(options.seed)
-    libraries = Libraries()
+    libraries = MimicLibraries()
     truth, began = {}, time.monotonic()
     for number, slot in enumerate(slots):
         case = make_case(slot, np.random.default_rng([options.seed, number]), designs, final=False)
@@ -55,7 +55,7 @@ def main() -> int:
             rows=platform_rows(case.bench),
             turn=case.bench.view.rotation,
         )
-        truth[name] = libraries.told(case)
+        truth[name] = libraries.to_json(case)
         if number % 20 == 19:
             print(f"{number + 1} of {len(slots)}, {time.monotonic() - began:.0f} s", file=sys.stderr)
     (options.out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")

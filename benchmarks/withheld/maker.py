@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from benchmarks.withheld.cases import BATCH, Slot, drawn_order, plan
 from benchmarks.withheld.designs import COUNTS, FEW, Designs
 from benchmarks.withheld.making import Case, make_case, platform_rows
-from benchmarks.withheld.mimics import Libraries
+from benchmarks.withheld.mimics import MimicLibraries
 from benchmarks.withheld.second_round import longer_recordings
 from mock_devices.recordings.files import write_recording
 
@@ -45,7 +45,7 @@ class Maker:
     few_designs: bool = False
     _secret: int = field(init=False)
     _designs: Designs = field(init=False)
-    _libraries: Libraries = field(default_factory=Libraries)
+    _libraries: MimicLibraries = field(default_factory=MimicLibraries)
     _cases: dict[str, Case] = field(default_factory=dict)
     _longer: dict[str, dict[str, Any]] = field(default_factory=dict)
     _batch_seed: int = 0
@@ -73,27 +73,27 @@ class Maker:
         self._write(folder, {secrets.token_hex(8): case for case in cases})
         return len(cases)
 
-    def more(self, folder: Path, proposals: dict[str, Any]) -> int:
+    def add_cases(self, folder: Path, proposals: dict[str, Any]) -> int:
         """Measure further on the rigs of the `next` cases: what was proposed, and at random. Two recordings each."""
         rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 1])
-        made: dict[str, Any] = {}
+        cases: dict[str, Any] = {}
         for name, case in self._cases.items():
             if case.slot.kind != "next":
                 continue
             for arm, recording in longer_recordings(case, proposals.get(name, []), rng).items():
-                again = secrets.token_hex(8)
-                made[again] = recording
-                self._longer[again] = {"of": name, "arm": arm}
-        for name in shuffled(list(made)):
-            write_recording(made[name], folder / name)
-        write_options(folder, dict.fromkeys(made, ()))
-        return len(made)
+                retry = secrets.token_hex(8)
+                cases[retry] = recording
+                self._longer[retry] = {"of": name, "arm": arm}
+        for name in shuffled(list(cases)):
+            write_recording(cases[name], folder / name)
+        write_options(folder, dict.fromkeys(cases, ()))
+        return len(cases)
 
     def seal(self, file: Path, answers_sha256: str) -> str:
         """Write the truth of the batch, now that the answers are fixed; its own hash."""
         if len(answers_sha256) != 64 or set(answers_sha256) - set("0123456789abcdef"):
             raise ValueError("the truth is given for the SHA-256 of the answers only")
-        truth = {name: self._libraries.told(case) for name, case in self._cases.items()}
+        truth = {name: self._libraries.to_json(case) for name, case in self._cases.items()}
         text = json.dumps(
             {
                 "answers_sha256": answers_sha256, "commitment": self.commitment, "batch_seed": str(self._batch_seed),
@@ -107,8 +107,8 @@ class Maker:
         with io.BytesIO() as stream:
             np.savez(stream, **arrays)  # type: ignore[arg-type]
             file.with_suffix(".npz").write_bytes(stream.getvalue())
-        made = {case.slot.key for case in self._cases.values()}
-        self.slots = [slot for slot in self.slots if slot.key not in made]
+        cases = {case.slot.key for case in self._cases.values()}
+        self.slots = [slot for slot in self.slots if slot.key not in cases]
         self._cases = {}
         self.finished += 1
         return hashlib.sha256(file.read_bytes()).hexdigest()
@@ -160,7 +160,7 @@ def main() -> int:
         elif what == "make":
             answer = {"made": maker.make(Path(order["folder"]))}
         elif what == "more":
-            answer = {"made": maker.more(Path(order["folder"]), order["proposals"])}
+            answer = {"made": maker.add_cases(Path(order["folder"]), order["proposals"])}
         else:
             answer = {"truth_sha256": maker.seal(Path(order["file"]), order["answers_sha256"])}
         print(json.dumps(answer), flush=True)

@@ -28,9 +28,10 @@ STYLES = {"platform_only": "platform", "next": "poor"}
 
 @dataclass(frozen=True)
 class Case:
-    """A case with its truth: plain data, and the readings of the plant without noise (r, 3), station's frame.
+    """A case with its truth.
 
-    plain_m: the same of a machine without effects, nuisance included; change_m: what the effects do, machine's axes.
+    truth: plain data; noise_free_m (r, 3): the readings of the plant without noise, station's frame; change_m (r, 3):
+    shifts by the effects, machine's axes.
     """
 
     slot: Slot
@@ -51,12 +52,12 @@ def make_case(slot: Slot, rng: np.random.Generator, designs: Designs, *, final: 
     for _ in range(MOST_DRAWS):
         seed = int(rng.integers(2**31))
         profile, scale, nuisance_raw = _rig(slot, rng, sized, seed)
-        found = _effects(slot, rng, sized, scale, final=final)
-        if found is None:
+        effects = _effects(slot, rng, sized, scale, final=final)
+        if effects is None:
             continue
-        choices, facts = found
+        choices, facts = effects
         try:
-            return _carried_out(slot, rng, drawn, sized, choices, facts, (seed, profile, nuisance_raw))
+            return _carry_out(slot, rng, drawn, sized, choices, facts, (seed, profile, nuisance_raw))
         except NoEquilibrium:  # two effects together can be too much
             continue
     raise EffectError(f"case {slot.key}: {MOST_DRAWS} draws gave nothing that the machine can stand")
@@ -138,7 +139,7 @@ def fact(choice: EffectChoice, drawn: Drawn, *, raw: float, visible: float) -> d
     return out
 
 
-def _carried_out(
+def _carry_out(
     slot: Slot, rng: np.random.Generator, drawn: Drawn, sized: Drawn, choices: tuple[EffectChoice, ...],
     facts: list[dict[str, Any]], rig: tuple[int, str, float],
 ) -> Case:  # fmt: skip
@@ -146,8 +147,8 @@ def _carried_out(
     settings = replace(drawn.settings(seed, PROFILES[profile]), effects=choices)
     bench = SimulatedCampaign(MACHINE, settings, drawn.timeline)
     recording = bench.record()
-    bare = drawn.bench(seed, PROFILES[profile])
-    change = (bench.points_m() - bare.points_m()) @ bench.view.rotation
+    without_effects = drawn.bench(seed, PROFILES[profile])
+    change = (bench.points_m() - without_effects.points_m()) @ bench.view.rotation
     truth = {
         "key": slot.key,
         "kind": slot.kind,
@@ -168,7 +169,16 @@ def _carried_out(
     }  # fmt: skip
     without = _without(slot, rng)
     truth["without"] = list(without)
-    return Case(slot, drawn, bench, recording, truth, noise_free(bench), change, without)
+    return Case(
+        slot=slot,
+        drawn=drawn,
+        bench=bench,
+        recording=recording,
+        truth=truth,
+        noise_free_m=noise_free(bench),
+        change_m=change,
+        without=without,
+    )
 
 
 def _without(slot: Slot, rng: np.random.Generator) -> tuple[str, ...]:
@@ -197,9 +207,9 @@ def platform_rows(bench: SimulatedCampaign) -> NDArray[np.intp]:
 
 def noise_free(bench: SimulatedCampaign) -> Array:
     """What the station would read without noise (r, 3), its frame: its range's constant, scale and ppm included."""
-    seen, _, _ = bench.sight()
+    sight, _, _ = bench.sight()
     rows, k = np.arange(len(bench.timeline)), bench.timeline.smr
     air = bench._air()
-    raw = seen.distance_m[rows, k] * bench.view.range_scale + bench.view.range_constant_m
+    raw = sight.distance_m[rows, k] * bench.view.range_scale + bench.view.range_constant_m
     distance = raw * (1.0 + (air["ppm"] - air["ppm_true"]) * 1.0e-6)
-    return points(seen.hz_rad[rows, k], seen.v_rad[rows, k], distance)
+    return points(sight.hz_rad[rows, k], sight.v_rad[rows, k], distance)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.withheld.judged import Row, answerable, true_answer
+from benchmarks.withheld.score_rows import Row, answerable, true_answer
 from benchmarks.withheld.scorer import NONE
 from benchmarks.withheld.table import share
 
@@ -17,10 +17,10 @@ METHODS = ("nearest_residual", "greedy_bic", "form_free")
 
 def baseline_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The same cases by simple methods: shares of right answers, and of shrinks within 0.10."""
-    known = [r for r in rows if answerable(r)]
-    counts = Counter(true_answer(r) for r in known)
+    answered = [r for r in rows if answerable(r)]
+    counts = Counter(true_answer(r) for r in answered)
     commonest = counts.most_common(1)[0][0] if counts else NONE
-    named = Counter(true_answer(r) for r in known if r["kind"] == "effect")
+    named = Counter(true_answer(r) for r in answered if r["kind"] == "effect")
     commonest_effect = named.most_common(1)[0][0] if named else NONE
 
     def by(method: str) -> Callable[[Row], str]:
@@ -36,8 +36,8 @@ def baseline_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for name, verdict in methods.items():
         line: dict[str, Any] = {"method": name}
         for kind in ("effect", "null", "outside"):
-            mine = [verdict(r) == true_answer(r) for r in known if r["kind"] == kind]
-            line[kind] = share(kind, mine).data()
+            hits = [verdict(r) == true_answer(r) for r in answered if r["kind"] == kind]
+            line[kind] = share(kind, hits).data()
         parts = [line[k]["value"] for k in ("effect", "null", "outside") if line[k]["value"] is not None]
         line["mean_of_kinds"] = float(np.mean(parts)) if parts else None
         out.append(line)
@@ -46,8 +46,8 @@ def baseline_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def shrink_baseline(rows: Sequence[Row]) -> dict[str, Any]:
     """Always the mean shrink, against what was achieved."""
-    seen = [r for r in rows if r["kind"] == "effect" and r["visible"] >= 1.0 and "achieved" in r]
-    true = np.array([r["achieved"] for r in seen])
+    visible = [r for r in rows if r["kind"] == "effect" and r["visible"] >= 1.0 and "achieved" in r]
+    true = np.array([r["achieved"] for r in visible])
     off = np.abs(true - true.mean()) if len(true) else true
     return {
         "method": "always_mean_shrink",

@@ -27,7 +27,7 @@ from mock_devices.plant.structure import NoEquilibrium
 from mock_devices.recordings.effect_size import SizeScale
 
 Array = NDArray[np.float64]
-Known = tuple[EffectChoice, Array]
+SampledColumn = tuple[EffectChoice, Array]
 
 DRAWS = 2
 MOST_COLUMNS = 3
@@ -54,7 +54,9 @@ class Mimics:
         angle_sd_rad = self._sizes.bench.settings.instrument.angle_sd_rad
         self._sigma_m = angle_sd_rad * np.linalg.norm(place, axis=1)[:, None]
         rng = np.random.default_rng([drawn.seed, 5])
-        self._library: dict[str, list[Known]] = {name: self._changes(name, rng, draws, final) for name in CATALOGUE}
+        self._library: dict[str, list[SampledColumn]] = {
+            name: self._changes(name, rng, draws, final) for name in CATALOGUE
+        }
 
     def distances(
         self, fact: dict[str, Any], change_m: Array, names: Collection[str] = CATALOGUE, *, refine: float = 0.0
@@ -63,33 +65,33 @@ class Mimics:
 
         Those not above `refine` have their further parameters fitted as well.
         """
-        left = self._left(change_m)
+        residual = self._residual_after_fit(change_m)
         out = {}
         for name in names:
             if name != fact["effect"]:
-                known = [*self._library[name], *self._alike(name, fact)]
-                near, chosen = self._nearest(left, known)
+                columns = [*self._library[name], *self._alike(name, fact)]
+                near, chosen = self._nearest(residual, columns)
                 if NEAR_ENOUGH < near <= refine and SPECS[name].others:
-                    near = self._refined(left, [known[k] for k in chosen], near)
+                    near = self._refine(residual, [columns[k] for k in chosen], near)
                 out[name] = near
         return out
 
-    def _nearest(self, left: Array, known: Sequence[Known]) -> tuple[float, list[int]]:
+    def _nearest(self, residual: Array, columns: Sequence[SampledColumn]) -> tuple[float, list[int]]:
         """What a greedy choice of at most three columns leaves, and the choice."""
-        rest, chosen = left, list[int]()
-        if not known:
-            return self._rms(left), chosen
-        matrix = np.stack([column / np.linalg.norm(column) for _, column in known], axis=1)
+        remainder, chosen = residual, list[int]()
+        if not columns:
+            return self._rms(residual), chosen
+        matrix = np.stack([column / np.linalg.norm(column) for _, column in columns], axis=1)
         for _ in range(min(MOST_COLUMNS, matrix.shape[1])):
-            best = int(np.argmax(np.abs(matrix.T @ rest)))
+            best = int(np.argmax(np.abs(matrix.T @ remainder)))
             if best in chosen:
                 break
             chosen.append(best)
             part = matrix[:, chosen]
-            rest = left - part @ np.linalg.lstsq(part, left, rcond=None)[0]
-        return self._rms(rest), chosen
+            remainder = residual - part @ np.linalg.lstsq(part, residual, rcond=None)[0]
+        return self._rms(remainder), chosen
 
-    def _refined(self, left: Array, chosen: Sequence[Known], near: float) -> float:
+    def _refine(self, residual: Array, chosen: Sequence[SampledColumn], near: float) -> float:
         """The same with the further parameters of the first column fitted too, within their ranges."""
         first, others = chosen[0][0], SPECS[chosen[0][0].name].others
         start = dict(first.parameters)
@@ -101,25 +103,25 @@ class Mimics:
             names = (p.name for p in others)
             choice = replace(first, parameters=tuple(zip(names, values.tolist(), strict=True)))
             column = self._column(choice)
-            return near if column is None else self._nearest(left, [*chosen, (choice, column)])[0]
+            return near if column is None else self._nearest(residual, [*chosen, (choice, column)])[0]
 
         steps = np.vstack([at, at + np.diag(np.where(at > 0.5, -0.2, 0.2))])
         options = {"maxfev": REFINING, "initial_simplex": steps}
         return min(near, float(minimize(leaves, at, method="Nelder-Mead", options=options).fun))
 
-    def _left(self, change_m: Array) -> Array:
+    def _residual_after_fit(self, change_m: Array) -> Array:
         """What a refit leaves of a change, whitened, of all coordinates."""
         rows = (change_m * self._visible._weight).ravel()
         q = self._visible._q
         padded = np.concatenate([rows, np.zeros(q.shape[1])])
         return np.asarray((padded - q @ (q.T @ padded))[: len(rows)])
 
-    def _rms(self, left: Array) -> float:
+    def _rms(self, residual: Array) -> float:
         samples = np.sqrt(self.drawn.timeline.samples)[:, None]
-        single = left.reshape(-1, 3) / samples
+        single = residual.reshape(-1, 3) / samples
         return float(np.sqrt(np.mean(single[self._rows, :2] ** 2)))
 
-    def _changes(self, name: str, rng: np.random.Generator, draws: int, final: bool | None) -> list[Known]:
+    def _changes(self, name: str, rng: np.random.Generator, draws: int, final: bool | None) -> list[SampledColumn]:
         spec, machine = SPECS[name], self.drawn.timeline.machine
         variants = [v for v in spec.variants if final is not False or v != spec.final]
         out = []
@@ -133,7 +135,7 @@ class Mimics:
                         out.append((choice, column))
         return out
 
-    def _alike(self, name: str, fact: dict[str, Any]) -> list[Known]:
+    def _alike(self, name: str, fact: dict[str, Any]) -> list[SampledColumn]:
         """The effect's changes with the true one's further parameters, where both have them; setting in at once."""
         spec, machine = SPECS[name], self.drawn.timeline.machine
         shared = {p.name: p.low for p in spec.others if p.name == "onset_s"} | {
@@ -151,8 +153,8 @@ class Mimics:
             for place in places
             for variant in spec.variants
         ]
-        found = [(choice, self._column(choice)) for choice in choices]
-        return [(choice, column) for choice, column in found if column is not None]
+        candidates = [(choice, self._column(choice)) for choice in choices]
+        return [(choice, column) for choice, column in candidates if column is not None]
 
     def _column(self, choice: EffectChoice) -> Array | None:
         """A change of some three sigma, so that what is not linear in its size is about as it would be."""
@@ -165,23 +167,23 @@ class Mimics:
                 choice = replace(choice, size=choice.size * WANTED_RAW / raw)
         except (EffectError, NoEquilibrium):
             return None
-        left = self._left(change)
-        return left if raw > 0.0 and np.linalg.norm(left) > 0.0 else None
+        residual = self._residual_after_fit(change)
+        return residual if raw > 0.0 and np.linalg.norm(residual) > 0.0 else None
 
 
 @dataclass
-class Libraries:
+class MimicLibraries:
     """One library a design, made when it is first asked for."""
 
-    _made: dict[str, Mimics] = field(default_factory=dict)
+    _by_design: dict[str, Mimics] = field(default_factory=dict)
 
-    def told(self, case: Case) -> dict[str, Any]:
-        """The truth of a case with the distances of the other effects, where it has one effect to be told apart."""
+    def to_json(self, case: Case) -> dict[str, Any]:
+        """The truth of a case; where it has a single effect, with the distances of all others from it."""
         if case.slot.kind not in KINDS:
             return case.truth
-        library = self._made.get(case.drawn.name)
+        library = self._by_design.get(case.drawn.name)
         if library is None:
-            library = self._made[case.drawn.name] = Mimics(case.drawn)
+            library = self._by_design[case.drawn.name] = Mimics(case.drawn)
         refine = REFINED.get(case.slot.kind, 0.0)
-        found = library.distances(case.truth["effects"][0], case.change_m, refine=refine)
-        return {**case.truth, "mimics_sigma": found}
+        distances = library.distances(case.truth["effects"][0], case.change_m, refine=refine)
+        return {**case.truth, "mimics_sigma": distances}

@@ -23,11 +23,11 @@ def replace_all(recordings: Path, seed: int) -> int:
     """Replace every recording of a folder; how many."""
     folders = sorted(file.parent for file in recordings.glob("*/recording.toml"))
     for number, folder in enumerate(folders):
-        made = noise_only(read_folder(folder), np.random.default_rng([seed, number]))
+        noisy = noise_only(read_folder(folder), np.random.default_rng([seed, number]))
         for file in folder.iterdir():
             file.unlink()
         folder.rmdir()
-        write_folder(made, folder)
+        write_folder(noisy, folder)
     return len(folders)
 
 

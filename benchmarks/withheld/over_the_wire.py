@@ -82,17 +82,17 @@ def difference_m(effect: str) -> float:
         )
     line = _timeline(plant, note, start_m, tuple((a, motion) for _, a, motion in motions))
     bench = SimulatedCampaign(machine_path(load_rig(embedded_rig_path())[0], embedded_rig_path()), plant.settings, line)
-    seen, _, _ = bench.sight()
+    sight, _, _ = bench.sight()
     rows, k = np.arange(len(line)), line.smr
     air = [
         ppm(plant.thermal.air_c(t), plant.thermal.pressure_hpa(t), humidity=plant.thermal.humidity()) for t in note.t_s
     ]
-    raw = seen.distance_m[rows, k] * bench.view.range_scale + bench.view.range_constant_m
-    told = np.array([reading.ppm for reading in readings])
-    distance = raw * (1.0 + (told - np.array(air)) * 1.0e-6)
-    expected = points(seen.hz_rad[rows, k], seen.v_rad[rows, k], distance)
-    found = points(*(np.array([getattr(r, n) for r in readings]) for n in ("hz_rad", "v_rad", "slope_distance_m")))
-    return float(np.linalg.norm(found - expected, axis=1).max())
+    raw = sight.distance_m[rows, k] * bench.view.range_scale + bench.view.range_constant_m
+    ppm_of_readings = np.array([reading.ppm for reading in readings])
+    distance = raw * (1.0 + (ppm_of_readings - np.array(air)) * 1.0e-6)
+    expected = points(sight.hz_rad[rows, k], sight.v_rad[rows, k], distance)
+    points_m = points(*(np.array([getattr(r, n) for r in readings]) for n in ("hz_rad", "v_rad", "slope_distance_m")))
+    return float(np.linalg.norm(points_m - expected, axis=1).max())
 
 
 def largest_difference_m(effects: tuple[str, ...] = EFFECTS) -> float:
@@ -167,9 +167,9 @@ def main() -> int:
     """Compare all rigs."""
     largest = 0.0
     for effect in EFFECTS:
-        apart = difference_m(effect)
-        print(f"{effect.partition('=')[0]:24} {apart:.2e} m")
-        largest = max(largest, apart)
+        difference = difference_m(effect)
+        print(f"{effect.partition('=')[0]:24} {difference:.2e} m")
+        largest = max(largest, difference)
     print(f"largest difference {largest:.2e} m, allowed {LARGEST_M:g} m")
     return 0 if largest <= LARGEST_M else 1
 

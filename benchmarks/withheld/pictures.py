@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.withheld.judged import answerable, overall_right, true_answer
+from benchmarks.withheld.score_rows import answerable, overall_right, true_answer
 from benchmarks.withheld.scorer import NONE, UNKNOWN
 from benchmarks.withheld.statistics import reliability, wilson
 
@@ -37,12 +37,12 @@ def draw_all(rows: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
 
 def confusion(rows: Sequence[dict[str, Any]]) -> Figure:
     """True class against verdict, shares of each true class."""
-    known = [r for r in rows if answerable(r)]
-    effects = sorted({true_answer(r) for r in known} | {r["verdict"] for r in known if r["verdict"]})
+    answered = [r for r in rows if answerable(r)]
+    effects = sorted({true_answer(r) for r in answered} | {r["verdict"] for r in answered if r["verdict"]})
     names = [name for name in effects if name not in (NONE, UNKNOWN)] + [NONE, UNKNOWN]
     columns = [*names, FAILED]
     table = np.zeros((len(names), len(columns)))
-    for r in known:
+    for r in answered:
         table[names.index(true_answer(r)), columns.index(r["verdict"] or FAILED)] += 1.0
     counts = table.sum(axis=1)
     share = table / np.maximum(counts, 1.0)[:, None]
@@ -64,13 +64,13 @@ def confusion(rows: Sequence[dict[str, Any]]) -> Figure:
 
 def reliability_diagram(rows: Sequence[dict[str, Any]]) -> Figure:
     """Share of right verdicts by stated probability."""
-    known = [r for r in rows if r["verdict"] and answerable(r)]
+    answered = [r for r in rows if r["verdict"] and answerable(r)]
     figure = Figure(figsize=(5.6, 5.2))
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=1.0, linestyle=":")
-    if known:
-        stated = np.array([r["p"] for r in known])
-        hits = np.array([overall_right(r) for r in known], dtype=np.float64)
+    if answered:
+        stated = np.array([r["p"] for r in answered])
+        hits = np.array([overall_right(r) for r in answered], dtype=np.float64)
         for mean, share, count in reliability(stated, hits):
             low, high = wilson(round(share * count), count)
             axes.plot([mean, mean], [low, high], color=BLUE, linewidth=1.4)
@@ -87,13 +87,13 @@ def reliability_diagram(rows: Sequence[dict[str, Any]]) -> Figure:
 
 def shrink(rows: Sequence[dict[str, Any]]) -> Figure:
     """Predicted against achieved shrink of effects with visible size of a sigma and more."""
-    seen = [r for r in rows if r["kind"] == "effect" and r["visible"] >= 1.0 and "achieved" in r]
+    visible = [r for r in rows if r["kind"] == "effect" and r["visible"] >= 1.0 and "achieved" in r]
     figure = Figure(figsize=(5.6, 5.2))
     axes = figure.subplots()
     line = np.array([-0.25, 1.0])
     axes.fill_between(line, line - 0.1, line + 0.1, color="0.93")
     axes.fill_between(line, line - 0.05, line + 0.05, color="0.86")
-    for row in seen:
+    for row in visible:
         colour = BLUE if [row["verdict"]] == row["true"] else ORANGE
         x, (low, high) = float(np.clip(row["achieved"], -0.25, 1.0)), row["shrink_interval"]
         axes.plot([x, x], np.clip([low, high], -0.25, 1.0), color=colour, linewidth=0.5, alpha=0.35)

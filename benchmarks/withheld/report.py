@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from benchmarks.withheld.judged import right
 from benchmarks.withheld.methods import baseline_table, shrink_baseline
+from benchmarks.withheld.score_rows import right
 from benchmarks.withheld.table import measures
 
 Row = dict[str, Any]
@@ -25,28 +25,28 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def by_effect(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Hits of each effect that can be seen, and what it is mostly taken for."""
-    found = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
+    """Hits of each visible effect, and the verdict that most often replaces it."""
+    visible_effects = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
     out = []
-    for name in sorted({r["true"][0] for r in found}):
-        mine = [r for r in found if r["true"][0] == name]
-        wrong = [r["verdict"] for r in mine if not right(r)]
+    for name in sorted({r["true"][0] for r in visible_effects}):
+        rows_of_effect = [r for r in visible_effects if r["true"][0] == name]
+        wrong = [r["verdict"] for r in rows_of_effect if not right(r)]
         out.append(
             {
                 "effect": name,
-                "cases": len(mine),
-                "right": len(mine) - len(wrong),
+                "cases": len(rows_of_effect),
+                "right": len(rows_of_effect) - len(wrong),
                 "taken_for": max(set(wrong), key=wrong.count) if wrong else "",
-                "variants_missed": sorted({r["variant"][0] for r in mine if not right(r)}),
+                "variants_missed": sorted({r["variant"][0] for r in rows_of_effect if not right(r)}),
             }
         )
     return out
 
 
-def printed(found: dict[str, Any]) -> str:
+def printed(summary_data: dict[str, Any]) -> str:
     """The table for people."""
     lines = [f"{'measure':58} {'goal':>18} {'reached':>8} {'95 % interval':>18} {'cases':>6}"]
-    for m in found["measures"]:
+    for m in summary_data["measures"]:
         seconds = " in s " in m["name"]
         plain = seconds or "class size" in m["name"] or "error" in m["name"]
         value = "-" if m["value"] is None else _number(m["value"], plain)
@@ -56,14 +56,14 @@ def printed(found: dict[str, Any]) -> str:
     lines += ["", f"{'effect':26} {'right':>9}   taken for"]
     lines += [
         f"{e['effect']:26} {e['right']:>3} of {e['cases']:<3}   {e['taken_for']} {', '.join(e['variants_missed'])}"
-        for e in found["effects"]
+        for e in summary_data["effects"]
     ]
     lines += ["", f"{'right answers of':26} {'effects':>9} {'null':>9} {'outside':>9} {'mean':>9}"]
-    for b in found["baselines"]:
+    for b in summary_data["baselines"]:
         values = [b["effect"]["value"], b["null"]["value"], b["outside"]["value"], b["mean_of_kinds"]]
         cells = " ".join(f"{'-' if v is None else _number(v, False):>9}" for v in values)
         lines.append(f"{b['method']:26} {cells}")
-    s = found["shrink_baseline"]
+    s = summary_data["shrink_baseline"]
     parts = [s[key]["value"] for key in ("within_0.05", "within_0.10")]
     cells = " and ".join("-" if v is None else _number(v, False) for v in parts)
     lines.append(f"{s['method']:26} {cells} within 0.05 and 0.10 of what was achieved")
@@ -71,7 +71,7 @@ def printed(found: dict[str, Any]) -> str:
 
 
 def log_entry(
-    run: str, settings: dict[str, Any], batches: Sequence[dict[str, Any]], found: dict[str, Any]
+    run: str, settings: dict[str, Any], batches: Sequence[dict[str, Any]], summary_data: dict[str, Any]
 ) -> dict[str, Any]:
     """One finished final run, good or bad."""
     return {
@@ -84,7 +84,7 @@ def log_entry(
         "rows": hashlib.sha256(repr([batch["rows"] for batch in batches]).encode()).hexdigest(),
         "figures": {
             m["name"]: [None if m[k] is None else round(m[k], 4) for k in ("value", "low", "high")] + [m["n"], m["ok"]]
-            for m in found["measures"]
+            for m in summary_data["measures"]
         },
     }
 

@@ -55,16 +55,16 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     batches = results.rows()
     rows = [row for batch in batches for row in batch["rows"]]
-    found = summary(rows)
-    print(printed(found))
+    summary_data = summary(rows)
+    print(printed(summary_data))
     for path in draw_all(rows, out):
         print(f"picture: {path}", file=sys.stderr)
-    found |= {"settings": settings, "code": sorted({b["code"] for b in batches}), "cases": len(rows)}
-    (out / "results.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    summary_data |= {"settings": settings, "code": sorted({b["code"] for b in batches}), "cases": len(rows)}
+    (out / "results.json").write_text(json.dumps(summary_data, indent=1) + "\n", encoding="utf-8")
     if options.final:
-        _append(options.log, log_entry(_run_id(out), settings, batches, found))
+        _append(options.log, log_entry(_run_id(out), settings, batches, summary_data))
     (out / "finished").touch()
-    return 0 if all(m["ok"] is not False for m in found["measures"]) else 1
+    return 0 if all(m["ok"] is not False for m in summary_data["measures"]) else 1
 
 
 def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored: list[dict[str, Any]]) -> None:
@@ -81,10 +81,10 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
             results.append({**batch, "code": code})
             count[0] += len(batch["rows"])
             passed = time.monotonic() - started
-            left = passed / max(count[0] - len(done), 1) * (len(slots) - count[0])
+            left_s = passed / max(count[0] - len(done), 1) * (len(slots) - count[0])
             print(
                 f"{count[0]} of {len(slots)}: batch {batch['batch']}, {batch['seconds']:.0f} s; "
-                f"{passed / 60:.1f} min, {left / 60:.1f} left",
+                f"{passed / 60:.1f} min, {left_s / 60:.1f} left",
                 file=sys.stderr, flush=True,
             )  # fmt: skip
 
@@ -97,9 +97,19 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
                 )
 
     lane = LaneOptions(
-        None if options.final else options.seed, options.final, options.n, options.kinds, 0, options.lanes,
-        options.batch, options.diagnose, options.noise, out, tuple(sorted(done)), 0,
-    )  # fmt: skip
+        seed=None if options.final else options.seed,
+        final=options.final,
+        n=options.n,
+        kinds=options.kinds,
+        lane=0,
+        lanes=options.lanes,
+        batch=options.batch,
+        diagnose=options.diagnose,
+        noise=options.noise,
+        out=out,
+        done=tuple(sorted(done)),
+        finished=0,
+    )
     lanes = [replace(lane, lane=k, finished=sum(batch["lane"] == k for batch in stored)) for k in range(options.lanes)]
     with ThreadPoolExecutor(options.lanes) as pool:
         for future in [pool.submit(run_lane, each, keep, begun) for each in lanes]:
@@ -108,11 +118,11 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
 
 def code_digest() -> str:
     """Hash of the programs that a result depends on."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in CODE:
         for file in sorted((ROOT / name).rglob("*.py")):
-            found.update(file.read_bytes())
-    return found.hexdigest()[:12]
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def default_folder(options: argparse.Namespace, settings: dict[str, Any]) -> Path:

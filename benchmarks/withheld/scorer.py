@@ -43,20 +43,20 @@ def score_batch(folder: Path) -> list[dict[str, Any]]:
             if hashlib.sha256(data).hexdigest() != answer["withheld_sha256"]:
                 raise Tampered(f"{predictions}: was changed after the answers were fixed")
             row |= achieved(case, np.load(predictions), arrays[name], arrays[f"{name}_rows"])
-        for again, of in truth["longer"].items():
+        for retry, of in truth["longer"].items():
             if of["of"] == name:
-                row[f"after_{of['arm']}"] = in_class(case, longer[again])
+                row[f"after_{of['arm']}"] = in_class(case, longer[retry])
         rows.append(row)
     return rows
 
 
 def fixed_answers(folder: Path) -> str:
     """SHA-256 of all answers of a batch, the second round's included."""
-    found = hashlib.sha256((folder / "answers" / "answers.json").read_bytes())
+    digest = hashlib.sha256((folder / "answers" / "answers.json").read_bytes())
     longer = folder / "longer_answers" / "answers.json"
     if longer.exists():
-        found.update(longer.read_bytes())
-    return found.hexdigest()
+        digest.update(longer.read_bytes())
+    return digest.hexdigest()
 
 
 def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
@@ -81,36 +81,36 @@ def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
         "baselines": answer.get("baselines", {}),
         "error": answer.get("error", ""),
     }
-    found = answer.get("diagnosis")
-    if found is None:
+    diagnosis = answer.get("diagnosis")
+    if diagnosis is None:
         return {**row, "verdict": "", "equivalent": [], "named": [], "ranked": [], "p": 0.0, "first_kind": ""}
-    ranked = sorted(found["ranking"].items(), key=lambda pair: -pair[1])
-    named = [effect["effect"] for effect in found["effects"]]
+    ranked = sorted(diagnosis["ranking"].items(), key=lambda pair: -pair[1])
+    named = [effect["effect"] for effect in diagnosis["effects"]]
     row |= {
-        "verdict": found["verdict"],
-        "equivalent": found["equivalent"],
+        "verdict": diagnosis["verdict"],
+        "equivalent": diagnosis["equivalent"],
         "named": named,
         "ranked": [[name, p] for name, p in ranked[:MOST_RANKED]],
-        "p": min(max(found["ranking"].get(found["verdict"], 0.0), 0.0), 1.0),
-        "not_tested": sorted(set(found["not_tested"]) & set(row["true"])),
-        "hidden_m": found["hidden_m"],
-        "shrink": found["gap"]["shrink"],
-        "shrink_interval": found["gap"]["shrink_interval"],
-        "gap": found["gap"],
-        "first_kind": first_kind(found["where"]),
+        "p": min(max(diagnosis["ranking"].get(diagnosis["verdict"], 0.0), 0.0), 1.0),
+        "not_tested": sorted(set(diagnosis["not_tested"]) & set(row["true"])),
+        "hidden_m": diagnosis["hidden_m"],
+        "shrink": diagnosis["gap"]["shrink"],
+        "shrink_interval": diagnosis["gap"]["shrink_interval"],
+        "gap": diagnosis["gap"],
+        "first_kind": first_kind(diagnosis["where"]),
     }
     if len(facts) == 1:
-        row |= _details(facts[0], found)
+        row |= _details(facts[0], diagnosis)
     return row
 
 
-def _details(fact: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
+def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
     """Place, step time, period and coordinate of one true effect."""
     out: dict[str, Any] = {}
     kinds = true_kinds(fact["effect"], fact["variant"])
     if kinds:
         out["true_kinds"] = list(kinds)
-    same = [effect for effect in found["effects"] if effect["effect"] == fact["effect"]]
+    same = [effect for effect in diagnosis["effects"] if effect["effect"] == fact["effect"]]
     if not same:
         return out
     effect = same[0]
@@ -126,8 +126,8 @@ def _details(fact: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _difference(found: float | None, true: float) -> float | None:
-    return None if found is None or not np.isfinite(found) else found - true
+def _difference(diagnosis: float | None, true: float) -> float | None:
+    return None if diagnosis is None or not np.isfinite(diagnosis) else diagnosis - true
 
 
 def achieved(case: dict[str, Any], predictions: Any, noise_free_m: Array, platform: NDArray[np.intp]) -> dict[str, Any]:
@@ -147,5 +147,5 @@ def achieved(case: dict[str, Any], predictions: Any, noise_free_m: Array, platfo
 
 def in_class(case: dict[str, Any], answer: dict[str, Any]) -> bool:
     """Whether verdict or class holds the truth."""
-    found = answer.get("diagnosis")
-    return found is not None and case["effects"][0]["effect"] in (found["verdict"], *found["equivalent"])
+    diagnosis = answer.get("diagnosis")
+    return diagnosis is not None and case["effects"][0]["effect"] in (diagnosis["verdict"], *diagnosis["equivalent"])

@@ -18,16 +18,16 @@ class SealBroken(RuntimeError):
 
 
 class _Refusal(MetaPathFinder):
-    """Refuses the plant and remembers that it was asked for."""
+    """Refuses to import the plant and records the attempt."""
 
-    asked = False
+    was_attempted = False
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Never finds anything; raises SealBroken for the plant."""
         if fullname.partition(".")[0] == FORBIDDEN:
-            self.asked = True
+            self.was_attempted = True
             raise SealBroken(f"a diagnosis asked for {fullname}; it may read nothing but the recording")
         return None
 
@@ -36,17 +36,17 @@ _refusal = _Refusal()
 
 
 def seal() -> None:
-    """From now on importing the plant or opening its files raises SealBroken; neither may have happened before."""
+    """Make importing the plant or opening its files raise SealBroken from now on; neither may have happened before."""
     check()
     sys.meta_path.insert(0, _refusal)
     sys.addaudithook(_on_event)
 
 
 def check() -> None:
-    """Raise SealBroken if the plant is there, or if anybody tried and hid it."""
-    there = sorted(name for name in sys.modules if name.partition(".")[0] == FORBIDDEN)
-    if there or _refusal.asked:
-        what = f"{there[0]} was imported" if there else "the plant or a truth was asked for"
+    """Raise SealBroken if the plant was imported, or if that was attempted and the error suppressed."""
+    imported = sorted(name for name in sys.modules if name.partition(".")[0] == FORBIDDEN)
+    if imported or _refusal.was_attempted:
+        what = f"{imported[0]} was imported" if imported else "the plant or a truth was asked for"
         raise SealBroken(f"{what} where only recordings may be read")
 
 
@@ -55,5 +55,5 @@ def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
         return
     path = str(arguments[0])
     if f"/{FORBIDDEN}/" in path or path.endswith(SECRETS):
-        _refusal.asked = True
+        _refusal.was_attempted = True
         raise SealBroken(f"a diagnosis opened {path}; it may read nothing but the recording")

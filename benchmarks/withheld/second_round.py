@@ -46,13 +46,13 @@ def random_visits(machine: MachineFile, rng: np.random.Generator, like: Visit) -
 def longer(case: Case, visits: tuple[Visit, ...]) -> MockRecording:
     """The recording as it was, followed by what the further visits give."""
     timeline = case.drawn.extended(visits)
-    made = SimulatedCampaign(MACHINE, case.bench.settings, timeline).record()
+    record = SimulatedCampaign(MACHINE, case.bench.settings, timeline).record()
     before = case.recording.columns
     # The nest check that closed the campaign is the one before its first further visit: nothing is told twice.
     n = len(case.recording)
-    for name, column in made.columns.items():
+    for name, column in record.columns.items():
         column[:n] = before[name]
-    return made
+    return record
 
 
 def _visit(machine: MachineFile, plan: dict[str, Any]) -> Visit | None:

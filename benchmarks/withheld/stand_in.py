@@ -29,13 +29,13 @@ def diagnose(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:
     rows = np.flatnonzero(np.isin(np.asarray(recording["smr"]), list(platform)))
     measured = recording.positions_m[rows]
     nothing = np.empty((0, 3))
-    found = FoundEffect(verdict, "left", Quantity("width_m", 1e-5, 1e-6, "m"), 0.8, 0.6, 3.0, 2.0)
+    effect = FoundEffect(verdict, "left", Quantity("width_m", 1e-5, 1e-6, "m"), 0.8, 0.6, 3.0, 2.0)
     return Diagnosis(
         campaign=recording.file.campaign,
         verdict=verdict,
         equivalent=(),
         matters_m=0.0,
-        effects=() if verdict in (NONE, UNKNOWN) else (found,),
+        effects=() if verdict in (NONE, UNKNOWN) else (effect,),
         ranking={verdict: 0.8, **({} if verdict == UNKNOWN else {UNKNOWN: 0.2})},
         where=(Share("time", "time", 0.5, 0.4, 0.6),),
         gap=GapFigures(2e-5, 1e-5, 8e-6, 0.5, (0.3, 0.7), "every fourth visit"),

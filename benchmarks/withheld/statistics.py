@@ -51,14 +51,14 @@ def excess_calibration_error(
     if len(stated) == 0:
         return 0.0, 0.0, 1.0
     rng = np.random.default_rng(seed)
-    drawn = rng.random((simulations, len(stated))) < stated
-    by_chance = float(np.mean([calibration_error(stated, row.astype(np.float64)) for row in drawn]))
-    again = rng.integers(0, len(stated), (simulations // 2, len(stated)))
-    spread = [calibration_error(stated[k], right[k]) for k in again]
-    found = calibration_error(stated, right)
+    simulated = rng.random((simulations, len(stated))) < stated
+    by_chance = float(np.mean([calibration_error(stated, row.astype(np.float64)) for row in simulated]))
+    resampled = rng.integers(0, len(stated), (simulations // 2, len(stated)))
+    spread = [calibration_error(stated[k], right[k]) for k in resampled]
+    observed = calibration_error(stated, right)
     # Resampling adds chance once more: centre the bootstrap on what was found.
-    shifted = np.array(spread) - float(np.mean(spread)) + found - by_chance
-    return found - by_chance, float(np.quantile(shifted, 0.025)), float(np.quantile(shifted, 0.975))
+    shifted = np.array(spread) - float(np.mean(spread)) + observed - by_chance
+    return observed - by_chance, float(np.quantile(shifted, 0.025)), float(np.quantile(shifted, 0.975))
 
 
 def paired_difference(first: Sequence[bool], second: Sequence[bool]) -> tuple[float, float, float]:
@@ -68,6 +68,6 @@ def paired_difference(first: Sequence[bool], second: Sequence[bool]) -> tuple[fl
         return 0.0, -1.0, 1.0
     only_first = sum(a and not b for a, b in zip(first, second, strict=True))
     only_second = sum(b and not a for a, b in zip(first, second, strict=True))
-    found = (only_first - only_second) / n
-    spread = math.sqrt(max(only_first + only_second - n * found**2, 0.0)) / n
-    return found, found - Z95 * spread, found + Z95 * spread
+    observed = (only_first - only_second) / n
+    spread = math.sqrt(max(only_first + only_second - n * observed**2, 0.0)) / n
+    return observed, observed - Z95 * spread, observed + Z95 * spread

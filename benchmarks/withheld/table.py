@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.withheld.judged import Row, answerable, in_class, overall_right, right
+from benchmarks.withheld.score_rows import Row, answerable, in_class, overall_right, right
 from benchmarks.withheld.scorer import NONE, UNKNOWN
 from benchmarks.withheld.statistics import excess_calibration_error, paired_difference, wilson
 
@@ -46,33 +46,33 @@ def share(name: str, hits: Sequence[bool], goal: float | None = None, *, at_most
 
 def measures(rows: Sequence[Row]) -> list[Measure]:
     """All rows of the table, in the order of the goals."""
-    found = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
+    rows_of_effects = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
     return [
-        *_found(found),
+        *_detection_rows(rows_of_effects),
         *_platform([r for r in rows if r["kind"] == "platform_only" and r["eligible"]]),
         *_none_and_unknown(rows),
         *_pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]]),
         *_shrink([r for r in rows if r["kind"] == "effect"]),
         *_probabilities(rows),
-        *_details(found),
+        *_detail_measures(rows_of_effects),
         *_next([r for r in rows if r["kind"] == "next" and "after_chosen" in r]),
         *_costs(rows),
-        *_finals(found),
+        *_final_measures(rows_of_effects),
     ]
 
 
-def _found(found: list[Row]) -> list[Measure]:
+def _detection_rows(rows_of_effects: list[Row]) -> list[Measure]:
     by_name: dict[str, list[bool]] = {}
-    for row in found:
+    for row in rows_of_effects:
         by_name.setdefault(row["true"][0], []).append(right(row))
-    out = [share("top-1, raw >= 3 and visible >= 0.5 sigma", [right(r) for r in found], 0.95)]
+    out = [share("top-1, raw >= 3 and visible >= 0.5 sigma", [right(r) for r in rows_of_effects], 0.95)]
     if by_name:
         worst = min(by_name, key=lambda name: (sum(by_name[name]) / len(by_name[name]), name))
         out.append(share(f"worst effect ({worst})", by_name[worst], 0.80))
-    apart = [r for r in found if all(sigma > ALIKE_SIGMA for sigma in r["mimics_sigma"].values())]
-    out.append(share("top-1 where no other effect is within 0.3 sigma", [right(r) for r in apart]))
-    out.append(share("class holds the truth", [in_class(r) for r in found]))
-    out.append(share("truth among the first three", [r["true"][0] in _names(r, 3) for r in found], 0.99))
+    distinguishable = [r for r in rows_of_effects if all(sigma > ALIKE_SIGMA for sigma in r["mimics_sigma"].values())]
+    out.append(share("top-1 where no other effect is within 0.3 sigma", [right(r) for r in distinguishable]))
+    out.append(share("class holds the truth", [in_class(r) for r in rows_of_effects]))
+    out.append(share("truth among the first three", [r["true"][0] in _names(r, 3) for r in rows_of_effects], 0.99))
     return out
 
 
@@ -100,15 +100,15 @@ def _none_and_unknown(rows: Sequence[Row]) -> list[Measure]:
     null = [r for r in rows if r["kind"] == "null"]
     out = [share("null cases called an effect", [_called(r) for r in null], 0.004, at_most=True)]
     for profile in sorted({r["profile"] for r in null}):
-        mine = [_called(r) for r in null if r["profile"] == profile]
-        out.append(share(f"null cases called an effect, profile {profile}", mine))
+        of_profile = [_called(r) for r in null if r["profile"] == profile]
+        out.append(share(f"null cases called an effect, profile {profile}", of_profile))
     out.append(share("null cases called unknown", [r["verdict"] == UNKNOWN for r in null]))
     outside = [r for r in rows if r["kind"] == "outside" and min(r["wanted_raw"]) >= 3.0]
-    seen = [r for r in outside if r["eligible"]]
-    out.append(share("outside effect called unknown", [r["verdict"] == UNKNOWN for r in seen], 0.90))
-    for name in sorted({r["true"][0] for r in seen}):
-        mine = [r["verdict"] == UNKNOWN for r in seen if r["true"][0] == name]
-        out.append(share(f"outside effect called unknown, {name}", mine))
+    visible = [r for r in outside if r["eligible"]]
+    out.append(share("outside effect called unknown", [r["verdict"] == UNKNOWN for r in visible], 0.90))
+    for name in sorted({r["true"][0] for r in visible}):
+        of_profile = [r["verdict"] == UNKNOWN for r in visible if r["true"][0] == name]
+        out.append(share(f"outside effect called unknown, {name}", of_profile))
     removed = [r for r in rows if r["kind"] == "removed" and r["eligible"]]
     alone = [r for r in removed if not _mimics(r)]
     out.append(share("true class removed: unknown, or its mimic", [_removed_right(r) for r in removed], 0.80))
@@ -133,9 +133,9 @@ def _pairs(rows: list[Row]) -> list[Measure]:
 
 
 def _shrink(rows: list[Row]) -> list[Measure]:
-    seen = [r for r in rows if r["visible"] >= 1.0]
-    off = [_off(r) for r in seen]
-    covers = [np.isfinite(x) and _covers(r) for r, x in zip(seen, off, strict=True)]
+    visible = [r for r in rows if r["visible"] >= 1.0]
+    off = [_off(r) for r in visible]
+    covers = [np.isfinite(x) and _covers(r) for r, x in zip(visible, off, strict=True)]
     inside = share("95 % shrink interval covers", covers)
     value = inside.value
     ok = None if value is None else 0.90 <= value <= 0.98
@@ -158,27 +158,31 @@ def _covers(row: Row) -> bool:
 
 
 def _probabilities(rows: Sequence[Row]) -> list[Measure]:
-    known = [r for r in rows if r["verdict"] and answerable(r)]
-    stated = np.array([r["p"] for r in known])
-    hits = np.array([overall_right(r) for r in known], dtype=np.float64)
+    answered = [r for r in rows if r["verdict"] and answerable(r)]
+    stated = np.array([r["p"] for r in answered])
+    hits = np.array([overall_right(r) for r in answered], dtype=np.float64)
     excess, low, high = excess_calibration_error(stated, hits)
-    sure = [overall_right(r) for r in known if r["p"] > 0.99]
+    sure = [overall_right(r) for r in answered if r["p"] > 0.99]
     return [
         Measure(
-            "calibration error beyond chance", "at most 0.03", excess if known else None, low, high, len(known),
-            excess <= 0.03 if known else None,
+            "calibration error beyond chance", "at most 0.03", excess if answered else None, low, high, len(answered),
+            excess <= 0.03 if answered else None,
         ),
         share("right when p > 0.99", sure, 0.97),
     ]  # fmt: skip
 
 
-def _details(found: list[Row]) -> list[Measure]:
+def _detail_measures(rows_of_effects: list[Row]) -> list[Measure]:
     def within(key: str, limit: float) -> list[bool]:
-        return [r[key] is not None and abs(r[key]) <= limit for r in found if key in r]
+        return [r[key] is not None and abs(r[key]) <= limit for r in rows_of_effects if key in r]
 
-    coordinate = [r["first_kind"] in r["true_kinds"] for r in found if "true_kinds" in r]
+    coordinate = [r["first_kind"] in r["true_kinds"] for r in rows_of_effects if "true_kinds" in r]
     return [
-        share("place right, where the effect is named", [r["place_right"] for r in found if "place_right" in r], 0.95),
+        share(
+            "place right, where the effect is named",
+            [r["place_right"] for r in rows_of_effects if "place_right" in r],
+            0.95,
+        ),
         share("step time within 5 min", within("step_error_s", STEP_S), 0.95),
         share("period within 1 %", within("period_error", PERIOD), 0.95),
         share("true coordinate first by share", coordinate, 0.90),
@@ -187,14 +191,14 @@ def _details(found: list[Row]) -> list[Measure]:
 
 def _next(rows: list[Row]) -> list[Measure]:
     chosen, at_random = [r["after_chosen"] for r in rows], [r["after_random"] for r in rows]
-    found, low, high = paired_difference(chosen, at_random)
+    difference, low, high = paired_difference(chosen, at_random)
     return [
         share("further poses: right before", [in_class(r) for r in rows]),
         share("further poses: right after 60 chosen ones", chosen),
         share("further poses: right after 60 random ones", at_random),
         Measure(
-            "further poses: chosen better by", "at least 10 points", found if rows else None, low, high, len(rows),
-            found >= 0.10 if rows else None,
+            "further poses: chosen better by", "at least 10 points", difference if rows else None, low, high, len(rows),
+            difference >= 0.10 if rows else None,
         ),
     ]  # fmt: skip
 
@@ -212,8 +216,8 @@ def _costs(rows: Sequence[Row]) -> list[Measure]:
     ]  # fmt: skip
 
 
-def _finals(found: list[Row]) -> list[Measure]:
-    final = [r for r in found if r["final"]]
+def _final_measures(rows_of_effects: list[Row]) -> list[Measure]:
+    final = [r for r in rows_of_effects if r["final"]]
     if not final:
         return []
     return [

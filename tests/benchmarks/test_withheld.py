@@ -14,11 +14,11 @@ from benchmarks.withheld import lane, over_the_wire, run
 from benchmarks.withheld.cases import DECOYS, FULL, PROFILES, Slot, plan
 from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
 from benchmarks.withheld.diagnoser import REAL, loaded
-from benchmarks.withheld.judged import answerable, overall_right
 from benchmarks.withheld.maker import Maker
 from benchmarks.withheld.making import make_case, platform_rows
 from benchmarks.withheld.mimics import Mimics
 from benchmarks.withheld.noise import noise_only
+from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
 from calibration.recording.folder import read_folder

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import binomtest
 
 from benchmarks.withheld.coordinates import KINDS, first_kind, true_kinds
-from benchmarks.withheld.judged import in_class, overall_right
 from benchmarks.withheld.methods import baseline_table
+from benchmarks.withheld.score_rows import in_class, overall_right
 from benchmarks.withheld.statistics import (
     calibration_error,
     excess_calibration_error,

@@ -76,8 +76,11 @@ def case(request) -> Case:
     visit = np.where(np.array([s.on == "floor" for s in machine.smrs])[smr], -1, visit)
     position = frame.to_station(rest.places_m(mounted).reshape(-1, 3))
     context = moments_at(drives[np.maximum(visit, 0)], np.full(len(smr), 50.0))
-    seen = ObservedModel(machine, context, smr, visit, poses, frame, mounted, position)
-    return Case(seen, Channels(seen), rest)
+    observed = ObservedModel(
+        machine=machine, context=context, smr=smr, visit=visit, poses=poses, frame=frame, mounted_m=mounted,
+        position_m=position,
+    )  # fmt: skip
+    return Case(observed, Channels(observed), rest)
 
 
 def test_the_model_is_at_the_same_poses(case):

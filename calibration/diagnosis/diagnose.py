@@ -105,7 +105,15 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
         equivalent=equivalent,
         matters_m=difference * field.noise_m,
         effects=tuple(
-            summarise_effect(cause, ranking, likelihood, main=cause.effect.name == verdict) for cause in causes
+            summarise_effect(
+                cause,
+                [other for other in causes if other is not cause],
+                ranking,
+                likelihood,
+                inputs,
+                main=cause.effect.name == verdict,
+            )
+            for cause in causes
         ),
         ranking=ranking,
         where=() if verdict == NONE else variance_shares(likelihood, truth_likelihood, field, acting, by_drive),

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.parameter_uncertainty import parameter_uncertainty
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import FoundEffect, Quantity
 from calibration.diagnosis.search import Cause, SearchResult, include_cause
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
+from calibration.effects.api import EffectInputs
 
 
 def equivalent_effects(
@@ -53,13 +55,25 @@ def platform_rms(linear: LinearModel, whitened: Array) -> float:
 
 
 def summarise_effect(
-    cause: Cause, ranking: Mapping[str, float], likelihood: MarginalLikelihood, *, main: bool
+    cause: Cause,
+    others: Sequence[Cause],
+    ranking: Mapping[str, float],
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    *,
+    main: bool,
 ) -> FoundEffect:
-    """Size, parameters, place and probability of a cause; `main`: it is the verdict."""
+    """Size, parameters, place and probability of a cause beside others; `main`: it is the verdict.
+
+    likelihood: without any cause.
+    """
     effect = cause.effect
     value, u = _size(cause)
     signal = _signal(cause, likelihood)
-    others = {parameter.name: parameter for parameter in effect.others}
+    given_others = likelihood
+    for other in others:
+        given_others = include_cause(given_others, other)
+    parameters = cause.best.basis_set.parameters
     return FoundEffect(
         effect=effect.name,
         place=cause.place,
@@ -69,9 +83,14 @@ def summarise_effect(
         raw_sigma=platform_rms(likelihood.linear, signal),
         visible_sigma=platform_rms(likelihood.linear, likelihood.apply(signal[:, :, None])[:, :, 0]),
         others=tuple(
-            Quantity(name, value, _parameter_uncertainty(name, value), others[name].unit)
-            for name, value in cause.best.basis_set.parameters.items()
-            if name in others
+            Quantity(
+                parameter.name,
+                parameters[parameter.name],
+                parameter_uncertainty(cause, parameter, given_others, inputs),
+                parameter.unit,
+            )
+            for parameter in effect.others
+            if parameter.name in parameters
         ),
     )
 
@@ -99,8 +118,3 @@ def _size(cause: Cause) -> tuple[float, float]:
     measures = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel.values()]
     value = float(np.linalg.norm(measures))
     return value, u * value / max(norm, 1e-300)
-
-
-def _parameter_uncertainty(name: str, value: float) -> float:
-    """Half a step of the grid on which the parameter was tried."""
-    return 0.002 * value if name == "period_m" else 0.3 * value if name == "tau_s" else 120.0

@@ -1,0 +1,144 @@
+"""The uncertainty of an effect's parameters, of any unit and scale: against scans of the likelihood and repetitions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.findings.parameter_uncertainty import mean_square_about
+from calibration.diagnosis.linear_model import linearise_recording
+from calibration.effects.api import EffectParameter
+from calibration.effects.catalogue import Catalogue, load_catalogue
+from tests.calibration.diagnosis.campaigns import Arrivals, simulated
+
+DECAY_PER_M = 3.7  # not a value of the grids below
+LOW, HIGH = 0.3, 40.0  # 1/m
+START_M = 0.6
+FILE = '''
+"""A slide that gives way after a stop, less and less with its distance from the lower end of its travel."""
+import numpy as np
+from calibration.effects.base import Effect, Forms, Parameter
+
+def end_wear(s, drive):
+    f, q = Forms(), s.moments.drives[:, drive]
+    for rate in np.geomspace(RANGE, COUNT):
+        shape = s.moments.direction[:, drive] * np.exp(-rate / SCALE * (q - 0.6))
+        f.form(f.add((f"travel.{s.drive(drive)}", shape)), decay=rate)
+    return f
+
+EFFECTS = (
+    Effect(
+        "end_wear", "drive", Parameter("wear_m", 1e-6, 1e-3, "m", "at the lower end"), "the whole travel", (),
+        end_wear, (Parameter("decay", LIMITS, "UNIT", "rate of decay"),),
+    ),
+)
+'''
+
+
+def catalogue(folder, *, unit: str = "1/m", scale: float = 1.0, count: int = 25) -> Catalogue:
+    """The effect alone; its parameter in a unit that is `scale` times smaller than 1/m."""
+    low, high = LOW * scale, HIGH * scale
+    text = FILE.replace("RANGE", f"{low}, {high}").replace("LIMITS", f"{low}, {high}").replace("COUNT", str(count))
+    path = folder / "end_wear.py"
+    path.write_text(text.replace("SCALE", str(scale)).replace("UNIT", unit), encoding="utf-8")
+    return load_catalogue([path], without=load_catalogue().names)
+
+
+def worn(wear_m: float):
+    def travel_m(a: Arrivals) -> np.ndarray:
+        return wear_m * a.sides * np.exp(-DECAY_PER_M * (a.drives - START_M)) * np.array([1.0, 0.0])
+
+    return travel_m
+
+
+def decay_of(recording, effects: Catalogue):
+    diagnosis = diagnose(recording, effects)
+    assert diagnosis.verdict == "end_wear"
+    (decay,) = diagnosis.effects[0].others
+    return decay
+
+
+def scanned(recording, reported: float) -> float:
+    """Root mean square distance from the reported value under the likelihood of a continuous rate, by regressions.
+
+    Geometry and all else that calibration fits are dense columns with unit priors; the size has a wide prior.
+    """
+    linear = linearise_recording(recording)
+    a = linear.columns.reshape(-1, linear.columns.shape[2])
+    y = linear.residual.ravel()
+    response = linear.whiten_shift(Channels(linear).shift_m("travel.left"))
+    side, q = linear.context.direction[:, 0], linear.context.drives[:, 0]
+    rates = np.geomspace(LOW, HIGH, 400)
+    logs = []
+    for rate in rates:
+        column = (response * (side * np.exp(-rate * (q - START_M)))[:, None]).ravel() * 1e-3
+        x = np.column_stack([a, column])
+        theta, *_ = np.linalg.lstsq(np.vstack([x, np.eye(x.shape[1])]), np.append(y, np.zeros(x.shape[1])), rcond=None)
+        logs.append(-0.5 * float(np.sum((y - x @ theta) ** 2) + theta @ theta))
+    weight = np.exp(np.array(logs) - max(logs))  # the grid is uniform in the logarithm, as the effect's is
+    return float(np.sqrt(np.sum(weight * (rates - reported) ** 2) / np.sum(weight)))
+
+
+@pytest.mark.parametrize("wear_m", [3e-5, 8e-5])
+def test_it_is_the_spread_of_the_likelihood(tmp_path, wear_m):
+    recording = simulated("planar4", 60, worn(wear_m))
+    decay = decay_of(recording, catalogue(tmp_path, count=60))
+    assert decay.u == pytest.approx(scanned(recording, decay.value), rel=0.12)
+
+
+def test_it_covers_the_truth_in_repetitions_as_often_as_it_says(tmp_path):
+    effects = catalogue(tmp_path)
+    decays = [decay_of(simulated("planar4", 40, worn(6e-5), seed=seed), effects) for seed in range(1, 9)]
+    off = np.array([(decay.value - DECAY_PER_M) / decay.u for decay in decays])
+    assert 0.3 < np.sqrt(np.mean(off**2)) < 1.7
+    assert np.abs(off).max() < 3.5
+
+
+def test_it_has_the_unit_and_scale_of_its_parameter(tmp_path):
+    recording = simulated("planar4", 40, worn(6e-5))
+    plain = decay_of(recording, catalogue(tmp_path))
+    small = decay_of(recording, catalogue(tmp_path, unit="1/Mm", scale=1e6))
+    assert (plain.unit, small.unit) == ("1/m", "1/Mm")
+    assert small.value == pytest.approx(1e6 * plain.value)
+    assert small.u == pytest.approx(1e6 * plain.u, rel=1e-6)
+
+
+def test_a_coarse_grid_is_not_known_better_than_its_steps(tmp_path):
+    """A strong effect: the readings choose one value of the grid, and the truth is anywhere in its cell."""
+    recording = simulated("planar4", 60, worn(3e-4))
+    coarse = decay_of(recording, catalogue(tmp_path, count=6))
+    values = np.geomspace(LOW, HIGH, 6)
+    k = int(np.argmin(np.abs(values - coarse.value)))
+    cell = 0.5 * (values[k + 1] - values[k - 1])
+    assert 0.8 * cell / np.sqrt(12.0) < coarse.u < 1.5 * cell
+    assert abs(coarse.value - DECAY_PER_M) < cell
+
+
+@pytest.mark.parametrize(("amplitude_m", "largest_u_m"), [(1.5e-5, 2e-4), (1e-4, 4e-5)])
+def test_a_period_is_known_the_better_the_stronger_its_wave_is(amplitude_m, largest_u_m):
+    """It is on no grid: the campaign's periodogram has found it."""
+    true_m = 0.012
+
+    def wave(a: Arrivals) -> np.ndarray:
+        return amplitude_m * np.sin(2.0 * np.pi * a.drives / true_m) * np.array([1.0, 0.0])
+
+    known = load_catalogue()
+    alone = known.without([name for name in known.names if name != "screw_periodic_error"])
+    (period,) = diagnose(simulated("planar4", 80, wave), alone).effects[0].others
+    assert period.unit == "m"
+    assert period.u < largest_u_m
+    assert abs(period.value - true_m) < 3.0 * period.u
+
+
+def test_a_mean_square_over_cells_is_that_of_samples():
+    rng = np.random.default_rng(3)
+    values, posterior = np.array([1.0, 2.0, 4.0, 8.0]), np.array([0.1, 0.5, 0.3, 0.1])
+    edges = np.array([0.5, 1.5, 3.0, 6.0, 10.0])
+    cell = rng.choice(4, 200_000, p=posterior)
+    x = rng.uniform(edges[cell], edges[cell + 1])
+    parameter = EffectParameter("any", 0.0, 20.0, "s", "of it")
+    assert mean_square_about(2.0, values, posterior, parameter) == pytest.approx(np.mean((x - 2.0) ** 2), rel=0.02)
+    single = mean_square_about(5.0, np.array([5.0]), np.ones(1), parameter)
+    assert single == pytest.approx(np.mean((rng.uniform(0.0, 20.0, 200_000) - 5.0) ** 2), rel=0.02)

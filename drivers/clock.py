@@ -1,4 +1,4 @@
-"""The time that drivers wait by."""
+"""The clock that drivers wait by."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class RigClock(Protocol):
-    """What a driver asks of time. All waiting between polls goes through it."""
+    """What a driver needs of a clock. All waiting between polls goes through it."""
 
     def now_s(self) -> float:
         """Rig time in seconds."""
@@ -19,7 +19,7 @@ class RigClock(Protocol):
 
 
 class HostClock:
-    """Host time taken as rig time: the default for scripts and real hardware."""
+    """Host time used as rig time: the default for scripts and real hardware."""
 
     def now_s(self) -> float:
         """Monotonic host time in seconds."""

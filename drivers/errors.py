@@ -4,10 +4,10 @@ from __future__ import annotations
 
 
 class DeviceError(Exception):
-    """Something is wrong with a device or with the way to it.
+    """A device or the connection to it has failed.
 
-    `device` is its name in the rig, `where` the port, node or register, `what` the fault and
-    `remedy` what a person can do.
+    `device` is its name in the rig, `where` the port, node or register, `what` the fault and `remedy` what the user
+    can do.
     """
 
     def __init__(self, device: str, where: str, what: str, remedy: str) -> None:
@@ -23,15 +23,15 @@ class DeviceError(Exception):
 
 
 class ConnectionFailed(DeviceError):
-    """The device cannot be reached, or the line to it has broken."""
+    """The device cannot be reached, or the line to it is broken."""
 
 
 class IdentityMismatch(DeviceError):
-    """Another device answers than the one that is configured, or its units are others."""
+    """The device that answers, or its units, are not those configured."""
 
 
 class ProtocolError(DeviceError):
-    """An answer cannot be understood: garbled, of the wrong kind or out of range."""
+    """An answer cannot be interpreted: garbled, of the wrong kind or out of range."""
 
 
 class NoAnswer(DeviceError):
@@ -39,15 +39,15 @@ class NoAnswer(DeviceError):
 
 
 class SettingsChanged(ProtocolError):
-    """The station has other settings than it was given: what it has measured since they were compared is void."""
+    """The settings of the station have changed: readings since they were last compared are void."""
 
 
 class NotExecuted(ProtocolError):
-    """The station could not read a request, so it has done nothing."""
+    """The station could not read a request, so it did nothing."""
 
 
 class StationError(DeviceError):
-    """The station carried a request out with another result than success. `code` is GeoCOM's."""
+    """The station carried out a request without success. `code` is GeoCOM's."""
 
     def __init__(self, device: str, where: str, what: str, remedy: str, code: int) -> None:
         super().__init__(device, where, what, remedy)
@@ -79,11 +79,11 @@ class AimingFailed(StationError):
 
 
 class LockLost(AimingFailed):
-    """The station follows no reflector any more."""
+    """The station no longer follows a reflector."""
 
 
 class WrongTarget(DeviceError):
-    """Another reflector was found than the one that was aimed at, or something stands in the beam."""
+    """A different reflector than intended was measured, or the beam is obstructed."""
 
 
 class NotImplementedByStation(StationError):
@@ -99,11 +99,11 @@ class NotSettled(DeviceError):
 
 
 class DriveFault(DeviceError):
-    """A drive is in fault, or dropped out of operation."""
+    """A drive is in fault, or has left operation enabled."""
 
 
 class NotReferenced(DriveFault):
-    """A drive has lost its reference: its positions mean nothing before it is homed."""
+    """A drive has lost its reference: its positions are meaningless until it is homed."""
 
 
 class SdoRefused(DeviceError):
@@ -123,7 +123,7 @@ class TableError(DeviceError):
 
 
 class PlcError(DeviceError):
-    """The PLC refuses, or a register's value cannot be right."""
+    """The PLC refuses a request, or the value of a register is not plausible."""
 
 
 class InterlockOpen(DeviceError):
@@ -131,8 +131,8 @@ class InterlockOpen(DeviceError):
 
 
 class StaleData(DeviceError):
-    """A heartbeat stands still: values are old, so nothing may be concluded from them."""
+    """A heartbeat has stopped: values are stale and must not be used."""
 
 
 class Stopped(DeviceError):
-    """The drives were stopped together and wait for the stop to be cleared."""
+    """The drives were stopped together; the stop must be cleared first."""

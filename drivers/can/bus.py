@@ -1,4 +1,4 @@
-"""Buses by name: the same line for a real adapter, a daemon and one process."""
+"""CAN buses by name: a real adapter, a socketcand server or a bus within one process."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _CHECK = "start the server or check interface, channel and adapter in the rig fi
 
 
 class SocketcandBus(SocketCanDaemonBus):
-    """python-can's socketcand client that notices when its peer is gone.
+    """python-can's socketcand client that detects when its peer is gone.
 
-    The library's client reads an endless empty answer then, with a core spinning. Here receiving
-    raises can.CanOperationError, and goes on raising without haste.
+    The library's client then reads empty answers for ever and keeps a core busy. Here receiving raises
+    can.CanOperationError, again and again but at a slow pace.
     """
 
     def __init__(self, channel: str, host: str, port: int, **kwargs: Any) -> None:
         self._gone = threading.Event()
-        self._no_hurry = threading.Event()
+        self._pace = threading.Event()
         try:
             super().__init__(channel, host, port, **kwargs)  # type: ignore[no-untyped-call]
         except BaseException:
@@ -35,7 +35,7 @@ class SocketcandBus(SocketCanDaemonBus):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self._gone.is_set():
-            self._no_hurry.wait(0.1)
+            self._pace.wait(0.1)
             raise can.CanOperationError(f"{self.channel_info}: the server has closed the connection")
         if self._peer_closed(timeout):
             self._gone.set()
@@ -45,7 +45,7 @@ class SocketcandBus(SocketCanDaemonBus):
         return message, bool(filtered)
 
     def _peer_closed(self, timeout: float | None) -> bool:
-        """Wait for something to read; true if it is the end of the connection."""
+        """Wait for data; True if it is the end of the connection."""
         if self._buffered():
             return False
         wire = self._wire()
@@ -64,7 +64,7 @@ class SocketcandBus(SocketCanDaemonBus):
 
     def shutdown(self) -> None:
         """Close the connection."""
-        self._no_hurry.set()
+        self._pace.set()
         super().shutdown()  # type: ignore[no-untyped-call]
 
 
@@ -96,8 +96,8 @@ def open_bus(
 
 
 def _probe_server(host: str, port: int) -> None:
-    """Fail soon where no server greets: the library's client tries for ten seconds, then waits for ever."""
+    """Fail early if no server answers: the library's client retries for ten seconds, then waits for ever."""
     with socket.create_connection((host, port), timeout=2.0) as wire:
         greeting = wire.recv(64)
     if not greeting.startswith(b"< hi >"):
-        raise ConnectionError(f"no socketcand server, it greets with {greeting!r}")
+        raise ConnectionError(f"not a socketcand server; its greeting is {greeting!r}")

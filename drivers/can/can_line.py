@@ -1,4 +1,4 @@
-"""One CAN line: sending, receiving in a thread of its own, and the loss of the line made visible."""
+"""One CAN line: sending, receiving in a thread of its own, and detecting the loss of the line."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ FrameCallback = Callable[[int, bytearray, float], None]
 class CanLine:
     """A python-can bus with canopen's frame distribution on it; owns the bus.
 
-    Stands in for canopen's notifier, whose thread spins or ends in silence when a bus breaks: here
-    `failed` then holds the reason, whoever waits on `received` is woken, each use raises ConnectionFailed.
-    Frames are handled in the receiving thread: no SDO transfer there.
+    Replaces canopen's notifier, whose thread spins or ends silently when a bus fails: here `failed` then holds the
+    reason, threads that wait on `received` are woken, and each use raises ConnectionFailed. Callbacks run in the
+    receiving thread and must not start an SDO transfer.
     """
 
     def __init__(self, bus: can.BusABC, name: str = "CAN") -> None:
@@ -74,7 +74,7 @@ class CanLine:
         self.send(0x000, bytes((command, node_id)))
 
     def send_heartbeat(self, node_id: int) -> None:
-        """Say that this node is there and operational. Raises ConnectionFailed."""
+        """Send the heartbeat of an operational node. Raises ConnectionFailed."""
         self.send(_HEARTBEAT + node_id, bytes([_OPERATIONAL]))
 
     def subscribe(self, cob_id: int, callback: FrameCallback) -> None:
@@ -93,7 +93,7 @@ class CanLine:
             )
 
     def mark_lost(self, error: Exception) -> None:
-        """Count the line as lost, for this reason; whoever finds its bus broken says so."""
+        """Mark the line as lost for this reason."""
         reason = " ".join(str(error).split()) or type(error).__name__
         with self.received:
             self.failed = self.failed or f"the line is lost: {reason}"
@@ -108,14 +108,14 @@ class CanLine:
         self.failed = self.failed or "closed"
         try:
             self._bus.shutdown()
-        except (can.CanError, OSError) as error:  # an adapter that was pulled cannot be told that we leave
+        except (can.CanError, OSError) as error:  # an unplugged adapter cannot be closed properly
             _log.info("%s: %s", self.name, error)
 
     def _read(self) -> None:
         while not self._closing:
             try:
                 message = self._bus.recv(_RECEIVE_S)
-            except Exception as error:  # an adapter that garbles a frame may bring any: never end in silence
+            except Exception as error:  # a garbled frame may raise anything: never end silently
                 if not self._closing:
                     self.mark_lost(error)
                 return
@@ -128,5 +128,5 @@ class CanLine:
             self.seen_nodes.add(cob_id - _HEARTBEAT)
         try:
             self.network.notify(cob_id, message.data, message.timestamp)
-        except Exception:  # a frame that one receiver cannot read must not end all receiving
+        except Exception:  # one bad frame must not stop reception
             _log.exception("frame 0x%03X could not be handled", cob_id)

@@ -11,10 +11,10 @@ WRONG_STATE = 0x08000022
 
 @dataclass(frozen=True)
 class DriveObject:
-    """Index, sub-index, `struct` format (little-endian) and name of one object; format "" is a DOMAIN.
+    """Index, sub-index, `struct` format (little-endian) and name of one object; the format "" is a DOMAIN.
 
-    `reads_back`: it reads back what was written, so that a write whose answer was lost can be cleared up by reading.
-    `refusals`: what an abort code means for this object, and the remedy, where that differs from CiA 301.
+    `reads_back`: reading it returns what was written, so that after a lost answer reading tells whether a write has
+    been carried out. `refusals`: meaning of an abort code for this object, and remedy, if they differ from CiA 301.
     """
 
     index: int

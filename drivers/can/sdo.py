@@ -41,7 +41,7 @@ _TEXTS: dict[int, tuple[str, str]] = {
 
 
 class _Client(SdoClient):
-    """canopen's client, which would stumble over a frame that is too short."""
+    """canopen's client, which would fail on a frame that is too short."""
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
         if len(data) == _FRAME:
@@ -64,17 +64,17 @@ class _Wire:
         return frame
 
     def forget(self) -> None:
-        """Drop what has come."""
+        """Discard what has been received."""
         self._client.responses = queue.Queue()
 
 
 class SdoAccess:
     """Reads and writes the objects of one node. `timeout_s` is host time, for each answer.
 
-    At the start and after a transfer that failed the next one begins only when a harmless object has been read, so
-    that no late answer is taken for a new one. Reads are made a second time after a lost or garbled answer. A write
-    is read back then: what the drive holds already is not written twice. Long objects go by block transfer where
-    the drive can. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
+    At the start and after a failed transfer a harmless object is read before the next one begins, so that no late
+    answer is taken for a new one. A read is repeated once after a lost or garbled answer. After a lost answer to a
+    write the object is read back, so that nothing is written twice. Long objects are transferred in blocks if the
+    drive supports it. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
     """
 
     def __init__(self, line: CanLine, node_id: int, device: str, timeout_s: float = 1.0) -> None:
@@ -85,12 +85,12 @@ class SdoAccess:
         dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]
         self._client = _Client(0x600 + node_id, 0x580 + node_id, dictionary)  # type: ignore[no-untyped-call]
         self._client.RESPONSE_TIMEOUT = timeout_s
-        self._client.MAX_RETRIES = 1  # one attempt: the library would send a write again
+        self._client.MAX_RETRIES = 1  # one attempt: the library would repeat a write
         self._client.network = line.network
         self._wire = _Wire(self._client)
         self._block = BlockTransfer(self._wire)
         self._blocks = True
-        self._out_of_step = True  # whoever talked to the drive before may have left it in the middle of a transfer
+        self._out_of_step = True  # another master may have left the drive in the middle of a transfer
         self._probes = 0
         line.subscribe(self._client.tx_cobid, self._client.on_response)
 
@@ -99,7 +99,7 @@ class SdoAccess:
         self._line.unsubscribe(self._client.tx_cobid, self._client.on_response)
 
     def read(self, entry: DriveObject, *, retry: bool = True) -> int:
-        """Read an integer object; without `retry` a lost answer is not asked for a second time."""
+        """Read an integer object; with `retry` once more after a lost answer."""
         data = self.read_bytes(entry, retry=retry)
         size = struct.calcsize(entry.format)
         if len(data) < size:
@@ -138,7 +138,7 @@ class SdoAccess:
                     self._transfer(entry, lambda: self._download(entry, data))
 
     def _is_written(self, entry: DriveObject, data: bytes) -> bool:
-        """Whether a write whose answer was lost has been carried out; an object without content says no by refusing."""
+        """Whether a write whose answer was lost has been carried out; a refusal means that the object is empty."""
         try:
             return self.read_bytes(entry) == data
         except SdoRefused:
@@ -162,7 +162,7 @@ class SdoAccess:
         )
 
     def _by_block(self, by_block: Callable[[], _Result], by_segments: Callable[[], _Result]) -> _Result:
-        """A drive that does not know block transfer says so at its first frame; it is not asked again."""
+        """A drive without block transfer aborts at the first frame; it is not tried again."""
         self._wire.forget()
         try:
             return by_block()
@@ -188,25 +188,25 @@ class SdoAccess:
             raise typed from error
 
     def _get_in_step(self) -> None:
-        """Read a harmless object, dropping all that comes before its answer; frames keep their order on the bus.
+        """Read a harmless object and discard everything before its answer; frames keep their order on the bus.
 
-        Objects take turns, so that a late answer to the former probe is not taken for that to this one.
+        The objects alternate, so that a late answer to the previous probe is not taken for the present one.
         """
         index, sub = _HARMLESS[self._probes % len(_HARMLESS)]
         self._probes += 1
         self._wire.forget()
         self._wire.send(struct.pack("<BHBI", _ABORT, 0, 0, _GENERAL_ERROR))
         self._wire.send(struct.pack("<BHB4x", _READ, index, sub))
-        wanted = struct.pack("<HB", index, sub)
+        expected_answer = struct.pack("<HB", index, sub)
         for _ in range(_MOST_LATE_FRAMES):
             try:
                 frame = self._wire.receive()
             except queue.Empty as error:
                 raise NoResponse("no answer") from error
-            if frame[0] & 0xE0 == _READ and frame[1:4] == wanted:
+            if frame[0] & 0xE0 == _READ and frame[1:4] == expected_answer:
                 self._out_of_step = False
                 return
-        raise ProtocolBroken("frames that nobody asked for keep coming")
+        raise ProtocolBroken("unrequested frames keep arriving")
 
     def _where(self, entry: DriveObject) -> str:
         return f"node {self._node_id}, {entry}"
@@ -215,7 +215,7 @@ class SdoAccess:
         self._line.check()
         if isinstance(error, SdoAbortedError | TransferAborted):
             if error.code in _OUT_OF_STEP_CODES:
-                what = f"the drive lost count of the frames (abort code 0x{error.code:08X})"
+                what = f"the drive has lost frames of the transfer (abort code 0x{error.code:08X})"
                 return ProtocolError(self._device, self._where(entry), what, "check the bus and repeat")
             what, remedy = {**_TEXTS, **entry.refusals}.get(
                 error.code, (" ".join(str(error).split()), "look the abort code up in the drive's manual")

@@ -1,7 +1,7 @@
 """SDO block transfer of CiA 301, the client's side: long objects in blocks of up to 127 frames, with CRC.
 
-Lost frames are sent again within their block. Whatever else goes wrong ends the transfer with an abort; the
-server stores nothing before the end of a download is confirmed.
+Lost frames are repeated within their block. Any other failure ends the transfer with an abort; the server stores
+nothing before the end of a download is confirmed.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class TransferAborted(Exception):
 
 
 class ProtocolBroken(Exception):
-    """The transfer cannot go on; the server has been told so."""
+    """The transfer cannot continue; an abort was sent to the server."""
 
 
 class NoResponse(Exception):
-    """The server has not answered in time; it has been told so."""
+    """The server has not answered in time; an abort was sent to it."""
 
 
 class SdoWire(Protocol):
-    """What carries the frames of one SDO channel."""
+    """Carrier of the frames of one SDO channel."""
 
     def send(self, data: bytes) -> None:
         """Send eight bytes to the server."""
@@ -74,20 +74,20 @@ class BlockTransfer:
             sent = self._send_block(data, at, frames)
             answer = self._receive()
             self._expect(answer, _DOWNLOAD_ANSWER, _BLOCK_ANSWER)
-            taken, frames = answer[1], self._block_size(answer[2])
-            if taken > sent:
-                raise self._break(ABORT_SEQUENCE, f"{taken} frames are confirmed, {sent} were sent")
-            repeats = 0 if taken else repeats + 1
+            confirmed, frames = answer[1], self._block_size(answer[2])
+            if confirmed > sent:
+                raise self._break(ABORT_SEQUENCE, f"{confirmed} frames are confirmed, {sent} were sent")
+            repeats = 0 if confirmed else repeats + 1
             if repeats > _MOST_REPEATS:
-                raise self._break(ABORT_TIMED_OUT, "frames are lost again and again")
-            at += taken * _FRAME
+                raise self._break(ABORT_TIMED_OUT, "frames are lost repeatedly")
+            at += confirmed * _FRAME
         unused = -len(data) % _FRAME
         crc = binascii.crc_hqx(data, 0) if checked else 0
         answer = self._request(struct.pack("<BH5x", _DOWNLOAD | unused << 2 | _END, crc))
         self._expect(answer, _DOWNLOAD_ANSWER, _END)
 
     def upload(self, index: int, sub: int, most: int) -> bytes:
-        """Read an object of at most `most` bytes; a short one may come without blocks, as CiA 301 allows."""
+        """Read an object of at most `most` bytes; a short one may arrive without blocks, as CiA 301 allows."""
         self._object = struct.pack("<HB", index, sub)
         answer = self._request(struct.pack("<B3sBB2x", _UPLOAD | _CRC, self._object, MOST_FRAMES, 0))
         self._expect(answer, _UPLOAD_ANSWER, 0, self._object)
@@ -99,16 +99,16 @@ class BlockTransfer:
         data = bytearray()
         last, repeats = False, 0
         while not last:
-            taken, last = self._receive_block(data)
-            repeats = 0 if taken else repeats + 1
+            received, last = self._receive_block(data)
+            repeats = 0 if received else repeats + 1
             if repeats > _MOST_REPEATS or len(data) > most + _FRAME:
-                raise self._break(ABORT_SEQUENCE, "frames are lost again and again, or the object has no end")
-            self._wire.send(bytes([_UPLOAD | _BLOCK_ANSWER, taken, MOST_FRAMES]) + bytes(5))
+                raise self._break(ABORT_SEQUENCE, "frames are lost repeatedly, or the object has no end")
+            self._wire.send(bytes([_UPLOAD | _BLOCK_ANSWER, received, MOST_FRAMES]) + bytes(5))
         end = self._receive()
         self._expect(end, _UPLOAD_ANSWER, _END)
         del data[len(data) - (end[0] >> 2 & 7) :]
         if size is not None and len(data) != size:
-            raise self._break(ABORT_SEQUENCE, f"{len(data)} bytes came, {size} were announced")
+            raise self._break(ABORT_SEQUENCE, f"{len(data)} bytes received, {size} were announced")
         if checked and struct.unpack_from("<H", end, 1)[0] != binascii.crc_hqx(data, 0):
             raise self._break(ABORT_CRC, "the CRC does not match")
         self._wire.send(bytes([_UPLOAD | _END]) + bytes(7))
@@ -124,24 +124,24 @@ class BlockTransfer:
         return sent
 
     def _receive_block(self, data: bytearray) -> tuple[int, bool]:
-        """Append the frames of one block that come in order; their number, and whether the last one is among them."""
-        taken = 0
-        while taken < MOST_FRAMES:
+        """Append the frames of one block that arrive in order; returns their number and whether that ends the object."""
+        received = 0
+        while received < MOST_FRAMES:
             try:
                 frame = self._wire.receive()
             except queue.Empty:
-                break  # what has come is confirmed, the rest will be sent again
+                break  # the frames received are confirmed, the others will be repeated
             if frame[0] == _ABORT:
                 raise TransferAborted(struct.unpack_from("<I", frame, 4)[0])
             number = frame[0] & 0x7F
-            if number == taken + 1:
-                taken = number
+            if number == received + 1:
+                received = number
                 data += frame[1:]
                 if frame[0] & 0x80:
-                    return taken, True
+                    return received, True
             elif frame[0] & 0x80 or number == MOST_FRAMES:
                 break  # the end of a block of which some frames were lost
-        return taken, False
+        return received, False
 
     def _request(self, frame: bytes) -> bytes:
         self._wire.send(frame)

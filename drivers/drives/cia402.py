@@ -18,7 +18,7 @@ class State(Enum):
     FAULT = "fault"
 
 
-# mask, value, state; the quick stop bit (5) says nothing in the four states with the shorter mask
+# mask, value, state; the quick stop bit (5) is undefined in the four states with the shorter mask
 _PATTERNS = (
     (0x4F, 0x00, State.NOT_READY),
     (0x4F, 0x40, State.SWITCH_ON_DISABLED),
@@ -61,7 +61,7 @@ _TOWARDS_OPERATION = {
 
 
 def state_of(statusword: int) -> State:
-    """The state that a statusword tells; what matches none counts as not ready."""
+    """The state in a statusword; one that matches none counts as not ready."""
     for mask, value, state in _PATTERNS:
         if statusword & mask == value:
             return state
@@ -71,7 +71,7 @@ def state_of(statusword: int) -> State:
 def controlword_to_enable(state: State) -> int | None:
     """The next controlword on the way to operation enabled.
 
-    None when there is nothing to send: arrived, still starting, or in fault (which a person resets).
+    None if there is nothing to send: already there, still starting, or in fault, which the user resets.
     """
     return _TOWARDS_OPERATION.get(state)
 

@@ -1,6 +1,6 @@
-"""A path of set-points for cyclic synchronous position mode: may the drives be led along it, and are they?
+"""A path of set-points for cyclic synchronous position mode: is it permitted, and do the drives follow it?
 
-A path is rows of one position a drive in metres, a row a SYNC.
+A path is rows of one position per drive in metres, one row per SYNC.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ def check_path(drives: Sequence[ServoDrive], path_m: Sequence[Row], step_limit_m
             if abs(place_m - before_m) > step_limit_m * (1.0 + _ROUNDING):
                 raise ValueError(
                     f"{drive.name}: row {number} of the path is a step of {abs(place_m - before_m) * 1e3:.3f} mm, "
-                    f"the velocity limit permits {step_limit_m * 1e3:.3f} mm a period"
+                    f"the velocity limit permits {step_limit_m * 1e3:.3f} mm per period"
                 )
 
 
 def require_on_path(
     drives: Sequence[ServoDrive], samples: Sequence[DriveSample], rows: Sequence[Row], tolerance_m: float
 ) -> None:
-    """Raise DriveFault for a drive that says that it follows no targets, or whose demand is on none of these rows.
+    """Raise DriveFault for a drive that reports that it ignores its targets, or whose demand is on none of these rows.
 
-    `rows` are that of the SYNC and the two before: a drive is on the one before, on that before it where it has
-    missed a target, and on the way to the last where SYNC was sent again.
+    `rows` are the row of this SYNC and the two before: a drive is on the previous row, on the one before that if it has
+    missed a target, and between the last two if SYNC was sent again.
     """
     for drive, sample, places_m in zip(drives, samples, zip(*rows, strict=True), strict=True):
         if not sample.statusword & cia402.FOLLOWS_TARGET:
-            raise _path_fault(drive, "it says that it does not follow its targets (statusword bit 12)")
+            raise _path_fault(drive, "it does not follow its targets (statusword bit 12)")
         if not min(places_m) - tolerance_m <= sample.demand_m <= max(places_m) + tolerance_m:
             raise _path_fault(
                 drive, f"its demand is {sample.demand_m:.6f} m, which is not on the path ({places_m[-1]:.6f} m)"

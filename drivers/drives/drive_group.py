@@ -79,13 +79,13 @@ class DriveGroup:
         self._stop.stop(reason)
 
     def clear_stop(self) -> None:
-        """Allow moves again. The drives have to be enabled anew."""
+        """Allow moves again. The drives have to be enabled again."""
         self._stop.clear()
 
     def enable(self) -> None:
-        """Enable all drives; if one fails all are disabled again.
+        """Enable all drives; if one fails, all are disabled again.
 
-        Each is asked whether it is still referenced, which it may have lost since it was connected.
+        Each is asked whether it is still referenced, which may have changed since it was connected.
         Raises DriveFault (NotReferenced for one that has to be homed), Stopped, MotionTimeout.
         """
         self._stop.raise_if_stopped()
@@ -100,7 +100,7 @@ class DriveGroup:
             raise
 
     def disable(self) -> None:
-        """Take the power off all drives; one that fails does not spare the others. Raises MotionTimeout."""
+        """Take the power off all drives, also if one of them fails. Raises MotionTimeout."""
         failures: list[DeviceError] = []
         for drive in self.drives:
             try:
@@ -111,20 +111,20 @@ class DriveGroup:
             raise failures[0]
 
     def fault_reset(self) -> None:
-        """Acknowledge the faults of all drives and ask which are still referenced. Raises DriveFault if one stays."""
+        """Acknowledge the faults of all drives and ask which are still referenced. Raises DriveFault if one remains."""
         for drive in self.drives:
             drive.fault_reset()
             drive.reference.ask()
 
     def home(self, homings: Sequence[HomingParameters | None]) -> None:
-        """Home drives one after the other, leaving out where there is None; the others stand without power meanwhile.
+        """Home drives one after the other, omitting those with None; the others are without power meanwhile.
 
-        All are without power afterwards. Whatever goes wrong stops all, and the stop is remembered. Raises DriveFault,
+        All are without power afterwards. Any failure stops all, and the stop is remembered. Raises DriveFault,
         NotReferenced, MotionTimeout, Stopped, ConnectionFailed, NoAnswer, SdoRefused and StaleData; before anything
-        is written ValueError for numbers that do not fit and drives that cannot say whether they are referenced.
+        is written ValueError for numbers that do not fit and for drives that cannot be homed.
         """
         if len(homings) != len(self.drives):
-            raise ValueError(f"{len(self.drives)} drives, {len(homings)} ways to home them")
+            raise ValueError(f"{len(self.drives)} drives, {len(homings)} sets of homing parameters")
         runs = [
             DriveHoming(
                 drive,
@@ -146,7 +146,7 @@ class DriveGroup:
                     self._stop.raise_if_stopped()
 
     def sample(self) -> list[DriveSample]:
-        """Send SYNC and return what each drive says at it, in the order of the drives; what they last said in `follow`.
+        """Send SYNC and return a sample of each drive, in their order; during `follow` those of its last SYNC.
 
         Raises NoAnswer naming the drive that is silent, ConnectionFailed.
         """
@@ -175,7 +175,7 @@ class DriveGroup:
                 drive.check()
                 drive.reference.require()
                 drive.require_mode(cia402.PROFILE_POSITION)
-            # Twice: a drive takes its partner's command from the SYNC before.
+            # Twice: a drive uses its partner's command from the previous SYNC.
             self.sample()
             before = self._check_all(self.sample())
             if limit_s is None:
@@ -188,7 +188,8 @@ class DriveGroup:
     def set_cyclic_position(self, period_s: float) -> None:
         """Cyclic synchronous position mode with a SYNC every `period_s` for all drives, which are without power.
 
-        Raises ValueError for drives with power and for a period that cannot be told; what setting raises.
+        Raises ValueError for powered drives, makes without this mode and a period that 0x60C2 cannot express, and what
+        `ServoDrive.set_cyclic_position` raises.
         """
         interpolation_period(period_s)
         for drive in self.drives:
@@ -198,13 +199,13 @@ class DriveGroup:
             drive.set_cyclic_position(period_s)
 
     def follow(self, path_m: Sequence[Row], velocity_m_per_s: float) -> list[DriveSample]:
-        """Lead all drives along a path by SYNC, a row a SYNC, at the period of `set_cyclic_position`.
+        """Move all drives along a path, one row per SYNC, at the period of `set_cyclic_position`.
 
-        The drives are enabled; each row is a position a drive, the first one where they stand, all within the software
-        limits, no step longer than `velocity_m_per_s` permits. SYNC goes on until all demands are on the end of the
-        path, so that none is left under way; returns the samples of the last one, at which the drives may still lag.
-        Whatever goes wrong stops all, also a demand that is not on the path.
-        A drive that hears no SYNC, or cannot follow, faults by itself. Raises Stopped, DriveFault, NotReferenced,
+        The drives are enabled; each row has one position per drive, the first row is where they are, all are within the
+        software limits, and no step is longer than `velocity_m_per_s` permits. SYNC continues until all demands are at
+        the end of the path; returns the samples of the last one, which may still show a following error. Any failure
+        stops all drives, also a demand that is not on the path. A drive that receives no SYNC, or cannot follow, goes
+        into fault by itself. Raises Stopped, DriveFault, NotReferenced,
         MotionTimeout, NoAnswer, ConnectionFailed, StaleData, ValueError.
         """
         with self._one_move():
@@ -214,26 +215,28 @@ class DriveGroup:
                 drive.require_mode(cia402.CYCLIC_POSITION)
             period_s = self.drives[0].sync_period_s
             if any(drive.sync_period_s != period_s for drive in self.drives):
-                raise ValueError("the drives wait for SYNC at different periods: set the mode of all together")
+                raise ValueError("the drives have different SYNC periods: set the mode of all together")
             check_path(self.drives, path_m, velocity_m_per_s * period_s)
             samples = self._check_all(self.sample())
-            off_m = farthest_m(samples, path_m[0])
-            if off_m > self.rest.demand_m + self.rest.following_error_m:
-                raise ValueError(f"the path begins {off_m * 1e6:.0f} um from where the drives stand")
-            with self._stop.stopping_on_failure(), self._sampler.cyclic_sync(samples, period_s) as lead:
-                return self._follow_path(path_m, period_s, [sample.demand_m for sample in samples], lead)
+            deviation_m = farthest_m(samples, path_m[0])
+            if deviation_m > self.rest.demand_m + self.rest.following_error_m:
+                raise ValueError(f"the path begins {deviation_m * 1e6:.0f} um from the position of the drives")
+            with self._stop.stopping_on_failure(), self._sampler.cyclic_sync(samples, period_s) as send_row:
+                return self._follow_path(path_m, period_s, [sample.demand_m for sample in samples], send_row)
 
-    def _follow_path(self, path_m: Sequence[Row], period_s: float, start_m: Row, lead: CyclicSync) -> list[DriveSample]:
+    def _follow_path(
+        self, path_m: Sequence[Row], period_s: float, start_m: Row, send_row: CyclicSync
+    ) -> list[DriveSample]:
         last_rows = deque[Row]([start_m, start_m], maxlen=3)
         due_s = self._clock.now_s()
         for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNC_COUNT_TO_ARRIVE)), start=1):
             last_rows.append(row)
-            samples = self._check_all(lead(partial(self._send_targets, row)))
+            samples = self._check_all(send_row(partial(self._send_targets, row)))
             require_on_path(self.drives, samples, last_rows, self.rest.demand_m)
             if step >= len(path_m) and farthest_m(samples, row) <= self.rest.demand_m:
                 return samples
             late_s = samples[0].t_rig_s - due_s
-            due_s += period_s + (late_s if late_s > 0.5 * period_s else 0.0)  # a SYNC sent again begins a period anew
+            due_s += period_s + (late_s if late_s > 0.5 * period_s else 0.0)  # a repeated SYNC starts a new period
             self._clock.sleep_s(due_s - self._clock.now_s())
         raise timeout_error(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNC_COUNT_TO_ARRIVE)
 
@@ -247,7 +250,7 @@ class DriveGroup:
         pairs = list(zip(self.drives, samples, strict=True))
         pairs.sort(
             key=lambda pair: (pair[1].state not in _FAULT_STATES, pair[0].messages.last_emergency() is None)
-        )  # the guilty first
+        )  # the cause first
         for drive, sample in pairs:
             drive.check()
             if sample.state in _FAULT_STATES:
@@ -260,12 +263,12 @@ class DriveGroup:
         return samples
 
     def _require_no_fault(self, homed: ServoDrive) -> None:
-        """Raise if the drives were stopped, one cannot be reached or another one than that being homed is in fault."""
+        """Raise if the drives were stopped, one cannot be reached, or one that is not being homed is in fault."""
         self._stop.raise_if_stopped()
         for drive in self.drives:
             drive.check()
             if drive is not homed and drive.state() in _FAULT_STATES:
-                self._stop.raise_if_stopped()  # by its EMCY, which says more
+                self._stop.raise_if_stopped()  # by its EMCY, which is more specific
                 raise drive.fault("the drive is in fault")
 
     @contextmanager

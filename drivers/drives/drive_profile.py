@@ -1,4 +1,4 @@
-"""Profiles of drive makes: which manufacturer objects a drive keeps its table bank under, and what it lacks.
+"""Profiles of drive makes: the manufacturer objects of a drive's table bank, and what the make lacks.
 
 A profile is a small TOML file (docs/reference/drive-objects.md). Objects are written "0x2100:01 u8".
 """
@@ -36,7 +36,7 @@ class BankObjects:
 
 @dataclass(frozen=True)
 class CompensationObjects:
-    """Objects of the compensation and of its banks 1 and 2; the partner's command and velocity come by RPDO2."""
+    """Objects of the compensation and of its banks 1 and 2; the partner's command and velocity arrive by RPDO2."""
 
     mode: DriveObject
     activate: DriveObject
@@ -132,7 +132,7 @@ def _shipped(name: str) -> str:
     folder = resources.files("drivers.drives") / "profiles"
     names = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
     if name not in names:
-        raise ValueError(f"drive profile '{name}' is not shipped; there are {', '.join(names)}, or give a file *.toml")
+        raise ValueError(f"drive profile '{name}' is not shipped; use one of {', '.join(names)}, or a file *.toml")
     return (folder / f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -141,7 +141,7 @@ def _profile(table: Mapping[str, Any]) -> DriveProfile:
     _require_only_keys(table, keys | {"compensation"}, "profile")
     sign = _typed(table.get("home_offset_sign", 1), int, "home_offset_sign")
     if sign not in (1, -1):
-        raise _NotAProfile(f"home_offset_sign: 1 or -1 wanted, not {sign}")
+        raise _NotAProfile(f"home_offset_sign: 1 or -1 required, not {sign}")
     referenced = table.get("referenced")
     if referenced is not None:
         _require_only_keys(referenced, {"object", "mask"}, "referenced")
@@ -162,7 +162,7 @@ def _compensation(table: Any) -> CompensationObjects:
     _require_only_keys(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks"}, "compensation")
     banks = table.get("banks")
     if not isinstance(banks, list) or len(banks) != 2:
-        raise _NotAProfile("compensation.banks: two are wanted")
+        raise _NotAProfile("compensation.banks: two are required")
     for number, bank in enumerate(banks, start=1):
         _require_only_keys(bank, set(_BANK), f"bank {number}")
     first, second = (
@@ -182,13 +182,13 @@ def _compensation(table: Any) -> CompensationObjects:
 def _object(text: Any, name: str, *, reads_back: bool = True) -> DriveObject:
     match = _OBJECT.fullmatch(text) if isinstance(text, str) else None
     if match is None or match[3] not in _FORMATS:
-        raise _NotAProfile(f"{name}: {text!r:.40} is no object such as '0x2100:01 u8'")
+        raise _NotAProfile(f"{name}: {text!r:.40} is not an object such as '0x2100:01 u8'")
     return DriveObject(int(match[1], 16), int(match[2], 16), _FORMATS[match[3]], name, reads_back)
 
 
 def _require_only_keys(table: Any, keys: set[str], where: str) -> None:
     if not isinstance(table, dict):
-        raise _NotAProfile(f"{where}: a table is wanted")
+        raise _NotAProfile(f"{where}: a table is required")
     unknown = sorted(set(table) - keys)
     if unknown:
         raise _NotAProfile(f"{where}: unknown key '{unknown[0]}'")
@@ -196,5 +196,5 @@ def _require_only_keys(table: Any, keys: set[str], where: str) -> None:
 
 def _typed(value: Any, kind: type[Any], name: str) -> Any:
     if type(value) is not kind:
-        raise _NotAProfile(f"{name}: {kind.__name__} wanted, not {value!r:.40}")
+        raise _NotAProfile(f"{name}: {kind.__name__} required, not {value!r:.40}")
     return value

@@ -1,4 +1,4 @@
-"""What a drive is, what it has to be and what it says."""
+"""What a drive is, what it is expected to be, and what it sends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _EMERGENCY_TEXTS = {
 
 
 class Heartbeat(Enum):
-    """What the drive's heartbeat tells."""
+    """State of the drive's heartbeat."""
 
     NEVER = "never seen"
     ALIVE = "alive"
@@ -34,7 +34,7 @@ class Heartbeat(Enum):
 
 @dataclass(frozen=True)
 class DriveExpectation:
-    """What has to be at the other end, and where it can stand; None is not checked."""
+    """What the drive must be, and its travel; None is not checked."""
 
     vendor: int | None = None
     product: int | None = None
@@ -73,7 +73,7 @@ class DriveIdentity:
 
 @dataclass(frozen=True)
 class Emergency:
-    """One EMCY message; code 0 says that the error is gone."""
+    """One EMCY message; code 0 reports that the error is gone."""
 
     code: int
     register: int
@@ -82,7 +82,7 @@ class Emergency:
 
     @property
     def is_error(self) -> bool:
-        """False for the message that says that all is well again."""
+        """False for the message that reports the end of an error."""
         return self.code & 0xFF00 != 0
 
     def __str__(self) -> str:
@@ -94,7 +94,7 @@ class Emergency:
 class DriveSample:
     """What a drive sent at one SYNC.
 
-    Torque is a fraction of the rated one, the following error demand minus actual.
+    Torque is a fraction of the rated one, the following error is demand minus actual.
     """
 
     statusword: int

@@ -1,4 +1,4 @@
-"""What is compared and set before a drive may be used."""
+"""What is compared and set before a drive is used."""
 
 from __future__ import annotations
 
@@ -37,31 +37,32 @@ class DriveSetup:
         try:
             device_type = self.sdo.read(objects.DEVICE_TYPE, retry=False)
         except NoAnswer as error:
-            seen = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
+            seen_nodes = ", ".join(str(node) for node in sorted(self.line.seen_nodes)) or "none"
             raise ConnectionFailed(
                 self.name,
                 self.where,
-                f"no drive answers with node id {self.node_id} (heartbeats seen: {seen})",
+                f"no drive answers with node id {self.node_id} (heartbeats seen: {seen_nodes})",
                 "check power, cable, bit rate and the node id in the rig file",
             ) from error
         if device_type & 0xFFFF != _CIA402:
             raise self._mismatch(f"device type 0x{device_type:08X} is no CiA 402 drive")
 
     def read_identity(self, expected: DriveExpectation) -> DriveIdentity:
-        """Who answers. Raises IdentityMismatch."""
-        found = DriveIdentity(
+        """Read the identity. Raises IdentityMismatch."""
+        identity = DriveIdentity(
             *(self.sdo.read(e) for e in (objects.VENDOR, objects.PRODUCT, objects.REVISION, objects.SERIAL))
         )
         for field in ("vendor", "product", "serial"):
-            wanted = getattr(expected, field)
-            if wanted not in (None, getattr(found, field)):
-                raise self._mismatch(f"{field} is 0x{getattr(found, field):X}, 0x{wanted:X} is configured")
-        return found
+            expected_value = getattr(expected, field)
+            if expected_value not in (None, getattr(identity, field)):
+                actual = getattr(identity, field)
+                raise self._mismatch(f"{field} is 0x{actual:X}, 0x{expected_value:X} is configured")
+        return identity
 
     def compare_factors(self, expected: DriveExpectation) -> None:
-        """Raise IdentityMismatch where the factor group gives other units than are configured.
+        """Raise IdentityMismatch if the units of the factor group differ from those configured.
 
-        Makes without a factor group are taken at the rig file's word.
+        For makes without a factor group the rig file's value is used unchecked.
         """
         if not self.profile.factor_group:
             return
@@ -71,22 +72,24 @@ class DriveSetup:
             raise self._mismatch("the factor group holds a zero")
         feed_m = read(objects.FEED) * 1e-6 * read(objects.ENCODER_REVOLUTIONS) * read(objects.GEAR_SHAFT)
         step_m = feed_m / math.prod(divisors)
-        wanted_m = expected.metres_per_increment
-        if abs(step_m - wanted_m) > _FACTOR_TOLERANCE * wanted_m:
-            raise self._mismatch(f"an increment is {step_m:.9g} m by the factor group, {wanted_m:.9g} m is configured")
+        configured_m = expected.metres_per_increment
+        if abs(step_m - configured_m) > _FACTOR_TOLERANCE * configured_m:
+            raise self._mismatch(
+                f"an increment is {step_m:.9g} m by the factor group, {configured_m:.9g} m is configured"
+            )
 
     def set_pdos(self, partner_node_id: int | None) -> None:
-        """Read the PDO mapping and write what differs. Raises IdentityMismatch if it is not kept."""
+        """Read the PDO mapping and write the parts that differ. Raises IdentityMismatch if it is not kept."""
         bank = self.profile.compensation
         partner = () if bank is None else (bank.partner_command, bank.partner_velocity)
         self._set_mappings(pdo.required_mappings(self.node_id, partner_node_id, partner))
 
     def set_cyclic_pdo(self) -> None:
-        """The PDO that brings targets in cyclic mode. Raises IdentityMismatch if it is not kept."""
+        """The PDO for targets in cyclic mode. Raises IdentityMismatch if it is not kept."""
         self._set_mappings([pdo.cyclic_mapping(self.node_id)])
 
     def set_interpolation_period(self, period_s: float) -> None:
-        """Tell the time from SYNC to SYNC in cyclic mode (0x60C2). Raises ValueError if it cannot be told."""
+        """Set the time between SYNCs in cyclic mode (0x60C2). Raises ValueError if the object cannot express it."""
         units, exponent = interpolation_period(period_s)
         self.set_and_compare(objects.INTERPOLATION_UNITS, units)
         self.set_and_compare(objects.INTERPOLATION_EXPONENT, exponent)
@@ -102,12 +105,12 @@ class DriveSetup:
             raise self._mismatch("the drive does not keep the PDO mapping")
 
     def is_referenced(self) -> bool:
-        """Whether the drive says that its position is referenced; True where it cannot lose that."""
+        """Whether the drive reports that its position is referenced; True for makes that cannot lose it."""
         entry, mask = self.profile.referenced, self.profile.referenced_mask
         return entry is None or self.sdo.read(entry) & mask == mask
 
     def watch_master(self, master_node_id: int, limit_ms: int) -> None:
-        """Have the drive stop by itself when the master's heartbeat stays away; nothing where it cannot."""
+        """Have the drive stop by itself when the master's heartbeat stays away; no effect if the make cannot."""
         if self.profile.watchdog:
             self.set_and_compare(objects.ABORT_CONNECTION_OPTION, _QUICK_STOP)
             self.set_and_compare(objects.HEARTBEAT_CONSUMER, master_node_id << 16 | limit_ms)
@@ -115,9 +118,9 @@ class DriveSetup:
     def set_and_compare(self, entry: DriveObject, value: int) -> None:
         """Write a setting and read it back. Raises IdentityMismatch if it is not kept."""
         self.sdo.write(entry, value)
-        held = self.sdo.read(entry)
-        if held != value:
-            raise self._mismatch(f"{entry}: {value} was written, {held} is read back")
+        value_read_back = self.sdo.read(entry)
+        if value_read_back != value:
+            raise self._mismatch(f"{entry}: {value} was written, {value_read_back} is read back")
 
     def _mismatch(self, what: str) -> IdentityMismatch:
         return IdentityMismatch(self.name, self.where, what, "check drive and rig file against each other")
@@ -126,10 +129,12 @@ class DriveSetup:
 def interpolation_period(period_s: float) -> tuple[int, int]:
     """A period as units (1 to 255) and power of ten of a second (-6 to 0), of 0x60C2.
 
-    Raises ValueError where there are none such; milliseconds come first, which every make knows.
+    Raises ValueError if there is no such pair; milliseconds are tried first, which every make supports.
     """
     for exponent in (-3, -4, -5, -6, -2, -1, 0):
         units = period_s / 10.0**exponent
         if math.isfinite(units) and 1 <= round(units) <= 255 and abs(units - round(units)) <= _PERIOD_TOLERANCE * units:
             return round(units), exponent
-    raise ValueError(f"a period of {period_s} s cannot be told to a drive: give up to 255 of a power of ten")
+    raise ValueError(
+        f"a period of {period_s} s cannot be expressed in object 0x60C2: use 1 to 255 times a power of ten"
+    )

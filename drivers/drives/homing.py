@@ -1,4 +1,4 @@
-"""Homing (CiA 402, mode 6): a drive goes to its mark, or takes the place where it stands, and knows where it is."""
+"""Homing (CiA 402, mode 6): a drive finds its reference at a mark, or takes its present position as the reference."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from drivers.errors import DeviceError, DriveFault, MotionTimeout
 
 _POLLS_ATTAINED = 3
 _MIN_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer
-_WHERE_IT_STANDS = (35, 37)  # methods that end as they begin: their attained bit may fall and rise between two polls
+_AT_PRESENT_POSITION = (35, 37)  # no motion: the bit may fall and rise between polls
 
 
 @dataclass(frozen=True)
 class HomingParameters:
-    """How one drive is homed: method of 0x6098, and the position that its mark has.
+    """How one drive is homed: method of 0x6098, and the position of its mark.
 
-    Times are rig time. Afterwards the drive must say that it stands within `tolerance_m` of the mark: a drive may run
-    past it while it brakes, but a home offset with the wrong sign is far off.
+    Times are rig time. Afterwards the drive must report a position within `tolerance_m` of the mark: a drive may overrun
+    it while braking, but with a home offset of the wrong sign the position is far off.
     """
 
     method: int
@@ -36,7 +36,7 @@ class HomingParameters:
     tolerance_m: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Raise ValueError for numbers that are not possible."""
         rates = (self.speed_m_per_s, self.acceleration_m_per_s2, self.limit_s, self.tolerance_m)
         if not all(math.isfinite(rate) and rate > 0.0 for rate in rates):
             raise ValueError("homing: speed, acceleration, time limit and tolerance must be positive")
@@ -73,15 +73,15 @@ class DriveHoming:
     def home(self) -> None:
         """Home the drive and leave it without power, in profile position mode.
 
-        Raises DriveFault for a homing that failed, a drive that dropped out or a position that cannot be,
-        NotReferenced, MotionTimeout, and what talking raises.
+        Raises DriveFault if homing failed, the drive left operation enabled or the position is wrong afterwards,
+        NotReferenced, MotionTimeout, and the errors of communication.
         """
         drive, setup = self._drive, self._drive.setup()
         for entry, value in self._settings:
             setup.set_and_compare(entry, value)
         drive.set_mode(cia402.HOMING)
         drive.enable(self._send)
-        drive.reference.distrust("its homing has not come to a good end")
+        drive.reference.distrust("homing did not complete successfully")
         self._run()
         drive.disable()
         drive.set_mode(cia402.PROFILE_POSITION)
@@ -92,60 +92,60 @@ class DriveHoming:
     def _run(self) -> None:
         end_s = self._clock.now_s() + self._homing.limit_s
         before = self._statusword()
-        old = bool(before & cia402.HOMING_ATTAINED) and self._homing.method not in _WHERE_IT_STANDS
-        begun, attained, polls = False, 0, 0
+        old_bit = bool(before & cia402.HOMING_ATTAINED) and self._homing.method not in _AT_PRESENT_POSITION
+        started, attained, polls = False, 0, 0
         while attained < _POLLS_ATTAINED:
-            if not begun:
-                self._send(cia402.START_HOMING)  # again: only the edge of bit 4 counts, and a frame may be lost
+            if not started:
+                self._send(cia402.START_HOMING)  # repeated: only the edge of bit 4 counts, and a frame may be lost
             self._clock.sleep_s(self._poll_period_s)
             word = self._statusword()
             if word & cia402.HOMING_ERROR:
                 raise self._drive.fault("homing failed")
-            begun = begun or not word & cia402.TARGET_REACHED
-            old = old and bool(word & cia402.HOMING_ATTAINED)  # what the homing before has left must fall first
-            done = not old and word & cia402.TARGET_REACHED and word & cia402.HOMING_ATTAINED
-            attained = attained + 1 if done else 0
+            started = started or not word & cia402.TARGET_REACHED
+            old_bit = old_bit and bool(word & cia402.HOMING_ATTAINED)  # the bit of the previous homing must fall first
+            is_attained = not old_bit and word & cia402.TARGET_REACHED and word & cia402.HOMING_ATTAINED
+            attained = attained + 1 if is_attained else 0
             polls += 1
-            if not done and polls >= _MIN_POLLS and self._clock.now_s() >= end_s:
+            if not is_attained and polls >= _MIN_POLLS and self._clock.now_s() >= end_s:
                 raise MotionTimeout(
                     self._drive.name,
                     self._drive.where,
                     f"not homed in {self._homing.limit_s:g} s",
-                    "check method, speed and what marks its home",
+                    "check method, speed and home mark",
                 )
 
     def _statusword(self) -> int:
-        """The statusword of a drive that is still enabled: nothing may be sent that would enable it again."""
+        """The statusword of a drive that is still enabled; nothing is sent that would enable it again."""
         self._require_no_fault()
         word = self._drive.sdo.read(objects.STATUSWORD)
         state = cia402.state_of(word)
         if state is not State.OPERATION_ENABLED:
-            self._require_no_fault()  # raises where it was stopped: that is the cause then
+            self._require_no_fault()  # raises if it was stopped, which is then the cause
             raise self._drive.fault(f"homing ended in {state.value}")
         return word
 
     def _compare_position(self) -> None:
-        drive, wanted_m = self._drive, self._homing.position_m
-        found_m = drive.position_actual_m()
-        if abs(found_m - wanted_m) <= self._homing.tolerance_m:
+        drive, mark_m = self._drive, self._homing.position_m
+        position_m = drive.position_actual_m()
+        if abs(position_m - mark_m) <= self._homing.tolerance_m:
             return
-        left = "" if self._lose_reference() else " and goes on saying that it is referenced"
+        still_referenced = "" if self._lose_reference() else " and still reports that it is referenced"
         raise DriveFault(
             drive.name,
             drive.where,
-            f"after homing it stands at {found_m:.6f} m, not at {wanted_m:.6f} m{left}",
+            f"after homing it stands at {position_m:.6f} m, not at {mark_m:.6f} m{still_referenced}",
             "check home offset and its sign (profile), then `pkm-rig home --rig RIG.toml --again` before it moves",
         )
 
     def _lose_reference(self) -> bool:
-        """Begin homing again and break it off, after which a drive knows no more where it is; whether it says so.
+        """Start homing again and abort it, which makes a drive lose its reference; returns whether it then says so.
 
-        Not where it would only take the place where it stands once more.
+        Not for methods without motion, which would only take the present position once more.
         """
         drive = self._drive
         with suppress(DeviceError):
             try:
-                if self._homing.method not in _WHERE_IT_STANDS:
+                if self._homing.method not in _AT_PRESENT_POSITION:
                     drive.set_mode(cia402.HOMING)
                     drive.enable(self._send)
                     self._send(cia402.START_HOMING)
@@ -158,7 +158,7 @@ class DriveHoming:
 
 
 def _settings(drive: ServoDrive, homing: HomingParameters) -> list[tuple[DriveObject, int]]:
-    """What is written before homing, in increments. Raises ValueError for what an object cannot hold."""
+    """The values to write before homing, in increments. Raises ValueError if one does not fit its object."""
 
     def increments(value: float) -> int:
         return max(1, round(value / drive.metres_per_increment))

@@ -1,4 +1,4 @@
-"""PDO mapping of the drives: what it has to be, reading it back and writing it where it differs."""
+"""PDO mapping of the drives: what is required, reading it back, and writing the parts that differ."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def cyclic_mapping(node_id: int) -> PdoMapping:
 
 
 def mappings_to_write(sdo: SdoAccess, mappings: Sequence[PdoMapping]) -> list[PdoMapping]:
-    """The mappings that the drive does not hold. Raises SdoRefused, NoAnswer, ProtocolError."""
+    """The mappings that the drive does not have. Raises SdoRefused, NoAnswer, ProtocolError."""
     return [mapping for mapping in mappings if not _is_set(sdo, mapping)]
 
 
 def write_mapping(sdo: SdoAccess, mapping: PdoMapping) -> None:
-    """Write one mapping as CiA 301 asks: switch the PDO off, empty it, fill it, switch it on."""
+    """Write one mapping as CiA 301 requires: switch the PDO off, empty it, fill it, switch it on."""
     cob_id, kind = _communication(mapping)
     sdo.write(cob_id, mapping.cob_id | _NOT_VALID | _NO_RTR)
     sdo.write(kind, mapping.kind)
@@ -66,8 +66,8 @@ def write_mapping(sdo: SdoAccess, mapping: PdoMapping) -> None:
 
 def _is_set(sdo: SdoAccess, mapping: PdoMapping) -> bool:
     cob_id, kind = _communication(mapping)
-    held = sdo.read(cob_id)
-    if held & _NOT_VALID or held & _COB_ID != mapping.cob_id or sdo.read(kind) != mapping.kind:
+    current_cob_id = sdo.read(cob_id)
+    if current_cob_id & _NOT_VALID or current_cob_id & _COB_ID != mapping.cob_id or sdo.read(kind) != mapping.kind:
         return False
     if sdo.read(_count(mapping)) != len(mapping.entries):
         return False

@@ -1,4 +1,4 @@
-"""Whether a drive's position is referenced: what it says itself, and whether that is to be believed."""
+"""Whether a drive's position is referenced: what the drive reports, and whether that can be trusted."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from drivers.drives.drive_records import DriveExpectation
 from drivers.drives.drive_setup import DriveSetup
 from drivers.errors import NotReferenced
 
-_BEYOND_M = 1e-3  # how far a drive that was stopped may stand outside its travel
+_OVERRUN_M = 1e-3  # by how much a drive that was stopped may be outside its travel
 
 
 class ReferencedDrive(Protocol):
-    """What a reference has to know of its drive."""
+    """What is needed of the drive."""
 
     name: str
     profile: DriveProfile
@@ -22,17 +22,17 @@ class ReferencedDrive(Protocol):
 
     @property
     def where(self) -> str:
-        """Its place on the bus, for messages."""
+        """Node and line, for messages."""
 
     def position_actual_m(self) -> float:
-        """Where the drive says that it stands. Raises DeviceError."""
+        """The position that the drive reports. Raises DeviceError."""
 
     def setup(self) -> DriveSetup:
-        """Reading and writing of its settings."""
+        """Access to its settings."""
 
 
 class ReferenceState:
-    """The reference of one drive. `is_valid`: whether it was referenced when last asked, and is not distrusted."""
+    """The reference of one drive. `is_valid`: it was referenced when last asked, and is not distrusted."""
 
     def __init__(self, drive: ReferencedDrive) -> None:
         self.is_valid = False
@@ -44,7 +44,7 @@ class ReferenceState:
         self.is_valid = self._drive.setup().is_referenced() and self._distrusted is None
 
     def read(self) -> None:
-        """The same. Raises NotReferenced."""
+        """Ask the drive. Raises NotReferenced."""
         self.ask()
         self.require()
 
@@ -54,23 +54,23 @@ class ReferenceState:
             return
         remedy = "home the drive (pkm-rig home --rig RIG.toml)"
         if self._drive.profile.referenced is None:
-            remedy = "set its zero by its own means, or correct the travel in the machine file"
+            remedy = "set its zero with the make's own tool, or correct the travel in the machine file"
         what = "the position is not referenced" + (f": {self._distrusted}" if self._distrusted else "")
         raise NotReferenced(self._drive.name, self._drive.where, what, remedy)
 
     def distrust(self, why: str) -> None:
-        """Take the drive for not referenced, whatever it says, until it is trusted again."""
+        """Treat the drive as not referenced, whatever it reports, until `trust`."""
         self._distrusted, self.is_valid = why, False
 
     def distrust_outside_travel(self) -> None:
-        """A reference by which the drive stands outside its software limits or its travel cannot be right."""
+        """Distrust a reference by which the drive is outside its software limits or its travel."""
         limits_m, travel_m = self._drive.limits_m, self._drive.expected.travel_m
         low_m, high_m = max(limits_m[0], travel_m[0]), min(limits_m[1], travel_m[1])
-        stands_m = self._drive.position_actual_m()
-        if not low_m - _BEYOND_M <= stands_m <= high_m + _BEYOND_M:
-            self.distrust(f"it stands at {stands_m:.6f} m, outside its travel of {low_m:.6f} m to {high_m:.6f} m")
+        position_m = self._drive.position_actual_m()
+        if not low_m - _OVERRUN_M <= position_m <= high_m + _OVERRUN_M:
+            self.distrust(f"it is at {position_m:.6f} m, outside its travel of {low_m:.6f} m to {high_m:.6f} m")
 
     def trust(self) -> None:
-        """Homing has ended where it should: believe what the drive says. Raises NotReferenced."""
+        """Homing has ended at the right position: trust the drive's report again. Raises NotReferenced."""
         self._distrusted = None
         self.read()

@@ -87,10 +87,10 @@ class ServoDrive:
         return f"node {self.node_id} on {self.line.name}"
 
     def connect(self, *, unreferenced: bool = False) -> DriveIdentity:
-        """Find the drive, compare identity and units, set PDOs, heartbeat and mode, start the node.
+        """Find the drive, compare identity and units, set PDOs, heartbeat and mode, and start the node.
 
         Raises ConnectionFailed naming an absent node, IdentityMismatch for a wrong drive or wrong units, and
-        NotReferenced for one that has to be homed or stands where it cannot, unless it may be `unreferenced`.
+        NotReferenced for one that has to be homed or is outside its travel, unless it may be `unreferenced`.
         """
         self.line.check()
         self.messages.restarted = False
@@ -114,7 +114,7 @@ class ServoDrive:
         self.messages.nmt_state = None
         self.line.send_nmt(NMT_START, self.node_id)
         self._wait(lambda: self.messages.nmt_state == _OPERATIONAL, "NMT state operational")
-        self.check()  # a restart in between has undone what was set
+        self.check()  # a restart in between has undone the settings
         return self.identity
 
     def close(self) -> None:
@@ -150,22 +150,22 @@ class ServoDrive:
             raise ValueError(f"{self.name}: a '{self.profile.name}' has no cyclic synchronous position mode")
 
     def require_no_power(self) -> None:
-        """Raise ValueError for a drive that holds its axis or moves it."""
+        """Raise ValueError if the drive is powered."""
         state = self.state()
         if state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
-            raise ValueError(f"{self.name}: it is in {state.value}, this is set without power")
+            raise ValueError(f"{self.name}: it is in {state.value}; this can only be set without power")
 
     def require_mode(self, mode: int) -> None:
         """Raise ValueError unless this mode of operation was set last."""
         if self.mode != mode:
-            raise ValueError(f"{self.name}: mode of operation {mode} is needed, {self.mode} is set")
+            raise ValueError(f"{self.name}: mode of operation {mode} is required, {self.mode} is set")
 
     def setup(self) -> DriveSetup:
         """What compares and sets the drive's objects."""
         return DriveSetup(self.line, self.sdo, self.node_id, self.name, self.where, self.profile)
 
     def position_actual_m(self) -> float:
-        """Where the drive says that it stands, read by SDO."""
+        """The position that the drive reports, read by SDO."""
         return self.sdo.read(objects.POSITION_ACTUAL) * self.metres_per_increment
 
     def _read_limits(self) -> None:
@@ -174,7 +174,7 @@ class ServoDrive:
             self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
 
     def stop_master_watchdog(self) -> None:
-        """Have the drive watch the master no more: it is about to leave."""
+        """Turn the drive's watchdog off: the master is about to leave."""
         if self._master_node_id is not None and self.profile.watchdog:
             self.sdo.write(objects.HEARTBEAT_CONSUMER, 0)
 
@@ -185,8 +185,8 @@ class ServoDrive:
     def enable(self, send: Callable[[int], None] | None = None) -> None:
         """Go to operation enabled. Raises DriveFault in fault and MotionTimeout.
 
-        `send` sends the controlwords in place of `send_controlword`: a group's may refuse when stopped. In cyclic
-        synchronous position mode the target is first set to where the drive stands.
+        `send` is used for the controlwords instead of `send_controlword`: a group's refuses when stopped. In cyclic
+        synchronous position mode the target is first set to the present position.
         """
 
         def arrived() -> bool:
@@ -195,18 +195,18 @@ class ServoDrive:
                 raise self.fault(f"the drive is in {state.value}")
             controlword = cia402.controlword_to_enable(state)
             if controlword == cia402.ENABLE_OPERATION and self.mode == cia402.CYCLIC_POSITION:
-                self._target_where_it_stands()
+                self._target_present_position()
             if controlword is not None:
                 (send or self.send_controlword)(controlword)
             return state is State.OPERATION_ENABLED
 
         self._wait(arrived, State.OPERATION_ENABLED.value)
 
-    def _target_where_it_stands(self) -> None:
-        """Any SYNC would have the drive go to the target of before, without any set-point being signalled."""
-        stands = self.sdo.read(objects.POSITION_ACTUAL)
-        self.setup().set_and_compare(objects.TARGET_POSITION, stands)
-        self.target_m = stands * self.metres_per_increment
+    def _target_present_position(self) -> None:
+        """Otherwise the next SYNC would move the drive to its previous target, without any set-point signal."""
+        position = self.sdo.read(objects.POSITION_ACTUAL)
+        self.setup().set_and_compare(objects.TARGET_POSITION, position)
+        self.target_m = position * self.metres_per_increment
 
     def disable(self) -> None:
         """Take the power off; a drive in fault has none. Raises MotionTimeout."""
@@ -269,7 +269,7 @@ class ServoDrive:
     def increments(self, position_m: float) -> int:
         """A position in increments. Raises ValueError if it is not finite or does not fit."""
         if not math.isfinite(position_m) or abs(position_m) >= self.metres_per_increment * 2**31:
-            raise ValueError(f"{self.name}: no such position: {position_m} m")
+            raise ValueError(f"{self.name}: impossible position: {position_m} m")
         return round(position_m / self.metres_per_increment)
 
     def heartbeat(self) -> Heartbeat:
@@ -277,7 +277,7 @@ class ServoDrive:
         age_s = self.messages.heartbeat_age_s()
         if age_s is None:
             return Heartbeat.NEVER
-        if age_s > self._timeouts.heartbeat_lost_s or age_s < 0.0:  # a clock that went back tells nothing about ages
+        if age_s > self._timeouts.heartbeat_lost_s or age_s < 0.0:  # after a clock has gone back ages are unknown
             return Heartbeat.LOST
         return Heartbeat.LATE if age_s > self._timeouts.heartbeat_late_s else Heartbeat.ALIVE
 

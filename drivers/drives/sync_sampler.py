@@ -11,7 +11,7 @@ from drivers.clock import RigClock
 from drivers.drives.servo_drive import DriveSample, ServoDrive
 from drivers.errors import NoAnswer
 
-_POLLS_A_PERIOD = 20
+_POLLS_PER_PERIOD = 20
 
 CyclicSync = Callable[[Callable[[], None]], list[DriveSample]]
 
@@ -28,40 +28,40 @@ class SyncSampler:
         self._sync = sync
         self._pdo_timeout_s = pdo_timeout_s
         self._sample_lock = threading.Lock()
-        self._led: list[DriveSample] | None = None
+        self._cyclic_samples: list[DriveSample] | None = None
         self._out_of_step = False
 
     def sample(self) -> list[DriveSample]:
-        """What each drive says at one SYNC, which is sent a second time where an answer is lost.
+        """A sample of each drive at one SYNC, which is sent a second time if an answer is lost.
 
-        While drives are led by SYNC it is what they said at the last one: another would have them take their targets
-        at the wrong time. Raises NoAnswer naming the silent drive, ConnectionFailed.
+        During a cyclic motion these are the samples of its last SYNC: another one would make the drives take over their
+        targets at the wrong time. Raises NoAnswer naming the silent drive, ConnectionFailed.
         """
-        led = self._led
-        if led is not None:  # without the lock: whoever leads may be asleep on the clock
-            return led
+        samples = self._cyclic_samples
+        if samples is not None:  # without the lock: the thread of the motion may be asleep on the clock
+            return samples
         with self._sample_lock:
-            return self._led or self._sample(self._wait_host)
+            return self._cyclic_samples or self._sample(self._wait_host)
 
     @contextmanager
     def cyclic_sync(self, samples: list[DriveSample], period_s: float) -> Iterator[CyclicSync]:
-        """SYNC is the caller's alone: gives a function that has targets sent and then SYNC, and returns the samples.
+        """Reserve SYNC for a cyclic motion; yields a function that sends targets and SYNC and returns the samples.
 
-        `samples` are the last ones. An answer is waited for about `period_s` of rig time: drives under way bear no
-        longer silence, and SYNC is sent again within it.
+        `samples` are the last ones. An answer is awaited for about `period_s` of rig time, because moving drives do not
+        tolerate a longer silence; SYNC is then sent once more.
         """
 
-        def lead(send_targets: Callable[[], None]) -> list[DriveSample]:
+        def send_row(send_targets: Callable[[], None]) -> list[DriveSample]:
             send_targets()
-            self._led = said = self._sample(lambda answered: self._wait_rig(answered, period_s))
-            return said
+            self._cyclic_samples = samples = self._sample(lambda answered: self._wait_rig(answered, period_s))
+            return samples
 
-        with self._sample_lock:  # from here on nobody else sends SYNC
-            self._led = samples
+        with self._sample_lock:  # from here on no other thread sends SYNC
+            self._cyclic_samples = samples
         try:
-            yield lead
+            yield send_row
         finally:
-            self._led = None
+            self._cyclic_samples = None
 
     def _sample(self, wait: Callable[[Callable[[], bool]], None]) -> list[DriveSample]:
         try:
@@ -71,7 +71,7 @@ class SyncSampler:
         return [drive.latest(t_rig_s, t_host_s) for drive in self.drives]
 
     def _in_step(self, wait: Callable[[Callable[[], bool]], None]) -> tuple[float, float]:
-        if self._out_of_step:  # a late answer to the SYNC before must not pass for one to the next
+        if self._out_of_step:  # a late answer to the previous SYNC must not count for the next
             self._sync_once(wait)
         return self._sync_once(wait)
 
@@ -105,7 +105,7 @@ class SyncSampler:
             self._line.received.wait_for(answered, self._pdo_timeout_s)
 
     def _wait_rig(self, answered: Callable[[], bool], limit_s: float) -> None:
-        for _ in range(_POLLS_A_PERIOD):
+        for _ in range(_POLLS_PER_PERIOD):
             if answered():
                 return
-            self._clock.sleep_s(limit_s / _POLLS_A_PERIOD)
+            self._clock.sleep_s(limit_s / _POLLS_PER_PERIOD)

@@ -1,4 +1,4 @@
-"""The two banks for compensation tables in a drive: write the idle one, compare, switch over, roll back."""
+"""The two banks for compensation tables in a drive: write the idle one, verify, switch over, roll back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNKNOWN_PAYLOAD = 0xFFFFFFFF
 
 
 class BankStatus(Enum):
-    """What a bank holds."""
+    """State of a bank's content."""
 
     EMPTY = 0
     WHOLE = 1
@@ -36,7 +36,7 @@ class Bank:
 
 @dataclass(frozen=True)
 class CompensationState:
-    """State of a drive's compensation. `payload_kg` is None while the drive does not know it."""
+    """State of a drive's compensation. `payload_kg` is None while it is unknown to the drive."""
 
     on: bool
     valid: bool
@@ -48,7 +48,7 @@ class CompensationState:
 
     @property
     def idle(self) -> int:
-        """The bank to write to: the one not active; with none active, the older or emptier one."""
+        """The bank to write to: the one that is not active, or an empty, damaged or older one if none is."""
         if self.active in (1, 2):
             return 3 - self.active
         return min(self.banks, key=lambda b: (b.status is BankStatus.WHOLE, b.generation)).number
@@ -62,7 +62,7 @@ class CompensationState:
 
 @dataclass(frozen=True)
 class WrittenTable:
-    """A table that is in a bank and has been read back."""
+    """A table in a bank, verified by reading it back."""
 
     bank: int
     crc: int
@@ -72,7 +72,7 @@ class WrittenTable:
 class TableBank:
     """The compensation of one drive.
 
-    All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed when the talk fails.
+    All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed if communication fails.
     """
 
     def __init__(self, drive: ServoDrive) -> None:
@@ -81,13 +81,15 @@ class TableBank:
     @property
     def objects(self) -> CompensationObjects:
         """Where the drive keeps its compensation. Raises TableError if it has none."""
-        found = self.drive.profile.compensation
-        if found is None:
-            raise self._bad(f"a '{self.drive.profile.name}' has no table bank", "name another profile in the rig file")
-        return found
+        compensation_objects = self.drive.profile.compensation
+        if compensation_objects is None:
+            raise self._error(
+                f"a '{self.drive.profile.name}' has no table bank", "name another profile in the rig file"
+            )
+        return compensation_objects
 
     def state(self) -> CompensationState:
-        """What is in the banks and which one is in use."""
+        """The content of the banks, and which one is active."""
         read = self.drive.sdo.read
         payload_g = read(self.objects.payload)
         return CompensationState(
@@ -101,40 +103,40 @@ class TableBank:
         )
 
     def read_image(self, number: int) -> TableImage:
-        """The table in a bank. Raises TableError if it is not whole."""
+        """The table in a bank. Raises TableError if it is damaged."""
         data = self.drive.sdo.read_bytes(self._objects_of(number).image)
         return decode_table(data, self.drive.metres_per_increment)
 
     def write_inactive(self, image: TableImage) -> WrittenTable:
         """Write a table to the idle bank, read it back byte for byte and compare the drive's CRC.
 
-        Raises TableError where the two differ or the drive finds it not whole or not its own.
+        Raises TableError if they differ, or if the drive reports a damaged table or one for another drive.
         """
         if image.node_id != self.drive.node_id:
-            raise self._bad(f"the table is for node {image.node_id}", "write it to the drive that it is for")
+            raise self._error(f"the table is for node {image.node_id}", "write it to that drive")
         if image.metres_per_increment != self.drive.metres_per_increment:
-            raise self._bad("the table counts other increments than the drive", "compute the table anew")
+            raise self._error("the table uses other increments than the drive", "compute the table anew")
         data, number = encode_table(image), self.state().idle
         self.drive.sdo.write_bytes(self._objects_of(number).image, data)
         if self.drive.sdo.read_bytes(self._objects_of(number).image) != data:
-            raise self._bad(f"bank {number} reads back other bytes than were written", "write the table again")
+            raise self._error(f"bank {number} reads back other bytes than were written", "write the table again")
         bank = self._bank(number)
         if bank.status is not BankStatus.WHOLE:
-            raise self._bad(
+            raise self._error(
                 f"the drive finds bank {number} {bank.status.name.lower()}", "check machine name and node id"
             )
         if (bank.crc, bank.generation) != (image_crc(data), image.generation):
-            raise self._bad(f"bank {number} has another CRC or generation", "write the table again")
+            raise self._error(f"bank {number} has another CRC or generation", "write the table again")
         return WrittenTable(number, bank.crc, bank.generation)
 
     def activate(self, number: int, crc: int, generation: int) -> None:
-        """Switch to a bank after comparing what is in it, and read back; the drive must be disabled.
+        """Switch to a bank after verifying its content, and read back; the drive must be disabled.
 
         Raises TableError, and SdoRefused while operation is enabled.
         """
         bank = self._bank(number)
         if bank.status is not BankStatus.WHOLE or (bank.crc, bank.generation) != (crc, generation):
-            raise self._bad(
+            raise self._error(
                 f"bank {number} is {bank.status.name.lower()}, CRC {bank.crc:08X}, generation"
                 f" {bank.generation}; expected CRC {crc:08X}, generation {generation}",
                 "write the table again",
@@ -143,22 +145,18 @@ class TableBank:
         self.confirm(number, crc, generation)
 
     def deactivate(self) -> None:
-        """Use no bank. Raises SdoRefused while operation is enabled."""
+        """Use no table. Raises SdoRefused while operation is enabled."""
         self.drive.sdo.write(self.objects.activate, 0)
         if self.drive.sdo.read(self.objects.active) != 0:
-            raise self._bad("the bank stays active", "disable the drive and try again")
+            raise self._error("the bank is still active", "disable the drive and try again")
 
     def confirm(self, number: int, crc: int, generation: int) -> None:
         """Raise TableError unless this very table is active."""
         read = self.drive.sdo.read
-        found = (
-            read(self.objects.active),
-            read(self.objects.crc),
-            read(self.objects.generation),
-        )
-        if found != (number, crc, generation):
-            raise self._bad(
-                f"bank {found[0]}, CRC {found[1]:08X}, generation {found[2]} is active instead of"
+        active = (read(self.objects.active), read(self.objects.crc), read(self.objects.generation))
+        if active != (number, crc, generation):
+            raise self._error(
+                f"bank {active[0]}, CRC {active[1]:08X}, generation {active[2]} is active instead of"
                 f" bank {number}, CRC {crc:08X}, generation {generation}",
                 "activate the table again",
             )
@@ -167,12 +165,12 @@ class TableBank:
         """Switch compensation on or off. Raises SdoRefused while operation is enabled."""
         self.drive.sdo.write(self.objects.mode, int(on))
         if self.drive.sdo.read(self.objects.mode) != int(on):
-            raise self._bad("the mode was not taken", "disable the drive and try again")
+            raise self._error("the compensation mode was not accepted", "disable the drive and try again")
 
     def set_payload(self, mass_kg: float | None) -> None:
-        """Tell the drive which payload is on (None: not known). Raises ValueError for an impossible mass."""
+        """Tell the drive the present payload (None: unknown). Raises ValueError for an impossible mass."""
         if mass_kg is not None and not 0.0 <= mass_kg < UNKNOWN_PAYLOAD * 1e-3 - 1.0:
-            raise ValueError(f"no such payload: {mass_kg} kg")
+            raise ValueError(f"impossible payload: {mass_kg} kg")
         grams = UNKNOWN_PAYLOAD if mass_kg is None else round(mass_kg * 1e3)
         self.drive.sdo.write(self.objects.payload, grams)
 
@@ -190,7 +188,7 @@ class TableBank:
             payload_kg=read(self._objects_of(number).payload) * 1e-3,
         )
 
-    def _bad(self, what: str, remedy: str) -> TableError:
+    def _error(self, what: str, remedy: str) -> TableError:
         return TableError(self.drive.name, self.drive.where, what, remedy)
 
 
@@ -217,15 +215,15 @@ class Activation:
 
 
 def activate_all(activations: Sequence[Activation]) -> list[Activation]:
-    """Switch all drives over, or none; returns what was active before, fit to switch back with.
+    """Switch all drives over, or none; returns what was active before, in a form to switch back with.
 
-    If one fails, those already switched go back to their former bank, and the error is raised; if
-    that fails as well a TableError says so: the drives then hold different tables and must not move.
+    If one fails, those already switched return to their previous bank and the error is raised. If that fails too, a
+    TableError says so: the drives then have different tables and must not move.
     """
-    former = [_active(activation.bank) for activation in activations]
+    previous = [_active(activation.bank) for activation in activations]
     switched: list[Activation] = []
     try:
-        for activation, before in zip(activations, former, strict=True):
+        for activation, before in zip(activations, previous, strict=True):
             switched.append(before)
             activation.carry_out()
         for activation in activations:
@@ -237,11 +235,11 @@ def activate_all(activations: Sequence[Activation]) -> list[Activation]:
             raise TableError(
                 names,
                 stuck[0].where,
-                f"no way back to the former table after: {error}",
+                f"restoring the previous table failed after: {error}",
                 "do not move; connect again",
             ) from error
         raise
-    return former
+    return previous
 
 
 def _active(bank: TableBank) -> Activation:

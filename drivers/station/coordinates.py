@@ -1,4 +1,4 @@
-"""Coordinates from angles and distance, with the covariance that the instrument's stated accuracy gives them."""
+"""Coordinates from angles and distance, with the covariance by the instrument's stated accuracy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivers.station.polar import MeanReading, PolarReading, polar_to_cartesian
 
 @dataclass(frozen=True)
 class StatedAccuracy:
-    """Standard deviations of a single reading, by the instrument's data sheet.
+    """Standard deviations of a single reading, from the instrument's data sheet.
 
     `angle_sd_rad` holds for both angles across the line of sight, `range_ppm` grows with the distance.
     """
@@ -34,9 +34,9 @@ class Coordinates:
 def coordinates(reading: PolarReading | MeanReading, stated: StatedAccuracy) -> Coordinates:
     """Coordinates of a reading; a mean of n has a covariance n times smaller.
 
-    First-order propagation through E = d sin V sin Hz, N = d sin V cos Hz, H = d cos V. The error of Hz counts
-    across the line of sight: its standard deviation is the stated one over sin V. What is common to all readings
-    (range constant, refraction, drift) is not in it.
+    First-order propagation through E = d sin V sin Hz, N = d sin V cos Hz, H = d cos V. The stated angle
+    deviation holds across the line of sight: that of Hz is the stated one over sin V. Errors common to all readings
+    (range constant, refraction, drift) are not included.
     """
     hz, v, d = reading.hz_rad, reading.v_rad, reading.slope_distance_m
     sin_v, cos_v, sin_hz, cos_hz = math.sin(v), math.cos(v), math.sin(hz), math.cos(hz)

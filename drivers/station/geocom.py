@@ -1,8 +1,8 @@
 """A GeoCOM session: geocompy on a pyserial port, kept in step and with typed errors.
 
-geocompy turns every failure into a return code and stays one answer behind after a lost answer; `SerialLine` keeps
-it in step. Where the station supports it both directions carry a CRC: without one a digit that was spoilt on
-the wire would pass for a measured value.
+geocompy turns every failure into a return code, and after a lost answer takes each answer for that of the next request;
+`SerialLine` prevents that. If the station supports it both directions carry a CRC: without one a corrupted digit
+would pass as a measured value.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ Call = Callable[[], GeoComResponse[Any]]
 
 
 class GeoComCalls(GeoCom):
-    """geocompy's calls without its constructor, which sleeps a second and swallows what goes wrong.
+    """geocompy's calls without its constructor, which sleeps for a second and hides errors.
 
     Sets the fields that the constructor sets for the subsystems used here; a test compares the two.
     """
@@ -81,8 +81,8 @@ class GeoComCalls(GeoCom):
 class GeoComFloat(Byte):
     """A parameter with all its digits.
 
-    geocompy writes floats with six decimals, which turns a wavelength of 658 nm into 1 um; `Byte` is the one kind
-    of parameter that it writes as it is.
+    geocompy writes floats with six decimals, which turns a wavelength of 658 nm into 1 um; `Byte` is the only kind
+    of parameter that it writes unchanged.
     """
 
     def __init__(self, value: float) -> None:
@@ -164,9 +164,9 @@ class GeoComSession:
         self._line.close()
 
     def agree_on_checksums(self) -> bool:
-        """Turn checksums on if the station answers with them; returns whether it does.
+        """Use checksums if the station answers with them; returns whether it does.
 
-        Two good answers without one say that it does not: a single one may have lost it on the wire.
+        It takes two good answers without one to conclude that it does not: a single one may be a line error.
         Raises NoAnswer, ProtocolError, ConnectionFailed and StationError.
         """
         for _ in range(_PROBES):
@@ -181,9 +181,9 @@ class GeoComSession:
         return False
 
     def ask(self, call: Call, *, values: bool = True) -> Any:
-        """Make a call that may be repeated without harm, and return its values.
+        """Make a call that may safely be repeated, and return its values.
 
-        Asked a second time after a lost or garbled answer. `values` tells that the answer must hold some.
+        It is repeated once after a lost or garbled answer. `values`: the answer must contain some.
         Raises NoAnswer, ProtocolError, ConnectionFailed and StationError.
         """
         try:
@@ -194,8 +194,8 @@ class GeoComSession:
     def command(self, call: Call, *, idempotent: bool = False) -> None:
         """Make a call that moves or measures.
 
-        Repeated only where the station says that it was busy or could not read the request, so that nothing
-        was done; an `idempotent` one (turn to a direction) also, once, after a lost or garbled answer.
+        Repeated only if the station reports that it was busy or could not read the request, so that nothing was done;
+        an `idempotent` one (turn to a direction) also once after a lost or garbled answer.
         """
         try:
             self._call_when_idle(call, False, self._motion_timeout_s)
@@ -207,7 +207,7 @@ class GeoComSession:
             self._call_when_idle(call, False, self._motion_timeout_s)
 
     def ask_flagged(self, call: Call) -> tuple[Any, tuple[str, ...]]:
-        """Like `ask` for a measurement: values, and the flags that the station puts on them."""
+        """Like `ask`, for a measurement: its values, and the flags of the station for them."""
         try:
             return self._call_when_idle_flagged(call, True, self._motion_timeout_s)
         except (NoAnswer, ProtocolError):
@@ -243,17 +243,17 @@ class GeoComSession:
                 self.device, where, f"the station could not read the request (GeoCOM {code})", _CHECK_LINE
             )
         if code in codes.GARBLED or (self.uses_checksums and _WITHOUT_CHECKSUM.match(answer_text)):
-            raise ProtocolError(self.device, where, f"cannot make sense of {answer_text!r}", _CHECK_LINE)
+            raise ProtocolError(self.device, where, f"cannot interpret {answer_text!r}", _CHECK_LINE)
         flag = codes.VALUES_WITH_FLAG.get(code)
         if code != codes.OK and not (flag and response.params is not None):
             raise station_error(_code_in(response.response, code), name, self.device, self.where)
         if values and response.params is None:
-            raise ProtocolError(self.device, where, "the answer holds no values", _CHECK_LINE)
+            raise ProtocolError(self.device, where, "the answer contains no values", _CHECK_LINE)
         return response.params, ((flag,) if flag else ())
 
 
 def _code_in(answer: str, code: int) -> int:
-    """The return code as it came: geocompy turns codes that it does not know into 1."""
+    """The return code as received: geocompy turns unknown codes into 1."""
     match = _CODES.match(answer)
     if match is None:
         return code

@@ -1,6 +1,6 @@
 """Interim test of a station on the shop floor: two-face errors and known distances between nests, pass or fail.
 
-Not a certificate: it tells that the instrument, as it stands, still does what it did.
+Not a certificate: it shows that the instrument is still in its previous condition.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class KnownDistance:
 
 @dataclass(frozen=True)
 class InterimLimits:
-    """Largest error allowed, and how readings are taken. Limits are for errors, not standard deviations.
+    """Largest permitted errors (not standard deviations), and how readings are taken.
 
-    `tolerance_m` is how far from its predicted place a nest may be found.
+    `tolerance_m` is the largest distance of a nest from its predicted position.
     """
 
     two_face_rad: float = 20e-6
@@ -61,7 +61,7 @@ class DistanceError:
 
 @dataclass(frozen=True)
 class InterimTest:
-    """What the test found. `failures` has a line for each error beyond its limit; none is a pass."""
+    """What the test found. `failures` has a line for each error beyond its limit; the test is passed without any."""
 
     serial: int
     two_face: tuple[TwoFaceError, ...]
@@ -75,33 +75,33 @@ class InterimTest:
 
 
 def interim_test(
-    tracker: LaserTracker,
+    station: LaserTracker,
     nests_m: Mapping[str, tuple[float, float, float]],
-    known: Sequence[KnownDistance],
+    known_distances: Sequence[KnownDistance],
     stated: StatedAccuracy,
     limits: InterimLimits | None = None,
 ) -> InterimTest:
     """Measure every nest on both faces and compare.
 
-    `nests_m` are predicted places (E, N, H) in the station's frame; the two-face check needs no known distance.
+    `nests_m` are predicted positions (E, N, H) in the station's frame; the two-face check needs no known distance.
     Raises what `point_and_aim` and `measure` raise, WrongTarget, and ValueError for an unknown nest.
     """
     limits = limits or InterimLimits()
-    for distance in known:
+    for distance in known_distances:
         for name in distance.nests:
             if name not in nests_m:
-                raise ValueError(f"known distance: there is no nest '{name}'")
+                raise ValueError(f"known distance: unknown nest '{name}'")
     means: dict[str, MeanReading] = {}
     two_face: list[TwoFaceError] = []
-    for name, place_m in nests_m.items():
-        hz, v, _ = cartesian_to_polar(*place_m)
-        tracker.point_and_aim(hz, v, _WINDOW_RAD)
-        readings = tracker.measure(limits.readings, two_face=True)
+    for name, position_m in nests_m.items():
+        hz, v, _ = cartesian_to_polar(*position_m)
+        station.point_and_aim(hz, v, _WINDOW_RAD)
+        readings = station.measure(limits.readings, two_face=True)
         means[name] = average(readings)
-        tracker.require_target(means[name], place_m, limits.tolerance_m, name)
+        station.require_target(means[name], position_m, limits.tolerance_m, name)
         two_face.append(two_face_error(name, readings))
-    distances = tuple(_compare(distance, means, stated) for distance in known)
-    identity = tracker.identity
+    distances = tuple(_compare(distance, means, stated) for distance in known_distances)
+    identity = station.identity
     return InterimTest(
         serial=0 if identity is None else identity.serial,
         two_face=tuple(two_face),
@@ -111,9 +111,9 @@ def interim_test(
 
 
 def two_face_error(nest: str, readings: Sequence[PolarReading]) -> TwoFaceError:
-    """Half of what the faces disagree by. Raises ValueError unless both faces were measured."""
+    """Half of the difference between the faces. Raises ValueError unless both faces were measured."""
     faces = [[reading for reading in readings if reading.face == face] for face in (1, 2)]
-    one, two = (average(face) for face in faces)  # reduced to face 1: what is left of a difference is error
+    one, two = (average(face) for face in faces)  # reduced to face 1: a remaining difference is an error
     across = 0.5 * math.remainder(one.hz_rad - two.hz_rad, TWO_PI) * math.sin(one.v_rad)
     return TwoFaceError(nest, across, 0.5 * (one.v_rad - two.v_rad))
 

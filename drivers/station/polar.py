@@ -1,4 +1,4 @@
-"""Readings of a laser station in polar form, and the geometry of its two faces."""
+"""Readings of a station in polar form, and the geometry of its two faces."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ TWO_PI = 2.0 * math.pi
 
 @dataclass(frozen=True)
 class PolarReading:
-    """One single measurement as the station gave it.
+    """One single measurement as the station reported it.
 
     `hz_rad` runs clockwise from the station's zero, `v_rad` is the zenith angle (above pi on face 2), both
     in [0, 2 pi). `slope_distance_m` has the station's prism constant and ppm applied; both are recorded.
     `t_rig_s` and `t_host_s` are the middle of the exchange, `u_t_s` half of the measurement in rig seconds.
-    `edm_mode` (2021) and `prism_type` (17009) are GeoCOM's numbers, -1 where they are not known.
+    `edm_mode` (2021) and `prism_type` (17009) are GeoCOM's numbers, -1 if unknown.
     """
 
     hz_rad: float
@@ -73,7 +73,7 @@ def cartesian_to_polar(e_m: float, n_m: float, h_m: float) -> tuple[float, float
 
 
 def average(readings: Sequence[PolarReading]) -> MeanReading:
-    """Mean of readings of one point on either face, wrap-around safe.
+    """Mean of readings of one point on either or both faces; angles may wrap around.
 
     Raises ValueError without readings. Standard deviations are NaN for a single one.
     """
@@ -110,7 +110,7 @@ class SettleCriterion:
 
     Across the line of sight, where the station is accurate, the standard deviation and the drift from the
     window's first half to its second are at most `across_m`; along it, where range noise hides
-    motion, at most `along_m`. Given up after `limit_s` of rig time.
+    motion, at most `along_m`. The limit is `limit_s` of rig time.
     """
 
     window: int = 3

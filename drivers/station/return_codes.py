@@ -33,7 +33,7 @@ COM_TRANSACTION_MISMATCH = 3093
 COM_SERVER_CHECKSUM = 3101
 COM_CLIENT_CHECKSUM = 3102
 
-# The values are in the answer although the code is not 0; the flag goes with the reading.
+# The answer contains values although the code is not 0; the flag is recorded with the reading.
 VALUES_WITH_FLAG = {
     NO_FULL_CORRECTION: "no_full_correction",
     ACCURACY_NOT_GUARANTEED: "accuracy_not_guaranteed",
@@ -41,7 +41,7 @@ VALUES_WITH_FLAG = {
 
 GARBLED = frozenset({COM_CANT_DECODE, COM_TRANSACTION_MISMATCH, COM_CLIENT_CHECKSUM, 3078, 3082})
 
-# The station could not read the request, so it has done nothing: even a motion may be asked for again.
+# The station could not read the request, so it did nothing: even a motion may be requested again.
 NOT_EXECUTED = frozenset({COM_SERVER_CHECKSUM, COM_CANT_DECODE_REQUEST})
 
 
@@ -79,7 +79,7 @@ _TABLE: dict[int, _ErrorKind] = {
     BUSY: _ErrorKind(StationBusy, "the station is busy", _REPEAT),
     1294: _ErrorKind(SignalError, "no signal from the reflector", _LOOK_AT_BEAM),
     8704: _ErrorKind(AimingFailed, "aiming did not end in time", "check that nothing blocks the telescope"),
-    8705: _ErrorKind(AimingFailed, "a motor ran into its end", "check that nothing blocks the telescope"),
+    8705: _ErrorKind(AimingFailed, "a motor reached its end stop", "check that nothing blocks the telescope"),
     8706: _ErrorKind(AimingFailed, "an angle could not be read while turning", _REPEAT),
     8707: _ErrorKind(AimingFailed, "a motor failed", "switch the station off and on"),
     8708: _ErrorKind(AimingFailed, "the position was not reached with its accuracy", _REPEAT),
@@ -113,7 +113,7 @@ _TABLE: dict[int, _ErrorKind] = {
 }
 
 
-# Codes count in blocks of 256, a block a subsystem: what to say of those that are not listed.
+# Codes are in blocks of 256, one per subsystem: texts for those that are not listed.
 _MANUAL = "look the code up in the GeoCOM manual"
 _BLOCKS: dict[int, _ErrorKind] = {
     1: _ErrorKind(StationError, "the angle measurement failed", "check level and compensator of the station"),

@@ -1,7 +1,7 @@
-"""The station's serial line: one exchange at a time, kept in step, stamped.
+"""The station's serial line: one exchange at a time, each answer matched to its request and time-stamped.
 
-Each answer must carry the number of its request; older ones are dropped, and what is left in the port from an
-exchange that failed is thrown away before the next one.
+Each answer must carry the number of its request; older ones are dropped, and remains of a failed exchange are discarded
+before the next one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ExchangeTime:
 
 
 class SerialLine(Connection):
-    """geocompy's way to the wire: a pyserial port, its lock and time stamps.
+    """geocompy's connection: a pyserial port with time stamps.
 
     `reply_timeout_s` is host time. An exchange that fails leaves nothing behind for the next one.
     """
@@ -65,7 +65,7 @@ class SerialLine(Connection):
         return self._read_line(time.monotonic() + self.reply_timeout_s)
 
     def receive(self) -> str:
-        """Read one line of text; what is not ASCII shows as a replacement character."""
+        """Read one line of text; other than ASCII as replacement characters."""
         return self.receive_binary().decode("ascii", "replace")
 
     def exchange_binary(self, data: bytes) -> bytes:
@@ -73,7 +73,7 @@ class SerialLine(Connection):
         return self.exchange(data.decode("ascii", "ignore")).encode("ascii", "replace")
 
     def exchange(self, cmd: str) -> str:
-        """Send a request and return the answer that carries its number, or the first line that is none."""
+        """Send a request and return the answer that carries its number, or the first line that is not an answer."""
         self.reset()
         host_s, rig_s = time.monotonic(), self._clock.now_s()
         self.send(cmd)
@@ -83,7 +83,7 @@ class SerialLine(Connection):
         return answer.decode("ascii", "replace")
 
     def reset(self) -> None:
-        """Throw away what waits in the port: nobody asked for it any more."""
+        """Discard data in the port that belongs to no request."""
         self._received.clear()
         try:
             self._port.reset_input_buffer()
@@ -107,14 +107,14 @@ class SerialLine(Connection):
     def _read_line(self, deadline_s: float) -> bytes:
         """The next line without its end; what came behind it waits for the next call."""
         while b"\n" not in self._received:
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0.0 or len(self._received) > _LONGEST_LINE:
+            remaining_s = deadline_s - time.monotonic()
+            if remaining_s <= 0.0 or len(self._received) > _LONGEST_LINE:
                 line = self._take(len(self._received))
-                if line:  # half a line must not pass for an answer: its last number may be cut
+                if line:  # half a line must not count as an answer: its last number may be cut
                     return b"(cut off) " + line
                 raise TimeoutError("no answer")
             try:
-                self._port.timeout = left_s
+                self._port.timeout = remaining_s
                 # All that has come at once: one byte a read costs a system call or two for each.
                 self._received += self._port.read(min(max(1, self._port.in_waiting), _LONGEST_LINE))
             except (OSError, ValueError) as error:

@@ -293,13 +293,13 @@ def test_a_home_offset_of_the_other_sign_leaves_no_reference(opened: Open) -> No
 def test_where_nothing_takes_the_wrong_reference_away_it_is_told_and_not_believed(opened: Open) -> None:
     bench = opened(absolute=False)
     bench.drives[0].profile = replace(bench.drives[0].profile, home_offset_sign=-1)
-    with pytest.raises(DriveFault, match=r"goes on saying that it is referenced; .*pkm-rig home"):
+    with pytest.raises(DriveFault, match=r"still reports that it is referenced; .*pkm-rig home"):
         bench.group.home([HERE, None])
     bench.group.clear_stop()
     for refused in (bench.drives[0].connect, bench.group.enable):
-        with pytest.raises(NotReferenced, match="not come to a good end"):
+        with pytest.raises(NotReferenced, match="did not complete successfully"):
             refused()
-    with pytest.raises(NotReferenced, match=r"stands at -0.125000 m, outside its travel of 0.000000 m to 0.500000 m"):
+    with pytest.raises(NotReferenced, match=r"it is at -0.125000 m, outside its travel of 0.000000 m to 0.500000 m"):
         another_connects(bench, travel_m=(0.0, 1.0))
 
 
@@ -323,7 +323,7 @@ def test_a_reference_that_is_lost_later_is_asked_for_before_power(opened: Open) 
 def test_what_one_drive_cannot_take_is_refused_before_anything_is_written(opened: Open) -> None:
     bench = opened(absolute=False)
     bench.bus.sent.clear()
-    with pytest.raises(ValueError, match=r"q2: no such position"):
+    with pytest.raises(ValueError, match=r"q2: impossible position"):
         bench.group.home([UP, HomingParameters(34, 1120.0)])
     with pytest.raises(ValueError, match=r"q2: 0x609A:00 homing acceleration"):
         bench.group.home([UP, replace(UP, acceleration_m_per_s2=1e3)])

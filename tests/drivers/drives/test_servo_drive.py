@@ -117,7 +117,7 @@ def test_profile_writes_only_changes(rig: Rig) -> None:
 
 @pytest.mark.parametrize("position_m", [float("nan"), float("inf"), 30.0])
 def test_no_such_position(rig: Rig, position_m: float) -> None:
-    with pytest.raises(ValueError, match="no such position"):
+    with pytest.raises(ValueError, match="impossible position"):
         rig.servos[0].write_target(position_m)
 
 

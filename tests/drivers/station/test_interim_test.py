@@ -90,7 +90,7 @@ def test_the_mock_station_passes_unless_its_index_is_off(index_rad: float, passe
             tracker.connect()
             known = [KnownDistance(("N1", "N2"), length_m, 2e-6)]
             found = interim_test(tracker, places_m, known, StatedAccuracy(), InterimLimits())
-            with pytest.raises(ValueError, match="no nest"):
+            with pytest.raises(ValueError, match="unknown nest"):
                 interim_test(tracker, places_m, [KnownDistance(("N1", "N9"), 1.0, 0.0)], StatedAccuracy())
     finally:
         tracker.close()

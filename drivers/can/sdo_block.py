@@ -124,7 +124,7 @@ class BlockTransfer:
         return sent
 
     def _receive_block(self, data: bytearray) -> tuple[int, bool]:
-        """Append the frames of one block that arrive in order; returns their number and whether that ends the object."""
+        """Append the frames of one block in order; returns their number and whether that ends the object."""
         received = 0
         while received < MOST_FRAMES:
             try:

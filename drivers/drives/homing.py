@@ -24,8 +24,8 @@ _AT_PRESENT_POSITION = (35, 37)  # no motion: the bit may fall and rise between 
 class HomingParameters:
     """How one drive is homed: method of 0x6098, and the position of its mark.
 
-    Times are rig time. Afterwards the drive must report a position within `tolerance_m` of the mark: a drive may overrun
-    it while braking, but with a home offset of the wrong sign the position is far off.
+    Times are rig time. Afterwards the drive must report a position within `tolerance_m` of the mark: a drive may
+    overrun it while braking, but with a home offset of the wrong sign the position is far off.
     """
 
     method: int

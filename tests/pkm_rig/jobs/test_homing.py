@@ -94,7 +94,7 @@ def test_a_drive_that_stands_where_the_machine_cannot_is_refused_and_homed_on_re
     with lost() as (mock, rig):
         drive = rig.drives.drives[0]
         mock.drives[0].axis.homing.referenced = True  # counting from zero, outside the travel
-        with pytest.raises(NotReferenced, match=r"left .*stands at 0.000000 m, outside its travel"):
+        with pytest.raises(NotReferenced, match=r"left .*is at 0.000000 m, outside its travel"):
             drive.connect()
         assert homing.home_drives(rig)["drives"]["left"]["homed"]
         drive.connect()

@@ -88,18 +88,18 @@ def score(outcome: CampaignOutcome, mock: MockRig) -> dict[int, dict[str, Any]]:
     for verified in outcome.verified:
         before = reduction.rows("verification_before", verified.payload)
         after = reduction.rows("verification_after", verified.payload)
-        found = {
+        results = {
             "true_before": _rms(report, reduction, before, mock, corrected=False)[0],
             "true_after": _rms(report, reduction, after, mock, corrected=True)[0],
         }
         visits = reduction.observations.visits.take(before)
         models = {"deformation_aware": predict_poses(outcome.calibration.fit, reduction.report, visits)}
         models |= {b.name: b.predict(visits) for b in outcome.calibration.baselines}
-        found["models"] = {
+        results["models"] = {
             name: _rms(report, reduction, before, mock, corrected=False, against=predicted)
             for name, predicted in models.items()
         }
-        out[verified.payload] = found
+        out[verified.payload] = results
     return out
 
 
@@ -148,9 +148,9 @@ def _rms(
     against: np.ndarray | None = None,
 ) -> tuple[float, float]:
     """Position (um) and orientation (urad) RMS of the true poses against their targets or a prediction."""
-    seen = _noise_free(reduction, rows, mock, corrected=corrected)
-    target = seen.visits.target_m
-    pose = report.poses(seen.position_m.reshape(len(target), -1, 3), target)
+    noise_free = _noise_free(reduction, rows, mock, corrected=corrected)
+    target = noise_free.visits.target_m
+    pose = report.poses(noise_free.position_m.reshape(len(target), -1, 3), target)
     position, rotation = report.tool_error(pose, target if against is None else against)
     return (
         float(np.sqrt(np.mean(np.sum(position[:, :2] ** 2, axis=1)))) * 1e6,
@@ -189,8 +189,8 @@ def summarise(rows: list[dict[str, Any]]) -> tuple[list[str], bool]:
     lines.append("")
     lines.append("median true prediction error at the last payload (um, urad)")
     for name in names:
-        found = np.array([row["payloads"][-1]["models"][name] for row in rows])
-        lines.append(f"      {name}: {np.median(found[:, 0]):.2f}, {np.median(found[:, 1]):.1f}")
+        errors = np.array([row["payloads"][-1]["models"][name] for row in rows])
+        lines.append(f"      {name}: {np.median(errors[:, 0]):.2f}, {np.median(errors[:, 1]):.1f}")
     return lines, all(bool(good) for *_, good in goals)
 
 

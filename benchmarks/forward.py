@@ -40,16 +40,16 @@ class Competitor:
 def competitors(rig: Rig, quick: bool, absent: list[str]) -> list[Competitor]:
     """All that are installed."""
     few = 20 if quick else 200
-    found = [Competitor(OURS, len(rig.drives), lambda: _ours(rig))]
+    competitors_of_rig = [Competitor(OURS, len(rig.drives), lambda: _ours(rig))]
     for method in ("hybr", "lm"):
-        found.append(Competitor(f"scipy root {method}, pose by pose", few, _scipy(rig.part(few), method)))
+        competitors_of_rig.append(Competitor(f"scipy root {method}, pose by pose", few, _scipy(rig.part(few), method)))
     if mujoco := optional("mujoco", absent):
         settling = mujoco_settling.Settling(mujoco, rig.part(few // 10))
-        found.append(Competitor("MuJoCo settling", few // 10, _quaternions(settling)))
+        competitors_of_rig.append(Competitor("MuJoCo settling", few // 10, _quaternions(settling)))
     if pinocchio := optional("pinocchio", absent):
         newton = pinocchio_loop.Newton(pinocchio, rig.part(few))
-        found.append(Competitor("pinocchio kinematics, pose by pose", few, _matrices(newton)))
-    return found
+        competitors_of_rig.append(Competitor("pinocchio kinematics, pose by pose", few, _matrices(newton)))
+    return competitors_of_rig
 
 
 def _ours(rig: Rig) -> tuple[Array, Array, str]:
@@ -73,20 +73,20 @@ def _scipy(rig: Rig, method: str) -> Callable[[], tuple[Array, Array, str]]:
 
 def _quaternions(settling: mujoco_settling.Settling) -> Callable[[], tuple[Array, Array, str]]:
     def rests() -> tuple[Array, Array, str]:
-        found, steps = settling.rests()
+        solutions, steps = settling.rests()
         rotation = []
-        for w, *xyz in found[:, 3:]:
+        for w, *xyz in solutions[:, 3:]:
             k = cross_matrix(np.array(xyz))
             rotation.append(np.eye(3) + 2.0 * w * k + 2.0 * k @ k)
-        return found[:, :3], np.array(rotation), f"{steps:,.0f} time steps"
+        return solutions[:, :3], np.array(rotation), f"{steps:,.0f} time steps"
 
     return rests
 
 
 def _matrices(newton: pinocchio_loop.Newton) -> Callable[[], tuple[Array, Array, str]]:
     def rests() -> tuple[Array, Array, str]:
-        found, steps = newton.rests()
-        return found[:, :3], found[:, 3:].reshape(-1, 3, 3), f"{steps:.1f} steps"
+        solutions, steps = newton.rests()
+        return solutions[:, :3], solutions[:, 3:].reshape(-1, 3, 3), f"{steps:.1f} steps"
 
     return rests
 
@@ -97,8 +97,8 @@ def gap_nm(rig: Rig, position: Array, rotation: Array, reference: list[Array]) -
     for i, lengths in enumerate(reference[: len(position)]):
         pose, _ = scipy_loop.problem(rig, i)
         v = position[i] + rig.joints @ rotation[i].T - pose.ends
-        found = np.sqrt(np.sum(v.astype(np.longdouble) ** 2, axis=1))
-        worst = max(worst, float(np.max(np.abs(found - lengths))))
+        distance = np.sqrt(np.sum(v.astype(np.longdouble) ** 2, axis=1))
+        worst = max(worst, float(np.max(np.abs(distance - lengths))))
     return worst * 1e9
 
 
@@ -137,12 +137,12 @@ def _goals(name: str, each: dict[str, Times], gaps: dict[str, float]) -> list[Go
     if name == "planar4":
         scipy = min((t for n, t in each.items() if n.startswith("scipy")), key=lambda t: t.median)
         ratio = scipy.over(each[OURS])
-        wanted = f">= {SCIPY_GOAL:.0f}"
-        goals.append(Goal(f"{name}: times the faster scipy loop", wanted, str(ratio), ratio.median >= SCIPY_GOAL))
+        goal = f">= {SCIPY_GOAL:.0f}"
+        goals.append(Goal(f"{name}: times the faster scipy loop", goal, str(ratio), ratio.median >= SCIPY_GOAL))
     if "MuJoCo settling" in each:
         ratio = each["MuJoCo settling"].over(each[OURS])
-        wanted = f">= {MUJOCO_GOAL:.0f}"
-        goals.append(Goal(f"{name}: times MuJoCo settling", wanted, str(ratio), ratio.median >= MUJOCO_GOAL))
+        goal = f">= {MUJOCO_GOAL:.0f}"
+        goals.append(Goal(f"{name}: times MuJoCo settling", goal, str(ratio), ratio.median >= MUJOCO_GOAL))
     return goals
 
 
@@ -156,9 +156,9 @@ def main() -> int:
     goals: list[Goal] = []
     absent: list[str] = []
     for name in MACHINES:
-        more, wanted = compare(name, quick, absent)
+        more, new_goals = compare(name, quick, absent)
         rows += more
-        goals += wanted
+        goals += new_goals
     head = ["machine", "who", "poses a second", "times our time (spread)", "largest gap, nm", "effort a pose"]
     print_table("Poses at rest, one thread", head, rows)
     return print_goals(goals, sorted(set(absent)))

@@ -71,8 +71,10 @@ class Task:
         rng = np.random.default_rng(7)
         model = Model(ParameterSet.of(machine))
         truth = rng.uniform(-1.0, 1.0, len(model)) * np.array([p.tolerance for p in model.parameters.parameters])
-        wanted, drives = targets(machine, n, seed=8)
-        visits = Visits.at_reference_temperature(machine, drives, wanted, np.where(np.arange(n) % 2, PAYLOAD_KG, 0.0))
+        target_poses, drives = targets(machine, n, seed=8)
+        visits = Visits.at_reference_temperature(
+            machine, drives, target_poses, np.where(np.arange(n) % 2, PAYLOAD_KG, 0.0)
+        )
         poses = model.predict(truth, visits)
         sigma = np.where(machine.dof < 3, NOISE_M, NOISE_RAD)
         value = np.concatenate([poses.tool_m(), poses.equilibrium.coordinates()[:, 3:]], axis=1)
@@ -91,8 +93,8 @@ class Task:
 
     def cost(self, z: Array) -> float:
         """Sum of squares of readings and priors."""
-        found = self.residual()(z)
-        return float(found @ found + z @ z)
+        residual = self.residual()(z)
+        return float(residual @ residual + z @ z)
 
 
 @dataclass
@@ -106,7 +108,7 @@ class Answer:
 def scipy_fit(task: Task, tolerance: float = 1e-8) -> Answer:
     """scipy's trust region with 2-point differences, priors as further rows; 1e-8 are its default tolerances."""
     residual = task.residual()
-    found = least_squares(
+    solution = least_squares(
         lambda z: np.concatenate([residual(z), z]),
         np.zeros(len(task.model)),
         jac="2-point",
@@ -114,8 +116,8 @@ def scipy_fit(task: Task, tolerance: float = 1e-8) -> Answer:
         xtol=tolerance,
         gtol=tolerance,
     )
-    evaluations = found.nfev + found.njev * len(found.x)
-    return Answer(found.x, f"{evaluations:,} residuals")
+    evaluations = solution.nfev + solution.njev * len(solution.x)
+    return Answer(solution.x, f"{evaluations:,} residuals")
 
 
 def our_fit(task: Task) -> Answer:
@@ -143,8 +145,8 @@ def compare(name: str, sizes: tuple[int, ...], rounds: int, absent: list[str]) -
     took, before = dict.fromkeys(solvers, 0.0), sizes[0]
     for n in sizes:
         running = {who: solve for who, solve in solvers.items() if took[who] * n / before < LONGEST_S}
-        times, found = contest(Task.of(name, n), running, rounds if n <= 1_000 else 1)
-        rows += [[name, f"{n:,}", who, *found.get(who, ["not run", "", "", "", ""])] for who in solvers]
+        times, results = contest(Task.of(name, n), running, rounds if n <= 1_000 else 1)
+        rows += [[name, f"{n:,}", who, *results.get(who, ["not run", "", "", "", ""])] for who in solvers]
         took, before = {who: times[who].median if who in times else np.inf for who in solvers}, n
         if n == 1_000:
             ratio = times[SCIPY].over(times[OURS])
@@ -180,10 +182,10 @@ def contest(
 
 def grown(name: str, sizes: tuple[int, ...]) -> tuple[list[list[str]], list[Goal]]:
     """Time and memory of ours over the number of poses, one process each."""
-    found = []
+    runs = []
     for n in sizes:
         command = [sys.executable, "-m", "benchmarks.identification", "--alone", name, str(n)]
-        found.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+        runs.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
     rows = [
         [
             name,
@@ -193,19 +195,19 @@ def grown(name: str, sizes: tuple[int, ...]) -> tuple[list[list[str]], list[Goal
             f"{1e6 * f['seconds'] / n:.0f}",
             f"{f['peak_mib']:.0f}",
         ]
-        for n, f in zip(sizes, found, strict=True)
+        for n, f in zip(sizes, runs, strict=True)
     ]
     # Of the two largest, where what does not depend on the number of poses no longer counts.
     large = [len(sizes) - 2, len(sizes) - 1]
     counts = [sizes[i] for i in large]
-    slope = exponent(counts, [found[i]["seconds"] / found[i]["passes"] for i in large])
-    peak = max(f["peak_mib"] for f in found)
-    wanted = f"{LINEAR[0]} to {LINEAR[1]}"
+    slope = exponent(counts, [runs[i]["seconds"] / runs[i]["passes"] for i in large])
+    peak = max(f["peak_mib"] for f in runs)
+    goal = f"{LINEAR[0]} to {LINEAR[1]}"
     goals = [
-        Goal(f"{name}: exponent of time a pass", wanted, f"{slope:.2f}", LINEAR[0] <= slope <= LINEAR[1]),
+        Goal(f"{name}: exponent of time a pass", goal, f"{slope:.2f}", LINEAR[0] <= slope <= LINEAR[1]),
         Goal(f"{name}: peak memory", f"< {MEMORY_GOAL_MIB:.0f} MiB", f"{peak:.0f} MiB", peak < MEMORY_GOAL_MIB),
     ]
-    growth = [found[i]["peak_mib"] - found[0]["peak_mib"] for i in large]
+    growth = [runs[i]["peak_mib"] - runs[0]["peak_mib"] for i in large]
     if counts[-1] >= 100_000:
         share = exponent(counts, growth)
         goals.append(Goal(f"{name}: exponent of memory", f"<= {LINEAR[1]}", f"{share:.2f}", share <= LINEAR[1]))
@@ -249,12 +251,12 @@ def main() -> int:
     goals: list[Goal] = []
     absent: list[str] = []
     for name in arguments.machines.split(","):
-        more, wanted = compare(name, sizes, rounds, absent)
+        more, new_goals = compare(name, sizes, rounds, absent)
         rows += more
-        goals += wanted
-        more, wanted = grown(name, (1_000, 4_000) if arguments.quick else SIZES)
+        goals += new_goals
+        more, new_goals = grown(name, (1_000, 4_000) if arguments.quick else SIZES)
         grown_rows += more
-        goals += wanted
+        goals += new_goals
     head = [
         "machine",
         "poses",

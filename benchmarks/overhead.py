@@ -46,8 +46,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--poses", type=int, default=240)
     parser.add_argument("--real-time", action="store_true")
-    given = parser.parse_args()
-    cost = campaign(given.poses, real_time=False)
+    options = parser.parse_args()
+    cost = campaign(options.poses, real_time=False)
     share = cost.host_s / cost.rig_s
     print(
         f"{cost.poses} poses, {cost.readings} readings, virtual time: {cost.rig_s / 60.0:.1f} min of rig time in"
@@ -55,7 +55,7 @@ def main() -> int:
         f" {share:.2%}"
     )
     good = share <= LIMIT
-    if given.real_time:
+    if options.real_time:
         virtual, real = campaign(SHORT_POSES, real_time=False), campaign(SHORT_POSES, real_time=True)
         longer = real.host_s / virtual.rig_s - 1.0
         print(
@@ -88,10 +88,10 @@ def campaign(poses: int, *, real_time: bool) -> Cost:
             smrs = runner.devices.smrs("platform", "slider")
             rig_s, host_s, cpu_s = rig.clock.now_s(), time.monotonic(), time.process_time()
             runner.run(visits(runner.devices, plan(file, poses, machine), "calibration", smrs), "overhead")
-            spent = (rig.clock.now_s() - rig_s, time.monotonic() - host_s, time.process_time() - cpu_s)
+            elapsed_s = (rig.clock.now_s() - rig_s, time.monotonic() - host_s, time.process_time() - cpu_s)
         readings = len(store.recording("overhead"))
         store.close()
-    return Cost(poses, readings, *spent)
+    return Cost(poses, readings, *elapsed_s)
 
 
 def plan(file: RigFile, poses: int, machine: object) -> Block:

@@ -29,17 +29,17 @@ class Bound:
     model: Model
     values: Array
     covariance: Array
-    drawn: Array
+    error: Array
 
     @classmethod
     def of(cls, model: Model, values: Array, visits: Visits, readings: ToolCoordinates) -> Bound:
         """Inverse of the information of readings plus priors at the true values."""
         sigma = Layout.of(model, [readings]).sigma
-        found = readings.compare(model.predict(values, visits), readings.visit_indices(), np.zeros(0))
-        jacobian = (found.by_model * sigma).reshape(-1, sigma.size)
+        compared = readings.compare(model.predict(values, visits), readings.visit_indices(), np.zeros(0))
+        jacobian = (compared.by_model * sigma).reshape(-1, sigma.size)
         scaled = np.linalg.inv(jacobian.T @ jacobian + np.eye(sigma.size))
-        drawn = scaled @ (-jacobian.T @ found.residual.ravel() - values / sigma)
-        return cls(model, values, scaled * np.outer(sigma, sigma), drawn * sigma)
+        error = scaled @ (-jacobian.T @ compared.residual.ravel() - values / sigma)
+        return cls(model, values, scaled * np.outer(sigma, sigma), error * sigma)
 
     def spread(self, visits: Visits) -> Array:
         """Covariance (v, 6, 6) of tool point (m) and rotation (rad)."""
@@ -48,7 +48,7 @@ class Bound:
 
     def linear_error(self, visits: Visits) -> Array:
         """Errors (v, 6) of the linear estimate, for the errors and the noise that were drawn."""
-        return np.asarray(self._jacobian(visits) @ self.drawn)
+        return np.asarray(self._jacobian(visits) @ self.error)
 
     def _jacobian(self, visits: Visits) -> Array:
         poses = self.model.predict(self.values, visits)

@@ -50,7 +50,7 @@ class Rig:
     _stood: dict[tuple[object, ...], Array] = field(default_factory=dict)  # truths found before: cases share poses
 
     @classmethod
-    def drawn(cls, study: Study, seed: int) -> Rig:
+    def from_seed(cls, study: Study, seed: int) -> Rig:
         """The rig of a seed. Refuses priors that are narrower than the draw or know other errors."""
         machine = load_machine(study.path)
         parameters, sizes = ParameterSet.of(machine), deviations(study.path)

@@ -41,11 +41,11 @@ NAMES = {
 RIGID_FROM = 7  # of the names above
 
 
-def draw(found: dict[str, list[dict[str, Any]]], path: Path) -> None:
+def draw(rows_by_machine: dict[str, list[dict[str, Any]]], path: Path) -> None:
     """Median rig and the middle 90 % of rigs; dotted lines: the bound."""
     figure = Figure(figsize=(11.0, 7.2))
-    axes = figure.subplots(1, len(found), sharey=True, sharex=True, squeeze=False)[0]
-    for place, (machine, rows) in zip(axes, found.items(), strict=True):
+    axes = figure.subplots(1, len(rows_by_machine), sharey=True, sharex=True, squeeze=False)[0]
+    for place, (machine, rows) in zip(axes, rows_by_machine.items(), strict=True):
         for number, (case, kg, label, colour, marker) in enumerate(SHOWN):
             offset = 0.18 * (number - (len(SHOWN) - 1) / 2)
             for row, name in enumerate(NAMES):

@@ -30,7 +30,7 @@ from calibration.model.visits import Visits
 def run_rig(study: Study, seed: int) -> dict[str, Any]:
     """One rig through all cases; positions in um, orientations in urad."""
     started = time.monotonic()
-    rig = Rig.drawn(study, seed)
+    rig = Rig.from_seed(study, seed)
     cases = {case.name: score(rig, case) for case in CASES}
     return {
         "seed": seed,
@@ -65,24 +65,24 @@ def score(rig: Rig, case: CalibrationCase) -> dict[str, Any]:
     own = Bound(model, best.unknowns, best.covariance, np.zeros(len(model)))
     used = {}
     for kg in case.used_kg:
-        held = rig.visits(held_target, kg)
-        true = rig.truth(held, off)
+        held_out_visits = rig.visits(held_target, kg)
+        true = rig.truth(held_out_visits, off)
         error = {}
         for name, predict in predictors.items():
-            found = rms(rig.tool_error(predict(held), true))
-            if np.all(np.isfinite(found)):
-                error[name] = found
+            rms_error = rms(rig.tool_error(predict(held_out_visits), true))
+            if np.all(np.isfinite(rms_error)):
+                error[name] = rms_error
             else:
                 failed[name] = "no fit, or no equilibrium at a held-out pose"
-        spread = own.spread(held)[:, :, machine.dof][:, machine.dof]
-        white = rig.tool_error(predictors["map"](held), true)[:, machine.dof] / np.sqrt(
+        spread = own.spread(held_out_visits)[:, :, machine.dof][:, machine.dof]
+        white = rig.tool_error(predictors["map"](held_out_visits), true)[:, machine.dof] / np.sqrt(
             np.diagonal(spread, axis1=1, axis2=2)
         )
-        apart = rig.tool_error(model.predict(true_values, held).equilibrium.coordinates(), true)
+        apart = rig.tool_error(model.predict(true_values, held_out_visits).equilibrium.coordinates(), true)
         used[f"{kg:g}"] = {
             "error": error,
-            "bound": rms_of_spread(bound.spread(held)),
-            "linear": rms(bound.linear_error(held)),
+            "bound": rms_of_spread(bound.spread(held_out_visits)),
+            "linear": rms(bound.linear_error(held_out_visits)),
             "covered": [int(c) for c in np.sum(np.abs(white) < WITHIN_95, axis=0)],
             "model_apart_nm": float(np.max(np.abs(apart)) * 1e9),
         }
@@ -105,37 +105,40 @@ def _predictors(
         some = ToolCoordinates.of(visits.take(rows), rig.coordinates, value[rows], rig.sigma)
         return identify(model, visits.take(rows), [some], estimator, robust=robust)
 
-    found_before: dict[tuple[object, ...], Fit | None] = {}  # one baseline is a member of another
+    fits_by_key: dict[tuple[object, ...], Fit | None] = {}  # one baseline is a member of another
 
     def fit_if_any(model: Model, rows: NDArray[np.bool_]) -> Fit | None:
         key = (model.machine.strut_names, tuple(model.machine.nominal.stiffness_n_per_m), rows.tobytes())
-        if key not in found_before:
+        if key not in fits_by_key:
             try:
-                found_before[key] = fit(model, rows)
+                fits_by_key[key] = fit(model, rows)
             except InputError:  # a rigid machine with fewer struts may be singular inside the workspace
-                found_before[key] = None
-        return found_before[key]
+                fits_by_key[key] = None
+        return fits_by_key[key]
 
-    def stated(found: Fit | None, at: Visits) -> Array:
-        return np.full((len(at), 6), np.nan) if found is None else found.predict(at).equilibrium.coordinates()
+    def coordinates_of(one_fit: Fit | None, at: Visits) -> Array:
+        return np.full((len(at), 6), np.nan) if one_fit is None else one_fit.predict(at).equilibrium.coordinates()
 
     everything = np.ones(len(visits), dtype=bool)
     best = fit(model, everything)
     fits = {"map": best}
     if case.compared:
         nominal = replace(model, parameters=ParameterSet.of(rig.machine, RIGID_KINDS))
-        wanted: dict[str, Callable[[], Fit]] = {
+        fits_of_case: dict[str, Callable[[], Fit]] = {
             name: lambda name=name: fit(model, everything, name) for name in ESTIMATORS if name != "map"
         }
-        wanted["map_robust"] = lambda: fit(model, everything, robust=True)
-        wanted["map_nominal_stiffness"] = lambda: fit(nominal, everything)
-        for name, make in wanted.items():
+        fits_of_case["map_robust"] = lambda: fit(model, everything, robust=True)
+        fits_of_case["map_nominal_stiffness"] = lambda: fit(nominal, everything)
+        for name, make in fits_of_case.items():
             try:
                 fits[name] = make()
             except InputError as error:
                 failed[name] = str(error)
-    out = {name: lambda at, found=found: stated(found, at) for name, found in fits.items()}
+    out = {name: lambda at, one_fit=one_fit: coordinates_of(one_fit, at) for name, one_fit in fits.items()}
     if case.compared:
         measured = rig.platform_measured(visits, value)
-        out |= {b.name: b.predict for b in fit_rigid_identifications(rig.machine, visits, fit_if_any, stated, measured)}
+        out |= {
+            b.name: b.predict
+            for b in fit_rigid_identifications(rig.machine, visits, fit_if_any, coordinates_of, measured)
+        }
     return out, best

@@ -33,12 +33,12 @@ CODE = ("calibration", "mock_devices/plant/structure.py", "tests/calibration/ref
 
 def code_digest() -> str:
     """Hash of the programs that a result depends on: results of two versions are told apart, not refused."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in CODE:
         place = ROOT / name
         for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            found.update(file.read_bytes())
-    return found.hexdigest()[:12]
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def main() -> int:
@@ -56,19 +56,19 @@ def main() -> int:
     except MixedSettingsError as error:
         print(f"rig study: {error}", file=sys.stderr)
         return 2
-    wanted = range(1, options.rigs + 1)
+    seeds = range(1, options.rigs + 1)
     todo = [
-        [(study, seed) for seed in wanted if seed not in {row["seed"] for row in stored[study.machine]}]
+        [(study, seed) for seed in seeds if seed not in {row["seed"] for row in stored[study.machine]}]
         for study in STUDIES
     ]
     queue = [job for jobs in zip_longest(*todo) for job in jobs if job is not None]
     _run(queue, files, code, options.processes)
 
     good = True
-    found: dict[str, list[dict[str, Any]]] = {}
+    rows_by_machine: dict[str, list[dict[str, Any]]] = {}
     for study in STUDIES:
-        rows = sorted((row for row in files[study.machine].rows() if row["seed"] in wanted), key=lambda r: r["seed"])
-        found[study.machine] = rows
+        rows = sorted((row for row in files[study.machine].rows() if row["seed"] in seeds), key=lambda r: r["seed"])
+        rows_by_machine[study.machine] = rows
         lines, kept = summarise(study, rows)
         versions = {row["code"] for row in rows}
         if versions != {code}:
@@ -78,7 +78,7 @@ def main() -> int:
         print("\n".join(lines), end="\n\n")
         good = good and kept
     picture = options.picture or options.out / "estimators.png"
-    draw(found, picture)
+    draw(rows_by_machine, picture)
     print(f"picture: {picture}", file=sys.stderr)
     return 0 if good else 1
 
@@ -97,9 +97,9 @@ def _run(queue: list[tuple[Study, int]], files: dict[str, ResultsFile], code: st
                 study, seed = running[future]
                 files[study.machine].append({**future.result(), "code": code})
                 passed = time.monotonic() - started
-                left = passed / done * (len(queue) - done)
+                left_min = passed / 60.0 / done * (len(queue) - done)
                 print(
-                    f"{done} of {len(queue)}: {study.machine} {seed}; {passed / 60:.1f} min, {left / 60:.1f} left",
+                    f"{done} of {len(queue)}: {study.machine} {seed}; {passed / 60:.1f} min, {left_min:.1f} left",
                     file=sys.stderr,
                     flush=True,
                 )

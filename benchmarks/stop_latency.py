@@ -39,15 +39,15 @@ def main() -> int:
     parser.add_argument("--trips", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.serve is not None:
-        serve(given.serve, given.seed)
+    options = parser.parse_args()
+    if options.serve is not None:
+        serve(options.serve, options.seed)
         return 0
     with tempfile.TemporaryDirectory() as folder:
         path = rig_file(Path(folder))
-        found = list(measure(path, given.trips, given.seed))
-    total, polling = np.array([(row["total_ms"], row["polling_ms"]) for row in found if "total_ms" in row]).T
-    faults = np.array([row["fault_ms"] for row in found if "fault_ms" in row])
+        latencies = list(measure(path, options.trips, options.seed))
+    total, polling = np.array([(row["total_ms"], row["polling_ms"]) for row in latencies if "total_ms" in row]).T
+    faults = np.array([row["fault_ms"] for row in latencies if "fault_ms" in row])
     print(f"{len(total)} trips under load, times in ms           median    95 %    99 %     max")
     for name, values in (
         ("bit to last stop frame", total),
@@ -149,11 +149,11 @@ def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
                 mover.start()
                 mock.stdin.write("trip\n" if number < trips else "fault\n")
                 mock.stdin.flush()
-                found = json.loads(mock.stdout.readline())
+                message = json.loads(mock.stdout.readline())
                 mover.join()
-                if "error" in found:
-                    raise SystemExit(found["error"])
-                yield found
+                if "error" in message:
+                    raise SystemExit(message["error"])
+                yield message
         mock.stdin.close()
         clock.close()
 

@@ -62,8 +62,8 @@ class Goal:
     """A figure that is asked for, and whether it is reached."""
 
     what: str
-    wanted: str
-    found: str
+    required: str
+    measured: str
     met: bool
 
 
@@ -103,7 +103,7 @@ def print_table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) 
 
 def print_goals(goals: Sequence[Goal], absent: Sequence[str]) -> int:
     """The goals; exit status 1 if one is missed."""
-    rows = [[g.what, g.wanted, g.found, "met" if g.met else "MISSED"] for g in goals]
+    rows = [[g.what, g.required, g.measured, "met" if g.met else "MISSED"] for g in goals]
     print_table("Goals", ["what", "wanted", "found", ""], rows)
     for name in absent:
         print(f"not compared: {name}")

@@ -58,7 +58,7 @@ def test_ratio_and_its_standard_error():
 
 def test_both_sources_of_truth_agree():
     errors = draw_errors(PLANAR.path, 5)
-    rig = Rig.drawn(PLANAR, 5)
+    rig = Rig.from_seed(PLANAR, 5)
     visits = rig.visits(measured_targets(rig.machine, 16), 400.0)
     payload = Payload(400.0, PLANAR.payload_com_m)
     reference = ReferencePlant(ReferenceModel(PLANAR.path.read_text(encoding="utf-8")))
@@ -67,7 +67,7 @@ def test_both_sources_of_truth_agree():
 
 
 def test_the_bound_is_the_covariance_of_a_fit_where_it_is_linearised():
-    rig = Rig.drawn(PLANAR, 6)
+    rig = Rig.from_seed(PLANAR, 6)
     model = Model(ParameterSet.of(rig.machine), SystematicUncertainties(1e-3, 2e-3))
     target = measured_targets(rig.machine, 16)
     visits = rig.visits(target, 0.0).concatenate(rig.visits(target, 400.0))
@@ -83,7 +83,7 @@ def test_a_prior_that_is_narrower_than_the_draw_is_refused(monkeypatch):
     wider = {name: 1.01 * size for name, size in deviations(PLANAR.path).items()}
     monkeypatch.setattr(rig_measured, "deviations", lambda _path: wider)
     with pytest.raises(AssertionError, match="narrower"):
-        Rig.drawn(PLANAR, 1)
+        Rig.from_seed(PLANAR, 1)
 
 
 def test_rms_is_of_distance_and_angle():

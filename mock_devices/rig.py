@@ -1,4 +1,4 @@
-"""The whole mock rig: one plant, one clock, and the three servers in front of it."""
+"""The whole mock rig: one plant, one clock, and the servers of drives, PLC and station."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one may choose about a mock rig. None of it is a true error: those are drawn from the seed."""
+"""Settings of a mock rig. None of them is a true error: those are drawn from the seed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class InstrumentProfile:
 
 @dataclass(frozen=True)
 class DisturbanceLevels:
-    """Ordinary wander of a rig at its declared level, one standard deviation each (`[nuisance]` of a recording)."""
+    """Ordinary disturbances of a rig at their declared level, one standard deviation each (`[nuisance]`)."""
 
     drift_m: float = 0.0
     reseat_m: float = 0.0
@@ -76,10 +76,10 @@ class MockSettings:
     `error_scale` multiplies the drawn geometric errors (lengths, joints, tilts, drive scales), not the
     stiffness, the mounting of the reflectors or the instrument. `payloads[n]` is number n of the PLC.
     `station_heading_rad` turns the zero direction, clockwise seen from above, away from -z of the machine.
-    `effects` are what a calibrated model leaves out, `nuisance` the ordinary wander. `noise_tails`: degrees of freedom
-    of Student's t that readings' noise has, of the same variance (0: normal). `temperature_programme`: corners (rig
-    time, kelvin) of a swing of the shop's temperature. `clock_jitter_s` is of the time stamps in recordings.
-    Without `absolute_encoders` the drives have lost their reference after power-on. `plc_readings` are further
+    `effects` are what a calibrated model does not contain, `nuisance` the ordinary disturbances. `noise_tails`: degrees
+    of freedom of Student's t of the readings' noise, of the same variance (0: normal). `temperature_programme`:
+    corners (rig time, kelvin) of a change of the shop's temperature. `clock_jitter_s` is the noise of time stamps in
+    recordings. Without `absolute_encoders` the drives have no reference after power-on. `plc_readings` are further
     registers of the PLC, for example the temperature of a coolant.
     """
 
@@ -105,7 +105,7 @@ class MockSettings:
     plc_readings: tuple[PlcReading, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse settings that cannot be."""
+        """Raise ValueError for impossible settings."""
         if not 0 <= self.initial_payload < len(self.payloads):
             raise ValueError(f"there is no payload {self.initial_payload}")
         if self.seed < 0 or self.error_scale < 0.0:

@@ -47,7 +47,7 @@ class AxisMotion:
         start = standstill(encoder_inc)
         point = SetPoint(0, round(encoder_inc))
         self._chain = [_Segment(float("-inf"), start, None, point, encoder_inc, shift_inc)]
-        self.trail: list[tuple[float, Profile, float]] = []  # motions: start, profile, shift; for effects that remember
+        self.trail: list[tuple[float, Profile, float]] = []  # motions: start, profile, shift; for effects with history
 
     def command(self, t_s: float) -> tuple[float, float, float]:
         """Commanded position, velocity, acceleration at `t_s`."""
@@ -68,7 +68,7 @@ class AxisMotion:
         return position + _correction(segment.table, position, partner_inc) - self.following_error(t_s)
 
     def true_position_inc(self, t_s: float, partner_inc: float | None) -> float:
-        """Where the axis truly stands, whatever the encoder counts."""
+        """The true position of the axis, whatever the encoder counts."""
         return self.encoder_inc(t_s, partner_inc) + self._at(t_s).shift_inc
 
     def set_point(self, t_s: float) -> SetPoint:
@@ -85,7 +85,7 @@ class AxisMotion:
         return max(self._chain[-1].start_s, self._chain[-1].end_s)
 
     def release(self, t_s: float, table: Table | None, partner_inc: float | None) -> None:
-        """Take the brake off: the command becomes what holds the encoder where it is."""
+        """Release the brake: the command becomes the one that keeps the encoder where it is."""
         last = self._chain[-1]
         encoder = self.encoder_inc(max(t_s, last.start_s), partner_inc)
         position = command_for(encoder, table, partner_inc)
@@ -93,7 +93,7 @@ class AxisMotion:
         self._append(_Segment(start_s, standstill(position), table, last.set_point, shift_inc=last.shift_inc))
 
     def apply_brake(self, t_s: float, deceleration: float, partner_inc: float | None) -> None:
-        """Stop as quickly as told, then put the brake on."""
+        """Stop with the given deceleration, then apply the brake."""
         self.stop(t_s, deceleration)
         last = self._chain[-1]
         if last.braked_at_inc is not None:
@@ -104,18 +104,18 @@ class AxisMotion:
         self._append(_Segment(start_s, settling, last.table, last.set_point, encoder, last.shift_inc))
 
     def recount(self, t_s: float, count_inc: float) -> None:
-        """Count from `count_inc` on, without compensation; an axis that moves does so where it comes to rest."""
+        """Count from `count_inc` on, without compensation; if the axis moves, from where it comes to rest."""
         last = self._chain[-1]
         start_s = max(t_s, self.end_s)
-        former_inc = last.profile.target if last.braked_at_inc is None else last.braked_at_inc
+        previous_inc = last.profile.target if last.braked_at_inc is None else last.braked_at_inc
         point = SetPoint(last.set_point.count + 1, round(count_inc))
         resting = standstill(count_inc, last.profile.following_error(start_s - last.start_s))
         braked_at_inc = None if last.braked_at_inc is None else count_inc
-        shift_inc = last.shift_inc + former_inc - count_inc
+        shift_inc = last.shift_inc + previous_inc - count_inc
         self._append(_Segment(start_s, resting, None, point, braked_at_inc, shift_inc))
 
     def go(self, t_s: float, target_inc: int, dynamics: Dynamics, *, at_once: bool) -> None:
-        """Follow a new set-point now, or after the motion under way."""
+        """Follow a new set-point now, or after the present motion."""
         start_s = t_s if at_once else max(t_s, self.end_s)
         before = self._at(start_s)
         position, velocity, _ = before.profile.at(start_s - before.start_s)
@@ -132,7 +132,7 @@ class AxisMotion:
         self._append(_Segment(start_s, profile, before.table, point, shift_inc=before.shift_inc))
 
     def stop(self, t_s: float, deceleration: float) -> None:
-        """Stop on the spot; set-points that wait are dropped."""
+        """Stop at once; waiting set-points are dropped."""
         if t_s >= self.end_s:
             return
         now = self._at(t_s)

@@ -1,11 +1,11 @@
 """Cyclic synchronous position mode (CiA 402, mode 8) of a mock drive: how it gets from SYNC to SYNC.
 
-The target that is there at a SYNC, however old, is reached one interpolation time period (0x60C2) later, at constant
-speed, whenever the next SYNC comes; the axis waits there. A step that the motor cannot make in that time is a following
-error. An axis that a SYNC found away from its target and that hears none for three periods has lost its master: a
-fault. One that stands on its target misses nothing; other makes may want SYNC for as long as they are enabled.
-Statusword bit 12: the axis is enabled and the last target was one that it can take.
-Not modelled: limits of acceleration, extrapolation over a SYNC that is missing, targets that come too late for theirs.
+The target at a SYNC, however old, is reached one interpolation time period (0x60C2) later, at constant speed, whenever
+the next SYNC arrives; the axis waits there. A step that the motor cannot make in that time is a following error. An
+axis that is away from its target at a SYNC and receives none for three periods has lost its master: a fault. One that
+is on its target is not affected; other makes may require SYNC for as long as they are enabled.
+Statusword bit 12: the axis is enabled and the last target was acceptable.
+Not modelled: limits of acceleration, extrapolation over a missing SYNC, targets that arrive too late.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _STEEP_INC_PER_S2 = 1e14
 
 @dataclass
 class CyclicPosition:
-    """Object 0x60C2 as units times a power of ten of a second, and how the axis is led.
+    """Object 0x60C2 as units times a power of ten of a second, and the state of the cyclic motion.
 
-    `under_way`: the last SYNC found it away from its target. `ignores`: the last target was refused.
+    `under_way`: it was away from its target at the last SYNC. `ignores`: the last target was refused.
     """
 
     units: int = 50
@@ -40,7 +40,7 @@ class CyclicPosition:
 
     @property
     def patience_s(self) -> float:
-        """For how long the axis may be under way without a SYNC; 0: for ever."""
+        """For how long the axis may move without a SYNC; 0: no limit."""
         return _PERIODS_WITHOUT_SYNC * self.period_s if self.under_way else 0.0
 
     def set_units(self, units: int) -> None:
@@ -56,7 +56,7 @@ class CyclicPosition:
         self.exponent = exponent
 
     def step(self, way_inc: float, window_inc: int) -> Dynamics | None:
-        """How to go a way that is left at a SYNC; None where there is nothing to go."""
+        """How to travel the remaining distance at a SYNC; None if there is none."""
         self.under_way = abs(way_inc) > window_inc
         if abs(way_inc) < _SMALLEST_INC:
             return None

@@ -2,9 +2,9 @@
 
 A following error beyond its window (0x6065) is a fault at the next SYNC.
 The encoder is absolute unless it is said to be incremental: then a restart makes the drive count from zero and its
-position is not referenced before it was homed; until then it moves as it is told, which the master has to refuse.
+position is not referenced until it is homed; until then it moves as commanded, which the master has to prevent.
 Not modelled: other modes, quick stop options (it stops and waits), limits of torque and current, the time-out of the
-following error (0x6066); a homing that was halted is begun anew.
+following error (0x6066); a halted homing starts again from the beginning.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
 class DriveAxis:
     """One axis. Times are rig time; `now_s` asks the clock; `emergency` sends an EMCY code.
 
-    It begins at the true position `start_inc`; an encoder that is not `absolute` counts that as zero.
+    It starts at the true position `start_inc`; an encoder that is not `absolute` counts that as zero.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class DriveAxis:
         """Object 0x6060. Raises RefusedWrite."""
         if mode not in (PROFILE_POSITION, HOMING, CYCLIC_POSITION):
             raise RefusedWrite(VALUE_RANGE)
-        self._break_homing_off()
+        self._abort_homing()
         self.mode, self.cyclic.under_way = mode, False
 
     def set_target(self, target_inc: int) -> None:
@@ -141,11 +141,11 @@ class DriveAxis:
         return self.motion.encoder_inc(t_s, self.compensation.partner.command_inc)
 
     def true_position_inc(self, t_s: float) -> float:
-        """Where the axis truly stands, whatever its encoder counts."""
+        """The true position of the axis, whatever its encoder counts."""
         return self.motion.true_position_inc(t_s, self.compensation.partner.command_inc)
 
     def sync(self) -> None:
-        """A SYNC: take over the partner's command; stop where motion is not permitted any more."""
+        """A SYNC: take over the partner's command; stop if motion is no longer permitted."""
         self.compensation.partner.sync()
         if self.state is State.OPERATION_ENABLED and self._following_error_too_large():
             self.fault(EMCY_FOLLOWING_ERROR)
@@ -153,12 +153,12 @@ class DriveAxis:
         self.watch_motion()
 
     def sync_lost(self) -> None:
-        """No SYNC has come for too long while the axis was led by it."""
+        """No SYNC has arrived for too long in a cyclic motion."""
         if self.mode == CYCLIC_POSITION and self.state is State.OPERATION_ENABLED:
             self.fault(EMCY_SYNC)
 
     def _follow(self) -> None:
-        """Cyclic mode: go to the target that has come since the SYNC before."""
+        """Cyclic mode: go to the target received since the previous SYNC."""
         self.cyclic.under_way = False
         if self.mode != CYCLIC_POSITION or self.state is not State.OPERATION_ENABLED:
             return
@@ -188,7 +188,7 @@ class DriveAxis:
         self._raise_error(EMCY_HEARTBEAT)
 
     def connection_is_back(self) -> None:
-        """The master is heard again."""
+        """The master's heartbeat is back."""
         if self.error_code == EMCY_HEARTBEAT and self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
             self._clear_error()
 
@@ -202,7 +202,7 @@ class DriveAxis:
             self._raise_error(EMCY_COMPENSATION)
 
     def quick_stop(self) -> None:
-        """Stop without being told by a controlword: the node left OPERATIONAL."""
+        """Stop without a controlword: the node has left OPERATIONAL."""
         self.refresh()
         if self.state is State.OPERATION_ENABLED:
             self.state = State.QUICK_STOP_ACTIVE
@@ -217,7 +217,7 @@ class DriveAxis:
         self._raise_error(code)
 
     def boot(self) -> None:
-        """Restart: motor off, brake on; an incremental encoder knows no more where it is."""
+        """Restart: motor off, brake on; an incremental encoder loses its reference."""
         self.refresh()
         if self.powered:
             self._brake()
@@ -233,7 +233,7 @@ class DriveAxis:
         self.compensation.boot()
 
     def refresh(self) -> None:
-        """Let the fault reaction end, and homing where its mark is reached or the motor does not follow any more."""
+        """End the fault reaction, and homing if its mark is reached or the motor is off."""
         if self.state is State.FAULT_REACTION_ACTIVE and not self.motion.is_moving(self._now_s()):
             self.state = State.FAULT
         begun_s = self.homing.begun_s
@@ -247,9 +247,9 @@ class DriveAxis:
             self.homing.arrive()
 
     def _home(self, controlword: int, previous: int) -> None:
-        """Bit 4 up begins homing, bit 4 down or halt breaks it off."""
+        """Bit 4 up starts homing, bit 4 down or halt aborts it."""
         if not controlword & cia402.NEW_SET_POINT or controlword & cia402.HALT:
-            self._break_homing_off()
+            self._abort_homing()
             return
         if previous & cia402.NEW_SET_POINT:
             return
@@ -265,7 +265,7 @@ class DriveAxis:
             self.motion.go(t_s, target_inc, Dynamics(float(self.homing.speed), steep, steep), at_once=True)
         self.refresh()
 
-    def _break_homing_off(self) -> None:
+    def _abort_homing(self) -> None:
         self.refresh()
         if self.homing.begun_s is not None:
             self.motion.stop(self._now_s(), float(self.homing.acceleration))

@@ -1,9 +1,9 @@
 """Homing mode (CiA 402, mode 6) of a mock drive: which mark it goes to, and whether its position means anything.
 
-An index mark stands wherever the drive's true position is a whole number of revolutions. Methods 33 and 34 go to the
-next one in negative or positive direction, 35 and 37 take the place where the axis stands. On the mark the position is
-the home offset (0x607C). Not modelled: switches and their methods, a speed of its own for the last bit of the way
-(0x6099:02 is only kept), an index that is passed and come back to.
+There is an index mark wherever the drive's true position is a whole number of revolutions. Methods 33 and 34 go to the
+next one in negative or positive direction, 35 and 37 take the present position. On the mark the position is
+the home offset (0x607C). Not modelled: switches and their methods, a separate speed for the last part of the way
+(0x6099:02 is only stored), an index that is passed and approached again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TO_INDEX_BELOW, TO_INDEX_ABOVE, WHERE_IT_STANDS = 33, 34, (35, 37)
 
 @dataclass
 class Homing:
-    """Settings, in increments and seconds, and how far it has come."""
+    """Settings, in increments and seconds, and progress."""
 
     method: int = 37
     offset_inc: int = 0
@@ -38,7 +38,7 @@ class Homing:
         self.method = method
 
     def way_inc(self, true_position_inc: float) -> float:
-        """How far the mark is from a true position; an index on which the axis stands is not looked for."""
+        """How far the mark is from a true position; an index at the present position does not count."""
         if self.method == TO_INDEX_ABOVE:
             return INDEX_INC * (math.floor(round(true_position_inc) / INDEX_INC) + 1) - true_position_inc
         if self.method == TO_INDEX_BELOW:
@@ -46,7 +46,7 @@ class Homing:
         return 0.0
 
     def begin(self, t_s: float) -> None:
-        """Set out: the old reference is gone."""
+        """Start: the old reference is lost."""
         self.referenced = self.attained = self.failed = False
         self.begun_s = t_s
 
@@ -56,5 +56,5 @@ class Homing:
         self.begun_s = None
 
     def abort(self, *, failed: bool = False) -> None:
-        """It is broken off or cannot be begun, or the mode is left."""
+        """It is aborted or cannot be started, or the mode is left."""
         self.attained, self.failed, self.begun_s = False, failed, None

@@ -117,10 +117,10 @@ class DriveServer:
         self._network.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
         self._connect()
 
-    # What the plant asks.
+    # Interface to the plant.
 
     def encoder_m(self, t_s: float) -> float:
-        """Where the drive stands at rig time `t_s`, compensation included, free of lag's rounding."""
+        """Where the drive stands at rig time `t_s`, compensation included, not rounded."""
         with self._lock:
             return self.axis.true_position_inc(t_s) * METRES_PER_INCREMENT
 
@@ -150,10 +150,10 @@ class DriveServer:
                 for start_s, profile, shift_inc in trail[first:]
             ]
 
-    # What tests and the rig may do.
+    # Interface to tests and the rig.
 
     def inject_fault(self, code: int = 0x2310) -> None:
-        """Let a fault happen, e.g. 0x2310 overcurrent."""
+        """Trigger a fault, e.g. 0x2310 overcurrent."""
         with self._lock:
             self.axis.fault(code)
 

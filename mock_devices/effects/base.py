@@ -1,4 +1,4 @@
-"""What every unmodelled effect is made of: named parameters, a place, a variant, and what it acts on.
+"""The parts of every effect: named parameters, a place, a variant, and what it acts on.
 
 An effect sees moments (when the drives stood where, how they came there, how warm everything was) and changes a
 deviation: what differs from the machine without it. It draws from its own seed only and keeps its own history.
@@ -23,7 +23,7 @@ GRAVITY_M_PER_S2 = 9.80665
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """A number of an effect: its unit is the end of its name; `typical` is what holds if nothing is said."""
+    """A number of an effect: its unit is the end of its name; `typical` is the default."""
 
     name: str
     low: float
@@ -62,7 +62,7 @@ class EffectSpec:
 
 @dataclass(frozen=True)
 class EffectChoice:
-    """An effect as chosen: plain data. What is left out takes its typical value, its first place and variant."""
+    """An effect as chosen: plain data. Omitted parts take the typical value, the first place and the first variant."""
 
     name: str
     size: float
@@ -100,20 +100,20 @@ class EffectArguments:
 class Effect:
     """One effect at one place. The defaults do nothing."""
 
-    def __init__(self, made: EffectArguments) -> None:
-        self.site, self.place, self.variant = made.site, made.place, made.variant
-        self.values, self.rng = made.values, made.rng
-        self.size = next(iter(made.values.values()))
+    def __init__(self, arguments: EffectArguments) -> None:
+        self.site, self.place, self.variant = arguments.site, arguments.place, arguments.variant
+        self.values, self.rng = arguments.values, arguments.rng
+        self.size = next(iter(arguments.values.values()))
         self.setup()
 
     def setup(self) -> None:
         """Draw what is fixed from now on."""
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """A leg of a drive and the rest after it are over."""
+        """A leg of a drive and the dwell after it have ended."""
 
     def early_s(self, state: MotionState) -> Array | float:
-        """By how much the drives are seen at a later time than the station's."""
+        """By how much the drives are observed later than the station."""
         return 0.0
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -130,25 +130,25 @@ class Effect:
 class StatefulEffect(Effect):
     """An effect whose drives remember how they were moved: one number a drive, kept as it was before each leg."""
 
-    def __init__(self, made: EffectArguments) -> None:
-        self._before: list[list[float]] = [[0.0] for _ in made.site.machine.sliders]
-        super().__init__(made)
+    def __init__(self, arguments: EffectArguments) -> None:
+        self._before: list[list[float]] = [[0.0] for _ in arguments.site.machine.sliders]
+        super().__init__(arguments)
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
-        """What is remembered when the rest after a leg ends."""
+        """The new state when the dwell after a leg ends."""
         raise NotImplementedError
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Keep what holds before the next leg."""
-        kept = self._before[drive]
-        kept.append(self.state_after(drive, kept[-1], leg))
+        """Append the state before the next leg."""
+        states = self._before[drive]
+        states.append(self.state_after(drive, states[-1], leg))
 
     def state_before(self, state: MotionState, drive: int) -> Array:
-        """What was remembered before the leg of each moment (n,)."""
-        kept = self._before[drive]
-        if len(state) < len(kept):
-            return np.array([kept[k] for k in state.leg[:, drive]])
-        return np.array(kept)[state.leg[:, drive]]
+        """The state before the leg of each of the n observations (n,)."""
+        states = self._before[drive]
+        if len(state) < len(states):
+            return np.array([states[k] for k in state.leg[:, drive]])
+        return np.array(states)[state.leg[:, drive]]
 
 
 def smooth_curve(rng: np.random.Generator, terms: int = 4) -> Callable[[Array], Array]:

@@ -18,7 +18,7 @@ Law = Callable[[Array, Array], tuple[Array, Array]]
 
 @dataclass
 class Leg:
-    """One motion of one drive and the rest after it, until the next begins. `direction` is kept at rest."""
+    """One motion of one drive and the dwell after it, until the next begins. `direction` is kept at rest."""
 
     start_s: float
     end_s: float
@@ -43,7 +43,7 @@ class Temperatures(Protocol):
 
 @dataclass(frozen=True)
 class MotionState:
-    """When something is looked at, n times: everything (n,) or (n, drives); `leg` counts each drive's legs."""
+    """The machine at n observations: everything (n,) or (n, drives); `leg` counts each drive's legs."""
 
     t_s: Array
     q_m: Array

@@ -1,6 +1,6 @@
-"""The true machine with its effects, for many moments at once: where reflectors are and what the station sees.
+"""The true machine with its effects, for many states at once: positions of reflectors and what the station sees.
 
-Without effects it stands where `true_machine` says, to round-off; it is a second path to the same physics.
+Without effects it agrees with `true_machine` to round-off; it is a second path to the same physics.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class AffectedMachine:
         return deviation
 
     def early_s(self, state: MotionState) -> Array:
-        """By how much the machine has gone on when the station looks (n,)."""
+        """By how much the machine is ahead in time when the station measures (n,)."""
         return np.zeros(len(state)) + sum(effect.early_s(state) for effect in self.effects)
 
     def equilibria(self, state: MotionState, deviation: Deviation, payload: np.ndarray) -> tuple[Equilibria, Structure]:
@@ -185,7 +185,7 @@ def motion_states(
     drives_s: Array | None = None,
 ) -> MotionState:
     """MotionState (n,) at which the drives stand at `q_m` (n, d); `drives_s` if they are seen at other times."""
-    legs = history.at(t_s if drives_s is None else drives_s)
+    legs = history.legs_at(t_s if drives_s is None else drives_s)
     return MotionState(
         t_s=t_s,
         q_m=q_m,

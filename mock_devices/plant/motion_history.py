@@ -1,4 +1,4 @@
-"""How each drive came to where it stands: its legs, for effects that remember."""
+"""How each drive came to its position: its legs, for effects with history."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mock_devices.effects.base import Array, Effect, Leg
 
 
 class MotionHistory:
-    """The legs of all drives, in order of time; effects are told of each one when the next begins."""
+    """The legs of all drives, in order of time; effects receive each one when the next begins."""
 
     def __init__(self, positions_m: Sequence[float], effects: Sequence[Effect], start_s: float = 0.0) -> None:
         self._effects = tuple(effects)
@@ -34,7 +34,7 @@ class MotionHistory:
         direction = float(np.sign(way)) if way else last.direction
         legs.append(Leg(start_s, end_s, last.to_m, to_m, speed_m_per_s, direction))
 
-    def at(self, t_s: Array) -> dict[str, Array]:
+    def legs_at(self, t_s: Array) -> dict[str, Array]:
         """The leg of each drive at times (n,), and its numbers: (n, d) each, by the names of `MotionState`."""
         columns: dict[str, list[Array]] = {
             name: [] for name in ("leg", "from_m", "leg_start_s", "leg_end_s", "speed_m_per_s", "direction")

@@ -1,6 +1,6 @@
-"""The one machine that all mock devices share: what stands where, and what an instrument would read of it.
+"""The one machine that all mock devices share: its positions, and what an instrument would read of them.
 
-Nothing true leaves through the readings; `Plant.truth` is for scoring and tests only.
+Readings reveal no true values; `Plant.truth` is for scoring and tests only.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _TORQUE_PER_N = 0.010 / TWO_PI / 10.0  # of the rated one, as in the drives' obj
 
 @dataclass(frozen=True)
 class SetPoint:
-    """The set-point that a drive follows: how many it has taken so far, and the target in increments."""
+    """The set-point that a drive follows: how many it has accepted so far, and the target in increments."""
 
     count: int
     target_inc: int
@@ -48,7 +48,7 @@ class Motion:
 
 
 class DriveMotion(Protocol):
-    """What the plant asks of a drive."""
+    """What the plant needs of a drive."""
 
     def encoder_m(self, t_s: float) -> float:
         """Where the drive stands at rig time `t_s`, not earlier than a few set-points ago."""
@@ -65,7 +65,7 @@ class DriveMotion(Protocol):
 
 @runtime_checkable
 class MotionSource(Protocol):
-    """A drive that can tell of its motions; effects that remember need it."""
+    """A drive that reports its motions; effects with history need it."""
 
     def motions_after(self, t_s: float) -> list[Motion]:
         """All motions that began after `t_s`."""
@@ -120,12 +120,12 @@ class Plant:
     def attach(self, drives: tuple[DriveMotion, ...]) -> None:
         """Connect the drives, in the order of the machine file."""
         if len(drives) != len(self.nominal.sliders):
-            raise ValueError(f"{len(self.nominal.sliders)} drives wanted, {len(drives)} given")
+            raise ValueError(f"{len(self.nominal.sliders)} drives required, not {len(drives)}")
         self._drives = drives
 
     @property
     def payload(self) -> int:
-        """Number of the payload that is on."""
+        """Number of the present payload."""
         return self._payload
 
     def put_on(self, payload: int) -> None:
@@ -158,34 +158,36 @@ class Plant:
         ]
 
     def friction_kg(self, drive: int) -> float:
-        """What effects add to a drive's load, as a mass: of when the machine was last looked at."""
+        """What effects add to a drive's load, as a mass, at the last observation of the machine."""
         return self._force_n[drive] / GRAVITY_M_PER_S2
 
     def weight_torque(self) -> float:
-        """What the weight asks of each drive at rest, over the rated torque."""
+        """Torque of each drive at rest due to the weight, as a fraction of the rated torque."""
         return self.moving_mass_kg() / len(self.nominal.sliders) * GRAVITY_M_PER_S2 * _TORQUE_PER_N
 
     def _affected_sightings(self, affected: AffectedMachine, t_s: float) -> list[Sighting]:
         with self._lock:
-            moments = self._moments(affected, t_s)
+            state = self._observed_state(affected, t_s)
             payload = np.array([self._payload])
-            seen = affected.sight(moments, payload)
-            self._force_n = [float(force) for force in affected.deviation(moments).force_n[0]]
+            observed = affected.sight(state, payload)
+            self._force_n = [float(force) for force in affected.deviation(state).force_n[0]]
         return [
             Sighting(
-                i, smr.name, Polar(float(seen.hz_rad[0, i]), float(seen.v_rad[0, i]), float(seen.distance_m[0, i]))
+                i,
+                smr.name,
+                Polar(float(observed.hz_rad[0, i]), float(observed.v_rad[0, i]), float(observed.distance_m[0, i])),
             )
             for i, smr in enumerate(self.nominal.smrs)
         ]
 
-    def _moments(self, affected: AffectedMachine, t_s: float) -> MotionState:
-        """The present as one moment; drives are seen later than the station by its latency."""
-        now = self.moment(t_s)
+    def _observed_state(self, affected: AffectedMachine, t_s: float) -> MotionState:
+        """The present state; the drives are observed later than the station by its latency."""
+        now = self.motion_state(t_s)
         early_s = float(affected.early_s(now)[0])
-        return now if early_s == 0.0 else self.moment(t_s, t_s + early_s)
+        return now if early_s == 0.0 else self.motion_state(t_s, t_s + early_s)
 
-    def moment(self, t_s: float, drives_s: float | None = None) -> MotionState:
-        """The machine at rig time `t_s` as one moment, its drives as they are at `drives_s` if they are seen later."""
+    def motion_state(self, t_s: float, drives_s: float | None = None) -> MotionState:
+        """The machine's state at rig time `t_s`, with the drives as they are at `drives_s` if observed later."""
         drives_s = t_s if drives_s is None else drives_s
         history = self._history_until(drives_s)
         positions = np.array([[drive.encoder_m(drives_s) for drive in self._drives]])
@@ -202,11 +204,11 @@ class Plant:
         )
 
     def legs(self, drive: int) -> list[Leg]:
-        """What a drive has done until it was last looked at."""
+        """The legs of a drive until it was last observed."""
         return [] if self._history is None else self._history.legs(drive)
 
     def _history_until(self, t_s: float) -> MotionHistory:
-        """The drives' motions until `t_s`, told to the effects."""
+        """The drives' motions until `t_s`, passed on to the effects."""
         if self._history is None:
             effects = () if self._affected is None else self._affected.effects
             self._history = MotionHistory([drive.encoder_m(0.0) for drive in self._drives], effects)

@@ -3,7 +3,7 @@
 Answers the calls that a client of a measuring station makes; others with code 5 (not implemented).
 Values have four decimals until COM_SetDoublePrecision (107). Fine adjustment and search windows are full widths.
 A prism type brings its own constant with it, as of the stations' manuals; one that is set afterwards (2024) stays until
-the next type. Distance modes differ by how long they take only, and every type of prism is seen alike.
+the next type. Distance modes differ only in duration, and all prism types are measured alike.
 Not modelled: start-up and sleep, users and jobs, power search, image and keyboard calls, streaming.
 """
 
@@ -144,7 +144,7 @@ class MockStation:
 
     def _switch_on(self, _mode: int) -> Values:
         if self._on:
-            raise _Failure(NOT_IMPLEMENTED)  # what stations say that are on already
+            raise _Failure(NOT_IMPLEMENTED)  # the answer of a station that is already on
         self._on = True
         return ()
 

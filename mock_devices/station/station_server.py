@@ -26,27 +26,27 @@ Tamper = Callable[[bytes], bytes | None]
 
 
 class LineGone(Exception):
-    """The line is to go away."""
+    """The line has to be closed."""
 
 
 class LineBuffer:
-    """Cuts received bytes into lines. CR LF ends a request; a lone LF clears what was begun."""
+    """Splits received bytes into lines. CR LF ends a request; a lone LF discards a partial one."""
 
     def __init__(self) -> None:
-        self._begun = b""
+        self._partial = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that are complete now, without their ends."""
-        *ended, self._begun = (self._begun + data).split(b"\n")
-        if len(self._begun) > _LONGEST_LINE:
-            self._begun = b""
+        """The lines that are now complete, without their ends."""
+        *ended, self._partial = (self._partial + data).split(b"\n")
+        if len(self._partial) > _LONGEST_LINE:
+            self._partial = b""
         return [line[:-1] for line in ended if line.endswith(b"\r") and len(line) > 1]
 
 
 class StationServer:
-    """Common part of both lines. `tamper` may change or swallow (None) each answer, to play a bad line.
+    """Common part of both lines. `tamper` may change or drop (None) each answer, to simulate a bad line.
 
-    So do the faults named serial-...; where a byte is hit is drawn from `seed` and the number of the answer.
+    So do the faults named serial-...; the affected byte is drawn from `seed` and the number of the answer.
     """
 
     def __init__(self, station: MockStation, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
@@ -56,7 +56,7 @@ class StationServer:
         self._seed = seed
         self._count = 0
         self._held = b""
-        self._former = b""
+        self._previous = b""
         self._pause = threading.Event()
         self._wake_reader, self._wake_writer = os.pipe()
         self._closed = False
@@ -86,7 +86,7 @@ class StationServer:
         raise NotImplementedError
 
     def _answers(self, lines: list[bytes]) -> list[bytes]:
-        """What goes out for some requests, in pieces that the line keeps apart."""
+        """The bytes to send for some requests, in pieces that are sent separately."""
         pieces: list[bytes] = []
         for line in lines:
             answer = self._station.respond(line)
@@ -98,17 +98,17 @@ class StationServer:
 
     def _corrupt_answer(self, answer: bytes) -> list[bytes]:
         strikes, self._count = self._faults.strikes, self._count + 1
-        held, self._held = self._held, b""
-        former, self._former = self._former, answer
+        held_answer, self._held = self._held, b""
+        previous, self._previous = self._previous, answer
         if strikes("serial-gone"):
             raise LineGone
         if strikes("serial-lost"):
-            return [held] if held else []
+            return [held_answer] if held_answer else []
         if strikes("serial-late"):
             self._held = answer
-            return [held] if held else []
-        if strikes("serial-previous") and former:
-            answer = former
+            return [held_answer] if held_answer else []
+        if strikes("serial-previous") and previous:
+            answer = previous
         at = int(generator(self._seed, "serial", self._count).integers(len(answer)))
         if strikes("serial-dropped-byte"):
             answer = answer[:at] + answer[at + 1 :]
@@ -117,8 +117,8 @@ class StationServer:
         if strikes("serial-garbled-byte"):
             answer = answer[:at] + bytes([answer[at] ^ 1 << at % 7]) + answer[at + 1 :]
         if strikes("serial-split"):
-            return [held, answer[:at], answer[at:]]
-        return [held, answer]
+            return [held_answer, answer[:at], answer[at:]]
+        return [held_answer, answer]
 
 
 class PtyStationServer(StationServer):
@@ -137,7 +137,7 @@ class PtyStationServer(StationServer):
         self._path = os.ttyname(self._slave)
 
     def plug_in(self) -> None:
-        """Put the line back after it has gone."""
+        """Restore the line after it has gone."""
         if self._gone:
             self._open()
             os.write(self._wake_writer, b"x")
@@ -172,7 +172,7 @@ class PtyStationServer(StationServer):
                 self._pause.wait(_SPLIT_S)
 
     def _hang_up(self) -> None:
-        """Close our end; the other stays ours, so that nobody else gets a terminal of this name meanwhile."""
+        """Close the master side; the slave stays open, so that no other process gets a terminal of this name."""
         os.close(self._master)
         self._old_slaves.append(self._slave)
 

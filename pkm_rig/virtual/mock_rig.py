@@ -240,7 +240,7 @@ class TwinPlant(Plant):
         ]
 
     def _instant_state(self, t_s: float) -> InstantState:
-        now = self.moment(t_s)
+        now = self.motion_state(t_s)
         load = self.settings.payloads[self.payload]
         return InstantState(
             t_s=t_s,

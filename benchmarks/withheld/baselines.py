@@ -69,7 +69,7 @@ def nearest(residual: Array, signatures: dict[str, list[Array]]) -> str:
 
 
 def greedy_bic(residual: Array, signatures: dict[str, list[Array]]) -> str:
-    """First effect that is taken up, or none if BIC does not fall."""
+    """First effect that is added, or none if BIC does not fall."""
     n = residual.size
     centred = residual - residual.mean(axis=0)
     base = float(n * np.log(np.sum(centred**2) / n))

@@ -27,7 +27,7 @@ def log_density(y, covariance):
 
 
 def explicit(linear, likelihood, contributions):
-    """Columns (3 n, k) without `Readout.columns`."""
+    """Columns (3 n, k) without `MarginalLikelihood.columns`."""
     out = np.zeros((3 * len(linear.rows), len(contributions)))
     for k, contribution in enumerate(contributions):
         for channel, shape in contribution:

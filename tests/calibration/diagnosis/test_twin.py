@@ -96,7 +96,7 @@ def test_the_twin_is_nearer_to_the_plant_than_the_model(twin, reversing, strong)
     ("name", "size"), [("screw_cumulative_error", 6e-5), ("screw_periodic_error", 4e-5), ("link_thermal_growth", 5.0)]
 )
 def test_calibration_and_effect_are_found_together(name, size):
-    """Geometry that was fitted without the effect has taken up part of it: it must not be counted twice."""
+    """Geometry that was fitted without the effect has absorbed part of it: it must not be counted twice."""
     bench = plant(80, EffectChoice(name, size))
     recording = recorded(bench)
     diagnosis, twin = diagnose_and_add(recording)

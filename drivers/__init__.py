@@ -1,4 +1,4 @@
-"""Drivers of the rig's devices: laser station (GeoCOM), servo drives (CiA 402) and PLC (Modbus TCP).
+"""Drivers of the rig's devices: station (GeoCOM), servo drives (CiA 402) and PLC (Modbus TCP).
 
 Plain classes with SI units at the surface and typed errors, usable alone from a script.
 """

@@ -1,1 +1,1 @@
-"""The laser station: GeoCOM on a serial line."""
+"""The station: GeoCOM on a serial line."""

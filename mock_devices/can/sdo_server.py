@@ -42,7 +42,7 @@ class ObjectWriter(Protocol):
 
 
 class SegmentServer(server.SdoServer):
-    """canopen's server for expedited and segmented transfer; its segments can be spoilt by a fault."""
+    """canopen's server for expedited and segmented transfer; its segments can be corrupted by a fault."""
 
     def __init__(self, node: Any, faults: FaultPlan) -> None:
         super().__init__(0x600 + node.id, 0x580 + node.id, node)  # type: ignore[no-untyped-call]

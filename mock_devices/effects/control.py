@@ -48,7 +48,7 @@ class Latency(Effect):
         return self.size
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Let the filter lag: behind by v tau while moving, less and less after the stop."""
+        """Delay by a filter: behind by v tau while moving, decaying after the stop."""
         if self.variant == "filtering" and self.size > 0.0:
             speed = state.direction * state.speed_m_per_s
             deviation.travel_m -= self.size * speed * np.exp(-state.since_s / self.size)

@@ -1,4 +1,4 @@
-"""What a rig declares as its ordinary wander (`[nuisance]`): drift, reseating, reversal, temperature, one sd each."""
+"""Ordinary disturbances that a rig declares (`[nuisance]`): drift, reseating, reversal, temperature, one sd each."""
 
 from __future__ import annotations
 

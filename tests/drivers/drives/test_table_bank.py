@@ -48,10 +48,10 @@ def test_write_activate_and_roll_back(banks: list[TableBank]) -> None:
     assert [a.number for a in activate_all(_write_both(banks, 1))] == [0, 0]
     assert banks[0].state().active == 1
     assert banks[0].read_image(1).generation == 1
-    former = activate_all(_write_both(banks, 2))
+    previous = activate_all(_write_both(banks, 2))
     assert banks[1].state().active == 2
     assert banks[1].state().next_generation == 3
-    activate_all(former)
+    activate_all(previous)
     assert [bank.state().generation for bank in banks] == [1, 1]
 
 

@@ -1,4 +1,4 @@
-"""The laser tracker over a scripted line."""
+"""The station over a scripted line."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def read_text(path: Path) -> str:
     """The text of a small UTF-8 file; raises InputError with one line."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path}: larger than {MAX_FILE_BYTES} bytes; this is not a file of ours")
+            raise InputError(f"{path}: larger than {MAX_FILE_BYTES} bytes; not a file of pkm-rig")
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; check the path") from error
@@ -52,9 +52,11 @@ def read_toml(path: Path, model: type[AnySection]) -> AnySection:
 
 
 def _first_complaint(error: ValidationError) -> str:
-    first = error.errors()[0]
+    """One complaint in one line: a key that is not known first, since a misspelt key is missing elsewhere."""
+    complaints = error.errors()
+    first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
     where = ".".join(str(part) for part in first["loc"]) or "file"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
     if first["type"] == "extra_forbidden":
         return f"unknown key '{where}'; remove it or correct its spelling{more}"
     message = str(first["msg"]).replace("\n", " ")

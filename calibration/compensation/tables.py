@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.compensation.grid import BEYOND_WORKSPACE_M, GRID_MARGIN_M, POINTS_PER_AXIS
 from calibration.identification.calibration import Calibration
 from calibration.identification.fit import Fit
 from calibration.identification.prediction import predict_poses
@@ -22,10 +23,6 @@ from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.reduction.report_frame import ReportFrame
-
-POINTS_PER_AXIS = 17
-GRID_MARGIN_M = 0.02
-BEYOND_WORKSPACE_M = 0.07
 
 
 @dataclass(frozen=True)

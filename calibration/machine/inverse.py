@@ -102,3 +102,11 @@ def nominal_drives(machine: Machine, target_m: Array) -> Array:
     tool = target_m.copy()
     tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
     return drives_for(machine, machine.nominal, tool)[0]
+
+
+def platform_poses(machine: Machine, commanded: Array) -> Array:
+    """Platform poses (n, 6) that have the tool at commanded coordinates (n, k)."""
+    poses = np.zeros((len(commanded), 6))
+    poses[:, machine.commanded] = commanded
+    poses[:, :3] -= rotation_matrix(poses[:, 3:]) @ machine.tool_point_m
+    return poses

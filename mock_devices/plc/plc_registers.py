@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Plant
@@ -25,6 +25,19 @@ _FIRST_FREE = 37
 _PARTS = ("air", *SENSORS)
 
 
+def check_readings(readings: Sequence[PlcReading]) -> None:
+    """Raise ValueError, in one line, for further readings that the mock PLC cannot serve."""
+    for reading in readings:
+        last = REGISTERS - len(_words_of(reading, 0.0))
+        if not _FIRST_FREE <= reading.address <= last:
+            raise ValueError(
+                f"PLC reading '{reading.name}': register {reading.address} is not free in the mock PLC; "
+                f"use {_FIRST_FREE} to {last}"
+            )
+        if reading.part not in _PARTS:
+            raise ValueError(f"PLC reading '{reading.name}': no part '{reading.part}'; known: {', '.join(_PARTS)}")
+
+
 class PlcState:
     """What the PLC knows and does, without its line. Safe to use from several threads.
 
@@ -32,11 +45,7 @@ class PlcState:
     """
 
     def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS, master_limit_s: float = 2.0) -> None:
-        for reading in plant.settings.plc_readings:
-            if not _FIRST_FREE <= reading.address <= REGISTERS - len(_words_of(reading, 0.0)):
-                raise ValueError(f"the mock PLC has no free register {reading.address} for '{reading.name}'")
-            if reading.part not in _PARTS:
-                raise ValueError(f"PLC reading '{reading.name}': no part '{reading.part}'; known: {', '.join(_PARTS)}")
+        check_readings(plant.settings.plc_readings)
         self._plant = plant
         self._faults = faults
         self._master_limit_s = master_limit_s

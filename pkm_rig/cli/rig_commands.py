@@ -22,6 +22,7 @@ def calibrate(
     seed: Annotated[int | None, typer.Option(help="which embedded mock machine")] = None,
 ) -> None:
     """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
+    _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, progress_bar
@@ -49,6 +50,7 @@ def measure(
     ] = None,
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
+    _require_capabilities(rig, tables=False)
     from pkm_rig.jobs.measure import measure
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result, progress_bar
@@ -74,13 +76,14 @@ def verify(
     json: JsonOption = False,
 ) -> None:
     """Write the tables of a measured campaign, verify them by measuring, keep them or restore the previous ones."""
+    _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message, progress_bar
     from pkm_rig.rig.capabilities import Need
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.rig.store import open_existing_store, open_store
 
-    with open_store(out) as store:
+    with open_existing_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
         open_store(out) as store,
@@ -163,3 +166,13 @@ def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
         )
     if not outcome.accepted:
         raise CampaignRefused("the tables were refused; see the report for residuals and conditions")
+
+
+def _require_capabilities(rig: Path | None, *, tables: bool) -> None:
+    """Refuse a rig that cannot do the job, before the store is made and before what takes seconds to import."""
+    from pkm_rig.rig.capabilities import Need, require_capabilities
+    from pkm_rig.rig.config import embedded_rig_path, load_rig
+
+    path = rig or embedded_rig_path()
+    file, machine = load_rig(path)
+    require_capabilities(file, machine, path, Need.MOTION | Need.TABLES if tables else Need.MOTION)

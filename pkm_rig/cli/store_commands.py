@@ -14,9 +14,9 @@ from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument
 def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What is in the store."""
     from pkm_rig.report.terminal import print_json, results
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.rig.store import open_existing_store
 
-    with open_store(out) as store:
+    with open_existing_store(out) as store:
         rows = store.campaigns()
     if json:
         keys = ("campaign", "created", "rig", "readings", "last_event")
@@ -29,9 +29,9 @@ def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> N
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What happened to a campaign."""
     from pkm_rig.report.terminal import print_json, results
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.rig.store import open_existing_store
 
-    with open_store(out) as store:
+    with open_existing_store(out) as store:
         recording = store.recording(campaign)
         events = store.events(campaign)
     if json:
@@ -53,9 +53,9 @@ def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json
     from pkm_rig.report.html import report_path, write_report
     from pkm_rig.report.outcome_json import outcome_json
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.rig.store import open_existing_store
 
-    with open_store(out) as store:
+    with open_existing_store(out) as store:
         outcome = stored_outcome(store, campaign)
     try:
         path = report_path(outcome, out)
@@ -74,9 +74,9 @@ def export_campaign(
     """Write a campaign as a recording folder (docs/reference/recording.md)."""
     from calibration.recording.folder import write_folder
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.rig.store import open_existing_store
 
-    with open_store(out) as store:
+    with open_existing_store(out) as store:
         recording = store.recording(campaign)
     write_folder(recording, folder)
     result = {"campaign": campaign, "folder": str(folder), "readings": len(recording)}

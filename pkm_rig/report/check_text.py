@@ -9,7 +9,10 @@ from pkm_rig.report.terminal import results
 
 def print_check(check_result: dict[str, Any]) -> None:
     """Identities, capabilities, interlocks and whether a campaign may start."""
-    results.print(f"station: {check_result['station']}")
+    station = check_result["station"]
+    results.print(
+        "station: not known" if station is None else f"station: {station['name']}, serial {station['serial']}"
+    )
     for name, drive in check_result["drives"].items():
         results.print(
             f"drive {name}: node {drive['node_id']}, serial {drive['serial']}, "
@@ -21,4 +24,9 @@ def print_check(check_result: dict[str, Any]) -> None:
         results.print(f"interlock {name}: {'good' if good else 'OPEN'}")
     results.print(f"payload: {check_result['payload']}")
     results.print(f"predicted in-plane uncertainty of a visit: {check_result['in_plane_u_m'] * 1e6:.1f} um")
-    results.print("fit for a campaign" if not check_result["problems"] else "not fit")
+    if check_result["problems"]:
+        results.print("not fit")
+    elif all(drive["capabilities"]["table_bank"] for drive in check_result["drives"].values()):
+        results.print("fit for a campaign")
+    else:
+        results.print("fit to measure and identify; its drives store no compensation tables")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from calibration.base.toml_file import Section
-from calibration.compensation.tables import GRID_MARGIN_M
+from calibration.compensation.grid import GRID_MARGIN_M
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]

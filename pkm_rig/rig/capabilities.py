@@ -10,11 +10,10 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.compensation.tables import GRID_MARGIN_M
+from calibration.compensation.grid import GRID_MARGIN_M
 from calibration.machine.description import COORDINATES, Machine
-from calibration.machine.inverse import nominal_drives
+from calibration.machine.inverse import nominal_drives, platform_poses
 from pkm_rig.rig.config import RigFile, drive_profile
-from pkm_rig.rig.schedule import platform_poses
 
 ROUND_OFF_M = 1e-9
 EDGE_POINTS = 9  # along each coordinate of the workspace, ends included

@@ -10,9 +10,8 @@ from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.rotation import rotation_matrix
 from calibration.machine.description import Machine
-from calibration.machine.inverse import nominal_drives
+from calibration.machine.inverse import nominal_drives, platform_poses
 from pkm_rig.rig.campaign_sections import CampaignSettings
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2
@@ -154,14 +153,6 @@ def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tu
 def _in_workspace(machine: Machine, unit: Array) -> Array:
     low, high = machine.commanded_limits.T
     return platform_poses(machine, low + (high - low) * unit)
-
-
-def platform_poses(machine: Machine, commanded: Array) -> Array:
-    """Platform poses (n, 6) that have the tool at commanded coordinates (n, k)."""
-    poses = np.zeros((len(commanded), 6))
-    poses[:, machine.commanded] = commanded
-    poses[:, :3] -= rotation_matrix(poses[:, 3:]) @ machine.tool_point_m
-    return poses
 
 
 def commanded_drives(machine: Machine, targets: Array) -> Array:

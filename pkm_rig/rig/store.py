@@ -224,6 +224,15 @@ def open_store(out: Path) -> Iterator[Store]:
         store.close()
 
 
+@contextmanager
+def open_existing_store(out: Path) -> Iterator[Store]:
+    """The store in a folder; InputError, and nothing created, if there is none."""
+    if not (out / STORE_NAME).is_file():
+        raise InputError(f"there is no store in {out}; give --out")
+    with open_store(out) as store:
+        yield store
+
+
 def find_recording(name: str, out: Path) -> Recording:
     """A recording by its folder, or by its campaign id in the store; InputError if it is neither."""
     folder = Path(name)

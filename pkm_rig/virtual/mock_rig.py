@@ -24,6 +24,7 @@ from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.plant import Plant, Sighting
 from mock_devices.plant.thermal import SENSORS
+from mock_devices.plc.plc_registers import check_readings
 from mock_devices.rig import MockPorts, MockRig
 from mock_devices.settings import DisturbanceLevels, InstrumentProfile, MockSettings, Payload, PlcReading
 from mock_devices.stepped_clock import SteppedClock
@@ -88,7 +89,7 @@ def _settings(
         noise_tails=mock.noise_tails,
         temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
         temperature_programme=mock.temperature_programme,
-        plc_readings=tuple(_plc_reading(entry) for entry in file.plc.readings),
+        plc_readings=_plc_readings(file.plc.readings),
         absolute_encoders=mock.encoders == "absolute",
         seed=mock.seed,
         error_scale=mock.error_scale,
@@ -105,6 +106,12 @@ def _settings(
         station_position_m=file.station.position_m,
         station_heading_rad=file.station.heading_rad,
     )
+
+
+def _plc_readings(entries: Sequence[ReadingEntry]) -> tuple[PlcReading, ...]:
+    readings = tuple(_plc_reading(entry) for entry in entries)
+    check_readings(readings)
+    return readings
 
 
 def _plc_reading(entry: ReadingEntry) -> PlcReading:

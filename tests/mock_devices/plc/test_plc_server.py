@@ -135,8 +135,8 @@ def test_closing_twice_is_once(plant):
 @pytest.mark.parametrize(
     ("reading", "complaint"),
     [
-        (PlcReading("coolant", 36), "no free register 36"),
-        (PlcReading("coolant", 59), "no free register 59"),
+        (PlcReading("coolant", 36), "register 36 is not free in the mock PLC; use 37 to 58"),
+        (PlcReading("coolant", 59), "register 59 is not free"),
         (PlcReading("coolant", 40, part="spindle"), "no part 'spindle'"),
     ],
 )

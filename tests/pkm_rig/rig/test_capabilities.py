@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 
 import pytest
 
@@ -39,10 +38,9 @@ def refused(monkeypatch, capsys, tmp_path):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(pkm_rig.virtual.mock_rig.MockRig, "__enter__", touched)
         monkeypatch.setattr(sys, "argv", ["pkm-rig", name, "--rig", "rig.toml", *options])
-        started = time.monotonic()
         with pytest.raises(SystemExit) as ended:
             main()
-        assert time.monotonic() - started < 5.0  # the machine may be busy; it is a fraction of a second
+        assert not (tmp_path / "runs").exists()
         lines = capsys.readouterr().err.strip().splitlines()
         assert (ended.value.code, len(lines)) == (2, 1), lines
         return lines[0]

@@ -22,6 +22,7 @@ def load(tmp_path, text):
     ("old", "new", "complaint"),
     [
         ("[can]", "[can]\nbaud = 5", "unknown key 'can.baud'"),
+        ('[[payloads]]\nname = "none"', '[[payloads]]\nnam = "none"', "unknown key 'payloads.0.nam'"),
         ("node_id = 1", "node_id = 300", "drives.0.node_id"),
         ("node_id = 1", "node_id = 2", "same node_id"),
         ('name = "left"', 'name = "north"', "do not match the machine's"),

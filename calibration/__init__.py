@@ -1,1 +1,14 @@
 """Pure computation: from a machine description and readings to parameters and tables."""
+
+__all__ = [
+    "base",
+    "compensation",
+    "diagnosis",
+    "effects",
+    "identification",
+    "instruments",
+    "machine",
+    "model",
+    "recording",
+    "reduction",
+]

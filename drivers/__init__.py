@@ -2,3 +2,5 @@
 
 Plain classes with SI units at the surface and typed errors, usable alone from a script.
 """
+
+__all__ = ["can", "clock", "drives", "errors", "plc", "station"]

@@ -2,3 +2,21 @@
 
 Written without `calibration`, `drivers` and `pkm_rig`, so that agreement with them means something.
 """
+
+__all__ = [
+    "can",
+    "clock",
+    "drives",
+    "effects",
+    "faults",
+    "machine_file",
+    "plant",
+    "plc",
+    "pty_link",
+    "recordings",
+    "rig",
+    "seeds",
+    "settings",
+    "station",
+    "stepped_clock",
+]

@@ -1,1 +1,20 @@
 """The gap between the calibrated model and the machine: where it is, which effect causes it, how far it shrinks."""
+
+__all__ = [
+    "channels",
+    "curve_fit",
+    "diagnose",
+    "disturbances",
+    "effect_inputs",
+    "evidence",
+    "findings",
+    "linear_model",
+    "non_parametric",
+    "observed_model",
+    "periodogram",
+    "result",
+    "search",
+    "settings",
+    "twin",
+    "verdict",
+]

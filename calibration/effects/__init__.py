@@ -1,1 +1,18 @@
 """The catalogue of physical effects that a calibrated model leaves out (docs/reference/effects.md)."""
+
+__all__ = [
+    "api",
+    "base",
+    "basis_functions",
+    "catalogue",
+    "context",
+    "control",
+    "drive_train",
+    "former_names",
+    "guides",
+    "instrument",
+    "reversal",
+    "structure",
+    "strut_laws",
+    "thermal",
+]

@@ -1,1 +1,20 @@
 """From readings to parameters with their uncertainty: estimators, what the data decide, which poses to measure."""
+
+__all__ = [
+    "calibration",
+    "combinations",
+    "estimators",
+    "explanations",
+    "fit",
+    "held_out",
+    "leave_one_out",
+    "linear_system",
+    "model_comparison",
+    "observability",
+    "pose_selection",
+    "prediction",
+    "problem",
+    "remarks",
+    "rigid",
+    "step_size",
+]

@@ -1,1 +1,12 @@
 """Campaigns and measurement folders as plain files, and the same in memory: checked before anything uses them."""
+
+__all__ = [
+    "columns",
+    "delta_printer",
+    "folder",
+    "header",
+    "klipper",
+    "measurement_folder",
+    "measurement_header",
+    "recording",
+]

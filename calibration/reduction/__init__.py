@@ -1,1 +1,12 @@
 """From stored readings to poses of the platform: drift, report frame, pose filter, and figures of measured error."""
+
+__all__ = [
+    "data_checks",
+    "drift_filter",
+    "figures",
+    "grouped_readings",
+    "innovation",
+    "pose_filter",
+    "reduction",
+    "report_frame",
+]

@@ -1,1 +1,19 @@
 """What a command does, from the rig or the store to a result."""
+
+__all__ = [
+    "acceptance",
+    "added_visits",
+    "calibrate",
+    "campaign_file",
+    "check",
+    "compensate",
+    "diagnose",
+    "homing",
+    "identify",
+    "interim",
+    "measure",
+    "measured_machine",
+    "planning",
+    "session",
+    "verify",
+]

@@ -1,1 +1,10 @@
 """What a diagnosis says: where the gap lies, how large its causes are, how far it shrinks, what to measure next."""
+
+__all__ = [
+    "effect_summary",
+    "next_measurement",
+    "parameter_uncertainty",
+    "proposals",
+    "variance_shares",
+    "withheld_blocks",
+]

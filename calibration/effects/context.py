@@ -37,6 +37,8 @@ class ArrivalHistory:
         """Distance (k, d) of each drive from the previous arrival; zero for the first."""
         return np.abs(np.diff(self.drives, axis=0, prepend=self.drives[:1]))
 
+    way_m = former_name("travelled_m")
+
 
 @dataclass(frozen=True)
 class ReadingContext:

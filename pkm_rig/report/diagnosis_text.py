@@ -31,6 +31,7 @@ PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED = ("m", "rad", "s")
 LARGEST_PPM = 1e-3  # ratios below are shown in ppm
 MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
+WORTH_MEASURING_BIT = 0.01  # expected information below which no campaign is recommended
 
 
 def one_line_summary(diagnosis: Diagnosis) -> str:
@@ -95,10 +96,11 @@ def describe_diagnosis(diagnosis: Diagnosis, result: Mapping[str, Any]) -> Rende
     parts += [_line(f"note: {remark}") for remark in diagnosis.remarks]
     if diagnosis.next_measurement:
         parts += [_title("measure next, by expected information"), _candidates(additions_by_gain(diagnosis))]
-        files = [(c["name"], c["file"]) for c in result["next_measurement"] if c["file"]]
-        parts += [_line(f"- {name}: {file}") for name, file in files]
-        if files:
-            parts.append(_line(f"next: pkm-rig measure --rig RIG.toml --campaign {files[0][1]}"))
+        files = [(c["name"], c["file"], c["gain_bit"]) for c in result["next_measurement"] if c["file"]]
+        parts += [_line(f"- {name}: {file}") for name, file, _ in files]
+        worth = [file for _, file, gain_bit in files if gain_bit >= WORTH_MEASURING_BIT]
+        if worth:
+            parts.append(_line(f"next: pkm-rig measure --rig RIG.toml --campaign {worth[0]}"))
     if result["twin"] is not None:
         parts += _twin(result["twin"])
     if result["pictures"]:
@@ -179,7 +181,7 @@ def _shares(where: Sequence[Share]) -> Padding:
 
 def _candidates(candidates: Sequence[CampaignAddition]) -> Padding:
     rows = [
-        (c.name, c.adds, ", ".join(c.settles), f"{c.minutes:.0f}", f"{c.gain_bit:.2f}", f"{c.gain_bit_per_min:.3f}")
+        (c.name, c.adds, ", ".join(c.settles), f"{c.minutes:.0f}", f"{c.gain_bit:z.2f}", f"{c.gain_bit_per_min:z.3f}")
         for c in candidates
     ]
     return _table(("candidate", "adds", "settles", "min", "bit", "bit/min"), rows, left=3)

@@ -10,6 +10,8 @@ from calibration.base.rounding import round_result
 from calibration.identification.observability import HELD
 from pkm_rig.report.terminal import results
 
+UNITS = {"m": (1e6, "um"), "rad": (1e6, "urad"), "drive_scale": (1e6, "um/m")}
+
 
 def print_identification(result: dict[str, Any]) -> None:
     """Parameters and figures for people."""
@@ -17,7 +19,7 @@ def print_identification(result: dict[str, Any]) -> None:
     for column in ("parameter", "deviation", "U (k = 2)", "unit", ""):
         table.add_column(column, justify="right" if column in ("deviation", "U (k = 2)") else "left")
     for name, p in result["parameters"].items():
-        factor, unit = {"m": (1e6, "um"), "rad": (1e6, "urad")}.get(p["unit"], (1.0, ""))
+        factor, unit = UNITS.get("drive_scale" if name.startswith("drive_scale.") else p["unit"], (1.0, ""))
         note = "held by its tolerance" if p["left"] > HELD else ""
         table.add_row(name, *round_result(p["value"] * factor, 2 * p["u"] * factor), unit, note)
     results.print(table)

@@ -63,7 +63,7 @@ def require_counts(path: Path, name: str, column: Array) -> Array:
 
 def _check_header(path: Path, header: list[str], needed: Collection[str], optional: Collection[str]) -> None:
     if len(set(header)) != len(header):
-        raise InputError(f"{path}: a column stands twice in the header; remove one")
+        raise InputError(f"{path}: a column occurs twice in the header; remove one")
     if missing := [name for name in needed if name not in header]:
         raise InputError(f"{path}: no column '{missing[0]}'; see docs/reference/measurements.md")
     if unknown := [name for name in header if name not in needed and name not in optional]:

@@ -86,7 +86,7 @@ def _refine_with_curves(
     names, low = effect.places(inputs.machine), _smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
-    def refined(place: _PlaceEvidence) -> _PlaceEvidence:
+    def refine(place: _PlaceEvidence) -> _PlaceEvidence:
         curves = effect.curves(inputs, names.index(place.place))
         fit = fit_curves(likelihood, curves, low, effect.size.high)
         if fit is None:
@@ -98,7 +98,7 @@ def _refine_with_curves(
         return replace(place, log_evidence=both)
 
     threshold = VERDICT.curve_fit_share_at_place * strongest
-    return [refined(place) if place.log_evidence > threshold else place for place in places]
+    return [refine(place) if place.log_evidence > threshold else place for place in places]
 
 
 def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:

@@ -121,7 +121,7 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     def towards(side: float) -> Callable[[Array], ElongationLaw]:
         return lambda at: one_sided_spring(compliance * float(np.exp(at[0])), side, NARROW * typical)
 
-    def stated(at: Array, _: Array) -> float:
+    def size_at(at: Array, _: Array) -> float:
         return float(np.exp(at[0]))
 
     def mean(_: Array, growth: Array) -> float:
@@ -137,7 +137,7 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     own_misfit_m = misfit_m(inputs)
     return (
         curve_of_law(
-            restrained, by_angle, (ratio, bend, bend), starts=angles, middles=(), size=stated,
+            restrained, by_angle, (ratio, bend, bend), starts=angles, middles=(), size=size_at,
             misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
         ),
         curve_of_law(
@@ -146,7 +146,7 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
         ),
         *(
             curve_of_law(
-                restrained, towards(side), (ratio,), starts=[(r,) for r in ratios[::2]], middles=near, size=stated,
+                restrained, towards(side), (ratio,), starts=[(r,) for r in ratios[::2]], middles=near, size=size_at,
                 misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
             )
             for side in (-1.0, 1.0)
@@ -163,14 +163,14 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
     def law(at: Array) -> ElongationLaw:
         return clearance_law(np.exp(at[0] + at[2] * inputs.payload_ratio), restrained.typical_n * float(np.exp(at[1])))
 
-    def stated(at: Array, _: Array | None = None) -> float:
+    def size_at(at: Array, _: Array | None = None) -> float:
         return float(np.exp(at[0]))
 
     starts = [(np.log(c), np.log(w), 0.0) for c in (1e-5, 4e-5, 1.6e-4) for w in (0.015, 0.15)]
     middles = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
     return (
         curve_of_law(
-            restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=stated,
+            restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=size_at,
             misfit_unit_m=stated, misfit_m=misfit_m(inputs),
         ),
     )  # fmt: skip

@@ -89,11 +89,11 @@ def _baselines(reduction: Reduction, station: StationModel) -> tuple[RigidIdenti
         part = observations.of_visits(visits)
         return identify(model, part.visits, [SmrPositions(part, station)])
 
-    def stated(fitted: Fit, visits: Visits) -> Array:
+    def predict(fitted: Fit, visits: Visits) -> Array:
         return predict_poses(fitted, report, visits)
 
     measured = MeasuredPoses(observations.visits, reduction.poses.coordinates[rows], reduction.poses.covariance[rows])
-    return fit_rigid_identifications(reduction.recording.machine, observations.visits, fit, stated, measured)
+    return fit_rigid_identifications(reduction.recording.machine, observations.visits, fit, predict, measured)
 
 
 def pose_u(calibration: Calibration, visits: Visits) -> tuple[Array, Array]:

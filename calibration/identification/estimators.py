@@ -78,8 +78,8 @@ def _require_solvable(problem: LeastSquaresProblem) -> None:
     loose = sum(1 for u in problem.layout.unknowns if u.name.startswith(("frame.", "mounting.")))
     if problem.n_numbers < loose + len(problem.machine.dof):
         raise InputError(
-            f"identification: {problem.n_numbers} numbers read cannot determine the instrument ({loose} unknowns) "
-            "and the machine; measure more poses"
+            f"identification: {problem.n_numbers} numbers cannot determine the instrument ({loose} unknowns) and the "
+            "machine; measure more poses"
         )
 
 

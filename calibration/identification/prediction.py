@@ -100,7 +100,7 @@ def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DR
     estimators and for less than two draws.
     """
     if fit.estimator != "map" or draws < 2:
-        raise InputError("monte carlo: checks the default estimator (map) by 2 draws or more; choose so")
+        raise InputError("monte carlo: it needs the estimator 'map' and at least 2 draws; choose both")
     rng = np.random.default_rng(seed)
     sigma = fit.layout.sigma
     z = fit.unknowns / sigma

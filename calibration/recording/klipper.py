@@ -193,14 +193,14 @@ class _PrinterConfig:
 def _tower(file: _PrinterConfig, name: str) -> Tower:
     section = f"stepper_{name}"
 
-    def shared(key: str) -> str:
+    def section_with(key: str) -> str:
         """Towers b and c take from tower a what is not said of them."""
         return section if file.text(section, key) is not None else "stepper_a"
 
     return Tower(
         angle_rad=math.radians(file.number(section, "angle", 1e3, ANGLES_DEG[name])),
-        arm_m=file.length(shared("arm_length"), "arm_length"),
-        endstop_m=file.number(shared("position_endstop"), "position_endstop", 1e4) / 1e3,
+        arm_m=file.length(section_with("arm_length"), "arm_length"),
+        endstop_m=file.number(section_with("position_endstop"), "position_endstop", 1e4) / 1e3,
         step_m=_step_m(file, name),
     )
 

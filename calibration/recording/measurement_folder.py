@@ -132,7 +132,7 @@ def read_measurements(folder: Path) -> MeasuredMachine:
     table = read_table(path, ["visit", *drives, *file.columns], [*warm, *TARGETS], file.columns)
     number = require_counts(path, "visit", table["visit"])
     if len(np.unique(number)) != len(number):
-        raise InputError(f"{path}: a visit's number stands twice; number the visits 0, 1, 2 ...")
+        raise InputError(f"{path}: a visit's number occurs twice; number the visits 0, 1, 2 ...")
     n = len(number)
     positions = np.column_stack([table[name] for name in drives])
     _check_travel(path, machine, positions)

@@ -145,7 +145,7 @@ def _check_names(recording: Recording) -> None:
     """Unique readings, known phases, reflectors and payloads, and masses of payloads as listed."""
     uids, counts = np.unique(np.asarray(recording["uid"]), return_counts=True)
     if np.any(counts > 1):
-        raise _input_error(recording, f"reading '{uids[np.argmax(counts)]}' stands twice; keep one")
+        raise _input_error(recording, f"reading '{uids[np.argmax(counts)]}' occurs twice; keep one")
     for phase in sorted(set(recording["phase"].tolist()) - set(PHASES)):
         raise _input_error(recording, f"unknown phase '{phase}'; known: {', '.join(PHASES)}")
     known_names = {smr.name for smr in recording.machine.smrs}

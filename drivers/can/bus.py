@@ -46,7 +46,7 @@ class SocketcandBus(SocketCanDaemonBus):
 
     def _peer_closed(self, timeout: float | None) -> bool:
         """Wait for data; True if it is the end of the connection."""
-        if self._buffered():
+        if self._has_buffered_frame():
             return False
         wire = self._wire()
         try:
@@ -59,7 +59,7 @@ class SocketcandBus(SocketCanDaemonBus):
         wire: socket.socket = vars(self)["_SocketCanDaemonBus__socket"]
         return wire
 
-    def _buffered(self) -> bool:
+    def _has_buffered_frame(self) -> bool:
         return len(vars(self)["_SocketCanDaemonBus__message_buffer"]) > 0
 
     def shutdown(self) -> None:

@@ -183,9 +183,9 @@ class SdoAccess:
             self._line.check()
             raise  # not reached: a lost line is an error of its own
         except (SdoError, TransferAborted, ProtocolBroken, NoResponse, OSError, RuntimeError) as error:
-            typed = self._typed(error, entry)
-            self._out_of_step = not isinstance(typed, SdoRefused)
-            raise typed from error
+            typed_error = self._typed_error(error, entry)
+            self._out_of_step = not isinstance(typed_error, SdoRefused)
+            raise typed_error from error
 
     def _get_in_step(self) -> None:
         """Read a harmless object and discard everything before its answer; frames keep their order on the bus.
@@ -211,7 +211,7 @@ class SdoAccess:
     def _where(self, entry: DriveObject) -> str:
         return f"node {self._node_id}, {entry}"
 
-    def _typed(self, error: Exception, entry: DriveObject) -> Exception:
+    def _typed_error(self, error: Exception, entry: DriveObject) -> Exception:
         self._line.check()
         if isinstance(error, SdoAbortedError | TransferAborted):
             if error.code in _OUT_OF_STEP_CODES:

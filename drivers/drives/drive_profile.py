@@ -107,7 +107,7 @@ def load_profile(source: str, folder: Path | None = None) -> DriveProfile:
         if source.endswith(".toml"):
             text = ((folder or Path()) / source).read_text(encoding="utf-8")
         else:
-            text = _shipped(source)
+            text = _read_shipped(source)
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"drive profile {source}: cannot be read: {error}") from error
     return parse_profile(text, source)
@@ -128,7 +128,7 @@ class _NotAProfile(Exception):
 
 
 @lru_cache
-def _shipped(name: str) -> str:
+def _read_shipped(name: str) -> str:
     folder = resources.files("drivers.drives") / "profiles"
     names = sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
     if name not in names:
@@ -139,21 +139,21 @@ def _shipped(name: str) -> str:
 def _profile(table: Mapping[str, Any]) -> DriveProfile:
     keys = {"name", "factor_group", "watchdog", "referenced", "home_offset_sign", "homing", "cyclic_position"}
     _require_only_keys(table, keys | {"compensation"}, "profile")
-    sign = _typed(table.get("home_offset_sign", 1), int, "home_offset_sign")
+    sign = _require_type(table.get("home_offset_sign", 1), int, "home_offset_sign")
     if sign not in (1, -1):
         raise _NotAProfile(f"home_offset_sign: 1 or -1 required, not {sign}")
     referenced = table.get("referenced")
     if referenced is not None:
         _require_only_keys(referenced, {"object", "mask"}, "referenced")
     return DriveProfile(
-        name=_typed(table.get("name"), str, "name"),
-        factor_group=_typed(table.get("factor_group", True), bool, "factor_group"),
-        watchdog=_typed(table.get("watchdog", True), bool, "watchdog"),
+        name=_require_type(table.get("name"), str, "name"),
+        factor_group=_require_type(table.get("factor_group", True), bool, "factor_group"),
+        watchdog=_require_type(table.get("watchdog", True), bool, "watchdog"),
         referenced=None if referenced is None else _object(referenced.get("object"), "referenced.object"),
-        referenced_mask=0 if referenced is None else _typed(referenced.get("mask"), int, "referenced.mask"),
+        referenced_mask=0 if referenced is None else _require_type(referenced.get("mask"), int, "referenced.mask"),
         home_offset_sign=sign,
-        homing=_typed(table.get("homing", True), bool, "homing"),
-        cyclic_position=_typed(table.get("cyclic_position", True), bool, "cyclic_position"),
+        homing=_require_type(table.get("homing", True), bool, "homing"),
+        cyclic_position=_require_type(table.get("cyclic_position", True), bool, "cyclic_position"),
         compensation=None if "compensation" not in table else _compensation(table["compensation"]),
     )
 
@@ -194,7 +194,7 @@ def _require_only_keys(table: Any, keys: set[str], where: str) -> None:
         raise _NotAProfile(f"{where}: unknown key '{unknown[0]}'")
 
 
-def _typed(value: Any, kind: type[Any], name: str) -> Any:
+def _require_type(value: Any, kind: type[Any], name: str) -> Any:
     if type(value) is not kind:
         raise _NotAProfile(f"{name}: {kind.__name__} required, not {value!r:.40}")
     return value

@@ -83,7 +83,7 @@ class ProfileMove:
         Bit 4 is sent again while bit 12 is awaited: only its edge counts, so that nothing is started twice.
         """
 
-        def acknowledged(sample: DriveSample, _target_m: float) -> bool:
+        def is_acknowledged(sample: DriveSample, _target_m: float) -> bool:
             return bool(sample.statusword & cia402.SET_POINT_ACKNOWLEDGED)
 
         def resend(_samples: list[DriveSample]) -> float:
@@ -92,7 +92,7 @@ class ProfileMove:
 
         self.stop.send_all(cia402.NEW_SET_POINT)
         limit_s = self.timing.handshake_limit_s
-        self._wait(acknowledged, targets_m, limit_s, "set-point not acknowledged", pause_s=resend)
+        self._wait(is_acknowledged, targets_m, limit_s, "set-point not acknowledged", pause_s=resend)
         self.stop.send_all(cia402.ENABLE_OPERATION)
 
     def wait_for_rest(self, targets_m: Sequence[float], velocity_m_per_s: float, limit_s: float) -> list[DriveSample]:

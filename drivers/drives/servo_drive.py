@@ -189,7 +189,7 @@ class ServoDrive:
         synchronous position mode the target is first set to the present position.
         """
 
-        def arrived() -> bool:
+        def has_arrived() -> bool:
             state = self.state()
             if state in (State.FAULT, State.FAULT_REACTION):
                 raise self.fault(f"the drive is in {state.value}")
@@ -200,7 +200,7 @@ class ServoDrive:
                 (send or self.send_controlword)(controlword)
             return state is State.OPERATION_ENABLED
 
-        self._wait(arrived, State.OPERATION_ENABLED.value)
+        self._wait(has_arrived, State.OPERATION_ENABLED.value)
 
     def _target_present_position(self) -> None:
         """Otherwise the next SYNC would move the drive to its previous target, without any set-point signal."""
@@ -211,14 +211,14 @@ class ServoDrive:
     def disable(self) -> None:
         """Take the power off; a drive in fault has none. Raises MotionTimeout."""
 
-        def arrived() -> bool:
+        def has_arrived() -> bool:
             state = self.state()
             controlword = cia402.controlword_to_disable(state)
             if controlword is not None:
                 self.send_controlword(controlword)
             return state in (State.SWITCH_ON_DISABLED, State.FAULT, State.NOT_READY)
 
-        self._wait(arrived, "a state without power")
+        self._wait(has_arrived, "a state without power")
 
     def quick_stop(self) -> None:
         """Stop on the quick stop ramp, at once and without waiting for anything."""

@@ -174,7 +174,7 @@ class Plc:
             sequence = (taken + 1) & 0xFFFF
             self._write_command([sequence, _REQUEST_PAYLOAD, number])
         end_s = self._clock.now_s() + limit_s
-        while not self._done(sequence, number):
+        while not self._is_done(sequence, number):
             if self._clock.now_s() >= end_s:
                 raise self._error(f"payload {number} is not on after {limit_s:g} s", "ask the operator")
             watch()
@@ -184,7 +184,7 @@ class Plc:
             raise self._error(f"payload {state.payload} is on, {number} was requested", "check the payload")
         return state
 
-    def _done(self, sequence: int, number: int) -> bool:
+    def _is_done(self, sequence: int, number: int) -> bool:
         with self._lock:
             taken, result = self._read_words(self.map.sequence_taken, 2)
         if taken != sequence or result == _IN_PROGRESS:

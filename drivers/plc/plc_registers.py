@@ -60,9 +60,9 @@ class Register:
         """Raise ValueError for a unit, scale, offset, range or address that is not possible."""
         numbers = (self.scale, self.offset, self.low, self.high)
         if not self._unit_is_known() or not all(math.isfinite(number) for number in numbers) or self.scale == 0.0:
-            raise ValueError(f"register {self.address}: unit '{self.unit}', scale {self.scale} or range cannot be")
+            raise ValueError(f"register {self.address}: unit '{self.unit}', scale {self.scale} or range is invalid")
         if not self.low < self.high or not 0 <= self.address <= 0x10000 - self.words:
-            raise ValueError(f"register {self.address}: address or range {self.low:g} to {self.high:g} cannot be")
+            raise ValueError(f"register {self.address}: address or range {self.low:g} to {self.high:g} is invalid")
 
     def _unit_is_known(self) -> bool:
         return self.unit in _UNITS

@@ -59,7 +59,7 @@ class StationSetup:
         session.ask(lambda: com.set_double_precision(_DIGITS), values=False)
         digits = session.ask(com.get_double_precision)
         if digits != _DIGITS:
-            raise self._not_accepted("number of digits", _DIGITS, digits)
+            raise self._setting_refused("number of digits", _DIGITS, digits)
 
     def read_identity(self, expected_serial: int | None) -> StationIdentity:
         """Read the identity. Raises IdentityMismatch."""
@@ -137,9 +137,9 @@ class StationSetup:
         self.session.ask(self.session.call(_SET_PRISM_CONSTANT, constant_m), values=False)
         active_prism, constant_read_back_m = self.read_prism()
         if prism is not None and active_prism != prism.value:
-            raise self._not_accepted("prism type", _name(Prism, int(prism.value)), _name(Prism, active_prism))
+            raise self._setting_refused("prism type", _name(Prism, int(prism.value)), _name(Prism, active_prism))
         if not _same_constant(constant_read_back_m, constant_m):
-            raise self._not_accepted("prism constant", constant_m, constant_read_back_m)
+            raise self._setting_refused("prism constant", constant_m, constant_read_back_m)
         return active_prism
 
     def read_atmosphere(self) -> Sequence[float]:
@@ -156,7 +156,7 @@ class StationSetup:
         self.session.ask(self.session.call(_SET_ATMOSPHERE, wavelength_m, *air), values=False)
         value_read_back = tuple(self.read_atmosphere()[1:])
         if not _same_air(air, value_read_back):
-            raise self._not_accepted("atmosphere", air, value_read_back)
+            raise self._setting_refused("atmosphere", air, value_read_back)
         return air
 
     def read_ppm(self, temperature_c: float, pressure_hpa: float, humidity: float) -> float:
@@ -173,9 +173,9 @@ class StationSetup:
         self.session.ask(write, values=False)
         value_read_back = self.session.ask(read)
         if value_read_back != value:
-            raise self._not_accepted(what, value, value_read_back)
+            raise self._setting_refused(what, value, value_read_back)
 
-    def _not_accepted(self, what: str, requested_value: object, value_read_back: object) -> ProtocolError:
+    def _setting_refused(self, what: str, requested_value: object, value_read_back: object) -> ProtocolError:
         return ProtocolError(
             self.session.device,
             self.session.where,

@@ -88,7 +88,7 @@ class DriveServer:
             self._send_emergency,
             absolute=axis.absolute_encoder,
         )
-        self._node = DriveNode(node_id, self._stored, faults)
+        self._node = DriveNode(node_id, self._on_stored, faults)
         self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
         self._node.data_store[0x1401] = {1: (0x280 + axis.partner_node_id).to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
@@ -319,7 +319,7 @@ class DriveServer:
 
     # The object dictionary.
 
-    def _stored(self, index: int) -> None:
+    def _on_stored(self, index: int) -> None:
         if index == 0x1010:
             self._saved = {i: v for i, v in deepcopy(self._node.data_store).items() if i in _PARAMETERS}
             self._saved |= {i: v for i, v in self._defaults.items() if i not in self._saved}

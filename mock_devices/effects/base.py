@@ -1,7 +1,8 @@
 """The parts of every effect: named parameters, a place, a variant, and what it acts on.
 
-An effect sees moments (when the drives stood where, how they came there, how warm everything was) and changes a
-deviation: what differs from the machine without it. It draws from its own seed only and keeps its own history.
+An effect receives states of motion (when the drives stood where, how they came there, how warm everything was) and
+changes a deviation: what differs from the machine without it. It draws from its own seed only and keeps its own
+history.
 """
 
 from __future__ import annotations

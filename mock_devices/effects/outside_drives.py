@@ -13,18 +13,18 @@ class LooseBolt(StatefulEffect):
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """Which place: changed by passing a quarter from either end."""
-        return float(self._flipped(np.array([leg.to_m]), np.array([before]), drive)[0])
+        return float(self._flip(np.array([leg.to_m]), np.array([before]), drive)[0])
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Turn the carriage."""
-        y = self._flipped(state.q_m[:, self.place], self.state_before(state, self.place), self.place)
+        y = self._flip(state.q_m[:, self.place], self.state_before(state, self.place), self.place)
         deviation.yaw_rad[:, self.place] += self.size * apply_variant(
             np.where(y == 0.0, -1.0, y), self.variant, state.payload_kg
         )
         if self.variant == "saturating":
             deviation.sideways_m[:, self.place] += 0.05 * self.size * y
 
-    def _flipped(self, q_m: Array, held: Array, drive: int) -> Array:
+    def _flip(self, q_m: Array, held: Array, drive: int) -> Array:
         middle, half = self.site.drive_range_m(drive)
         x, limit = (q_m - middle) / half, 0.15 if self.variant == FINAL else 0.3
         return np.where(x > limit, 1.0, np.where(x < -limit, -1.0, held))

@@ -1,4 +1,4 @@
-"""What effects see and change: legs of the drives, moments, the machine's deviation, the station's sight."""
+"""What effects see and change: legs of the drives, states of motion, the machine's deviation, the station's sight."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def _draw_smrs(file: MachineFile, settings: MockSettings) -> tuple[Smr, ...]:
     for i, smr in enumerate(file.smrs):
         width_m = _FLOOR_HALF_WIDTH_M if smr.on == "floor" else file.tolerances.smr_position_m
         shift = generator(settings.seed, "smr", i).uniform(-width_m, width_m, 3)
-        smrs.append(replace(smr, position_m=_added(smr.position_m, shift)))
+        smrs.append(replace(smr, position_m=_add(smr.position_m, shift)))
     nests = [i for i, smr in enumerate(file.smrs) if smr.on == "floor"][:2]
     if len(nests) == 2:
         first, second = nests
@@ -139,7 +139,7 @@ def _draw_smrs(file: MachineFile, settings: MockSettings) -> tuple[Smr, ...]:
         error_m = settings.certificate_sd_m * generator(settings.seed, "certificate").standard_normal()
         apart = np.subtract(smrs[second].position_m, smrs[first].position_m)
         apart *= (np.linalg.norm(nominal) + error_m) / np.linalg.norm(apart)
-        smrs[second] = replace(smrs[second], position_m=_added(smrs[first].position_m, apart))
+        smrs[second] = replace(smrs[second], position_m=_add(smrs[first].position_m, apart))
     return tuple(smrs)
 
 
@@ -149,6 +149,6 @@ def _draw_payload(index: int, payload: Payload, seed: int) -> Weight:
     return Weight(payload.mass_kg + payload.u_mass_kg * float(mass), centre)
 
 
-def _added(position_m: Vector3, shift: np.ndarray) -> Vector3:
+def _add(position_m: Vector3, shift: np.ndarray) -> Vector3:
     x, y, z = (float(a + b) for a, b in zip(position_m, shift, strict=True))
     return x, y, z

@@ -128,7 +128,7 @@ class SimulatedCampaign:
         def of_visit(values: list[float], missing: float) -> Array:
             return np.where(none, missing, np.array(values, dtype=np.float64)[before])
 
-        def fixed(value: float) -> Array:
+        def constant(value: float) -> Array:
             return np.full(n, value)
 
         mass = np.array([payload.mass_kg for payload in self.settings.payloads])
@@ -137,14 +137,14 @@ class SimulatedCampaign:
             "pose": of_visit([float(v.pose) for v in visits], -1.0),
             "pass": of_visit([float(v.pass_) for v in visits], 0.0),
             "nest_check": line.check.astype(np.float64),
-            "station": fixed(1.0), "face": fixed(1.0), "prism_constant_m": fixed(0.0),
+            "station": constant(1.0), "face": constant(1.0), "prism_constant_m": constant(0.0),
             "target_x_m": of_visit([(v.target_m - self.nominal.tool_point).real for v in visits], 0.0),
             "target_y_m": of_visit([(v.target_m - self.nominal.tool_point).imag for v in visits], 0.0),
-            **{f"target_{c}": fixed(0.0) for c in ("z_m", "rx_rad", "ry_rad", "rz_rad")},
+            **{f"target_{c}": constant(0.0) for c in ("z_m", "rx_rad", "ry_rad", "rz_rad")},
             "speed_m_per_s": of_visit([v.speed_m_per_s for v in visits], 0.0),
             "dwell_s": np.where(none, 0.0, line.dwell_s),
             "payload": line.payload.astype(np.float64), "payload_mass_kg": mass[line.payload],
-            "compensation": fixed(0.0), "flags": fixed(0.0),
+            "compensation": constant(0.0), "flags": constant(0.0),
         }  # fmt: skip
 
     def _drives(self, state: MotionState, force_n: Array) -> dict[str, Column]:

@@ -33,7 +33,7 @@ class VisibleScale:
         across = accuracy.angle_sd_rad * np.linalg.norm(base, axis=1)
         sd = np.stack([across, across, np.full(len(base), accuracy.range_sd_m)], axis=1)
         self._weight = (1.0 / sd) * np.sqrt(line.samples)[:, None]  # the line of sight is nearly the machine's z
-        columns = [self._column(moved, base) / _STEP for moved in self._moved()]
+        columns = [self._column(moved, base) / _STEP for moved in self._moved_machines()]
         columns += list(self._frame(base))
         jacobian = np.stack(columns, axis=1)
         # Gaussian priors of unit deviation are further rows of the least squares.
@@ -61,7 +61,7 @@ class VisibleScale:
             self._bench.machine = kept
         return np.asarray((moved @ self._bench.view.rotation) * self._weight).ravel()
 
-    def _moved(self) -> Iterator[TrueMachine]:
+    def _moved_machines(self) -> Iterator[TrueMachine]:
         """The true machine with each parameter moved by a step of its prior deviation."""
         true = self._bench.machine
         file, width = true.file, self._bench.nominal.tolerances

@@ -19,7 +19,7 @@ Value = bool | int | float | str
 
 
 class LineError(ValueError):
-    """A line that begins like a request and is none. `com_code` and `transaction` go into the answer."""
+    """A malformed request. `com_code` and `transaction` go into the answer."""
 
     def __init__(self, com_code: int, transaction: int = 0) -> None:
         super().__init__(f"GeoCOM {com_code}")

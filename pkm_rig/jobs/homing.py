@@ -37,7 +37,7 @@ def _homing(rig: Rig, number: int) -> HomingParameters:
     entry = rig.file.drives[number]
     if entry.homing is None:
         raise InputError(
-            f"rig file: drives: {entry.name} is to be homed and has no [drives.homing]; "
+            f"rig file: drives: {entry.name} must be homed but has no [drives.homing]; "
             "add it (docs/reference/drive-objects.md) or home the drive by its own means"
         )
     return HomingParameters(**entry.homing.model_dump())

@@ -56,7 +56,7 @@ def require_travel(machine: Machine, margin_m: float) -> None:
     row, drive = divmod(int(np.argmax(missing_m)), missing_m.shape[1])
     if missing_m[row, drive] > ROUND_OFF_M:
         raise InputError(
-            f"machine {machine.name}: drive {machine.drive_names[drive]} misses {missing_m[row, drive] * 1e3:.1f} mm "
+            f"machine {machine.name}: drive {machine.drive_names[drive]} lacks {missing_m[row, drive] * 1e3:.1f} mm "
             f"of travel at the workspace's {_place(machine, commanded[row])}: it needs {drives[row, drive]:.4f} m and "
             f"{margin_m * 1e3:g} mm beyond, travel_m is {low[drive]:g} m to {high[drive]:g} m; make the workspace "
             "smaller or the travel longer"
@@ -77,7 +77,7 @@ def _require_homing(file: RigFile, rig_path: Path) -> None:
     for drive in file.drives:
         if drive.homing is None:
             raise InputError(
-                f"{rig_path}: drive {drive.name} is to be homed and has no [drives.homing]; add it "
+                f"{rig_path}: drive {drive.name} must be homed but has no [drives.homing]; add it "
                 "(docs/reference/drive-objects.md) or home the drive by its own means"
             )
         profile = drive_profile(drive, rig_path)

@@ -32,7 +32,7 @@ def parameter_uncertainty(
     """
     effect, reported = cause.effect, cause.best.basis_set.parameters[parameter.name]
     place = effect.places(inputs.machine).index(cause.place)
-    built = effect.forms(_refined(inputs, reported), place)
+    built = effect.forms(_refine(inputs, reported), place)
     low = effect.smallest_size(likelihood.linear.recording.file.nuisance)
     evidence = evidence_of_basis_sets(
         likelihood.information_and_score(built.contributions), built.sets, low, effect.size.high
@@ -60,7 +60,7 @@ def mean_square_about(reported: float, values: Array, posterior: Array, paramete
     return float(posterior @ ((a**2 + a * b + b**2) / 3.0))
 
 
-def _refined(inputs: EffectInputs, reported: float) -> EffectInputs:
+def _refine(inputs: EffectInputs, reported: float) -> EffectInputs:
     """The inputs with a fine grid of periods and onsets around the reported value, in place of that value alone."""
     steps = np.arange(-STEPS, STEPS + 1)
 

@@ -89,7 +89,7 @@ def _float_array(what: str, values: Any, *shape: int | None, largest: float = LA
     """An array of a shape, in which None stands for any length but zero."""
     out = np.array(values)
     if out.dtype.kind not in "iuf":
-        raise ValueError(f"'{what}' holds something else than numbers")
+        raise ValueError(f"'{what}' must hold numbers only")
     if out.ndim != len(shape) or any(n != (k or n) for n, k in zip(out.shape, shape, strict=True)) or not out.size:
         raise ValueError(f"'{what}' has the wrong shape")
     out = out.astype(np.float64)
@@ -102,7 +102,7 @@ def _index_array(what: str, values: Any, least: int, end: int) -> NDArray[np.int
     """Whole numbers from least, below end."""
     out = _float_array(what, values, None)
     if np.any(out != np.round(out)) or np.any(out < least) or np.any(out >= end):
-        raise ValueError(f"'{what}' holds something else than whole numbers from {least} to {end - 1}")
+        raise ValueError(f"'{what}' must hold whole numbers from {least} to {end - 1} only")
     return out.astype(np.intp)
 
 
@@ -134,7 +134,7 @@ def _rows(
     visit = _index_array("visit", data["visit"], -1, len(poses))
     on_floor = np.array([s.on == "floor" for s in machine.smrs])
     if len(smr) != len(context) or len(visit) != len(context) or np.any(on_floor[smr] != (visit < 0)):
-        raise ValueError("'smr' and 'visit' do not fit the moments")
+        raise ValueError("'smr' and 'visit' do not match the readings of 'moments'")
     if len(np.unique(visit[visit >= 0])) != len(poses):
         raise ValueError("'rest' does not fit the visits")
     return smr, visit, poses
@@ -144,7 +144,7 @@ def _fitted_machine(machine: Machine, data: Mapping[str, Any]) -> FittedMachine:
     values = _float_array("values", data["values"], len(full_model(machine)), largest=LARGEST_UNKNOWN)
     rotation = _float_array("rotation", data["frame"]["rotation"], 3, 3)
     if np.any(np.abs(rotation @ rotation.T - np.eye(3)) > NOT_A_ROTATION) or np.linalg.det(rotation) < 0.0:
-        raise ValueError("'rotation' is none")
+        raise ValueError("'rotation' is not a rotation matrix")
     frame = Frame(rotation, _float_array("translation_m", data["frame"]["translation_m"], 3))
     return FittedMachine(values, frame, _float_array("mounted_m", data["mounted_m"], len(machine.smrs), 3))
 
@@ -210,7 +210,7 @@ def _period_question(asked: Any) -> PeriodQuestion:
 
 def _onset_question(asked: Any) -> OnsetQuestion:
     if not isinstance(asked, list) or len(asked) > MOST_CHANNELS or not all(isinstance(c, str) for c in asked):
-        raise ValueError("'onsets_asked' holds something else than names of channels")
+        raise ValueError("'onsets_asked' must hold names of channels only")
     return tuple(asked)
 
 

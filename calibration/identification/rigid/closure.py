@@ -68,7 +68,7 @@ def _closure_jacobian(
     def shift(c: int, base_end: Array) -> Array:
         return -np.einsum("in,in->n", state.direction[:, c], base_end)
 
-    def carried(p: MachineParameter, row: Array) -> None:
+    def add_carrier_shift(p: MachineParameter, row: Array) -> None:
         carrier = carriers[p.part]
         for i in map(int, np.flatnonzero(machine.strut_drive == p.part)):
             joint = geometry.base_joint_m[i]
@@ -101,7 +101,7 @@ def _closure_jacobian(
             case "ln_stiffness":
                 pass
             case _:
-                carried(p, row)
+                add_carrier_shift(p, row)
     return out
 
 

@@ -149,5 +149,5 @@ def test_a_reading_that_stands_twice_is_refused(copy):
     path = copy / "readings.csv"
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join([*lines, lines[-1]]), encoding="utf-8")
-    with pytest.raises(InputError, match="stands twice; keep one"):
+    with pytest.raises(InputError, match="occurs twice; keep one"):
         read_folder(copy)

@@ -63,7 +63,7 @@ def test_they_are_homed_and_then_stand_where_the_rig_file_says():
 def test_a_rig_file_that_does_not_say_how_moves_nothing():
     with lost(told=False) as (mock, rig):
         before = [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives]
-        with pytest.raises(InputError, match=r"left is to be homed and has no \[drives.homing\]"):
+        with pytest.raises(InputError, match=r"left must be homed but has no \[drives.homing\]"):
             homing.home_drives(rig)
         assert [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives] == before
 

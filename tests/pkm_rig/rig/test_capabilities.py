@@ -93,7 +93,7 @@ def test_a_workspace_beyond_the_travel(refused, command):
     assert "drive left misses" in line
     assert "at the workspace's corner x = -0.35 m, y = 0.3 m" in line
     missing_mm = 71.9 if command == "calibrate" else 61.9  # tables need 20 mm beyond, visits their approach of 10 mm
-    assert f"misses {missing_mm} mm" in line
+    assert f"lacks {missing_mm} mm" in line
 
 
 def test_a_workspace_out_of_reach(refused):

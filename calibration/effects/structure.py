@@ -171,7 +171,7 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
     return (
         curve_of_law(
             restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=size_at,
-            misfit_unit_m=stated, misfit_m=misfit_m(inputs),
+            misfit_unit_m=size_at, misfit_m=misfit_m(inputs),
         ),
     )  # fmt: skip
 

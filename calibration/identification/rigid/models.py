@@ -157,7 +157,7 @@ def _rigid_methods(
     }
     if measured_poses is not None:
 
-        def close_loops(rows: NDArray[np.bool_]) -> Predictor:
+        def from_measured_poses(rows: NDArray[np.bool_]) -> Predictor:
             model = rigid_model(equal)
             some = MeasuredPoses(
                 measured_poses.visits.take(rows), measured_poses.coordinates[rows], measured_poses.covariance[rows]
@@ -165,7 +165,7 @@ def _rigid_methods(
             theta = close_loops(model.parameters, some)
             return lambda visits: model.predict(theta, visits).equilibrium.coordinates()
 
-        methods["per_leg_closure"] = close_loops
+        methods["per_leg_closure"] = from_measured_poses
     return methods
 
 

@@ -84,15 +84,15 @@ Figures = dict[str, tuple[Value, float]]  # a value and how far it may move
 
 def of_recordings() -> Figures:
     """Figures of the ten recordings."""
-    found: Figures = {}
+    figures: Figures = {}
     for case in CASES:
         recording = recorded(case)
         identified = identify_recording(recording)
-        found |= {f"recording {case.seed}/{name}": value for name, value in of_calibration(identified).items()}
+        figures |= {f"recording {case.seed}/{name}": value for name, value in of_calibration(identified).items()}
         diagnosis = diagnosis_json(diagnose(recording))
-        found |= {f"recording {case.seed}/diagnosis/{n}": v for n, v in leaves(diagnosis)}
+        figures |= {f"recording {case.seed}/diagnosis/{n}": v for n, v in leaves(diagnosis)}
         print(f"recording {case.seed}: {diagnosis['verdict']}", flush=True)
-    return found
+    return figures
 
 
 def recorded(case: Case) -> Recording:
@@ -108,28 +108,28 @@ def recorded(case: Case) -> Recording:
 def of_calibration(identified: Calibration) -> Figures:
     """Parameters, covariance, reduced and predicted poses, rigid models and tables."""
     fit, reduction = identified.fit, identified.reduction
-    found: Figures = dict(leaves(identified_summary(identified)))
+    figures: Figures = dict(leaves(identified_summary(identified)))
     sd = np.sqrt(np.diag(fit.covariance))
-    found |= arrays("unknowns", fit.unknowns, sd)
-    found |= arrays("covariance", fit.covariance, np.outer(sd, sd))
+    figures |= arrays("unknowns", fit.unknowns, sd)
+    figures |= arrays("covariance", fit.covariance, np.outer(sd, sd))
     u = np.full(reduction.poses.coordinates.shape, 1.0e-9)  # of coordinates that the machine does not move
     u[:, reduction.recording.machine.dof] = np.sqrt(np.einsum("nii->ni", reduction.poses.covariance))
-    found |= arrays("measured pose", reduction.poses.coordinates, u)
+    figures |= arrays("measured pose", reduction.poses.coordinates, u)
     visits = reduction.observations.visits
     u_position_m, u_rotation_rad = pose_u(identified, visits)
-    found |= arrays("u position", u_position_m, u_position_m)
-    found |= arrays("u rotation", u_rotation_rad, u_rotation_rad)
+    figures |= arrays("u position", u_position_m, u_position_m)
+    figures |= arrays("u rotation", u_rotation_rad, u_rotation_rad)
     u = np.repeat(np.column_stack([u_position_m, u_rotation_rad]), 3, axis=1)
-    found |= arrays("predicted pose", predict_poses(fit, reduction.report, visits), u)
+    figures |= arrays("predicted pose", predict_poses(fit, reduction.report, visits), u)
     for baseline in identified.baselines:
-        found |= arrays(baseline.name, baseline.predict(visits), u)
+        figures |= arrays(baseline.name, baseline.predict(visits), u)
     temperatures = {n: float(t[-1]) for n, t in reduction.recording.temperatures_c().items()}
     for payload in range(len(reduction.recording.file.payloads)):
         for node, data in enumerate(
             images(table_for_payload(identified, payload, temperatures), fit.model.parameters.machine.name)
         ):
-            found[f"table/{payload}/{node}"] = (hashlib.sha256(data).hexdigest(), 0.0)
-    return found
+            figures[f"table/{payload}/{node}"] = (hashlib.sha256(data).hexdigest(), 0.0)
+    return figures
 
 
 def images(table: CompensationTable, machine_name: str) -> Iterator[bytes]:
@@ -155,16 +155,16 @@ def images(table: CompensationTable, machine_name: str) -> Iterator[bytes]:
 
 def of_rigs(out: Path) -> Figures:
     """Figures of three mock rigs that went through the main job, each scored against its plant."""
-    found: Figures = {}
+    figures: Figures = {}
     for seed in RIGS:
         row = run_seed(seed, out)
-        found |= {f"rig {seed}/{name}": value for name, value in leaves(row) if name not in NOT_FIGURES}
+        figures |= {f"rig {seed}/{name}": value for name, value in leaves(row) if name not in NOT_FIGURES}
         with open_store(out / f"seed-{seed}") as store:
             ((campaign, *_),) = store.campaigns()
             for number, event in enumerate(e for kind in KEPT_EVENTS for e in store.events(campaign, kind)):
-                found |= {f"rig {seed}/event {number}/{name}": value for name, value in leaves(event.data)}
+                figures |= {f"rig {seed}/event {number}/{name}": value for name, value in leaves(event.data)}
         print(f"rig {seed}", flush=True)
-    return found
+    return figures
 
 
 def arrays(name: str, values: np.ndarray, u: np.ndarray) -> Figures:

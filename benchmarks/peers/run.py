@@ -318,11 +318,11 @@ def json_lines(
         assert program.stdout is not None
         for line in program.stdout:
             with suppress(json.JSONDecodeError):
-                found = json.loads(line)
-                if found["check"] in when:
-                    when[found["check"]]()
+                document = json.loads(line)
+                if document["check"] in when:
+                    when[document["check"]]()
                 else:
-                    checks.append(Check(peer, found["check"], found["ok"], found["detail"]))
+                    checks.append(Check(peer, document["check"], document["ok"], document["detail"]))
     return checks or [Check(peer, "start", False, "it said nothing")]
 
 
@@ -342,8 +342,8 @@ def serve_until_ready(command: list[str], folder: Path) -> Iterator[None]:
 
 def environment_with_libraries(folder: Path) -> dict[str, str]:
     """The environment in which programs find the unpacked libraries."""
-    found = [str(path.parent) for path in (folder / "debian" / "usr").glob("lib/*/libmodbus.so.5")]
-    return {**os.environ, "LD_LIBRARY_PATH": ":".join(found)}
+    folders = [str(path.parent) for path in (folder / "debian" / "usr").glob("lib/*/libmodbus.so.5")]
+    return {**os.environ, "LD_LIBRARY_PATH": ":".join(folders)}
 
 
 def free_port() -> int:

@@ -62,8 +62,8 @@ def test_both_sources_of_truth_agree():
     visits = rig.visits(measured_targets(rig.machine, 16), 400.0)
     payload = Payload(400.0, PLANAR.payload_com_m)
     reference = ReferencePlant(ReferenceModel(PLANAR.path.read_text(encoding="utf-8")))
-    found = [p.tool(errors, visits.drives, visits.target_m, payload) for p in (plant_of(PLANAR.path), reference)]
-    np.testing.assert_allclose(found[0], found[1], atol=1e-12)
+    poses = [p.tool(errors, visits.drives, visits.target_m, payload) for p in (plant_of(PLANAR.path), reference)]
+    np.testing.assert_allclose(poses[0], poses[1], atol=1e-12)
 
 
 def test_the_bound_is_the_covariance_of_a_fit_where_it_is_linearised():

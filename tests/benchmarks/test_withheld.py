@@ -191,10 +191,10 @@ def test_achieved_shrink_is_that_of_the_plant():
     error[:, 2] = 1e-3  # along the machine's z, which does not count
     near = case.noise_free_m[rows]
     predictions = {"rows": rows, "before_m": near + error @ turn.T, "after_m": near + 0.2 * error @ turn.T}
-    found = achieved(case.truth, predictions, case.noise_free_m, platform_rows(case.bench))
-    assert found["achieved"] == pytest.approx(0.8)
-    assert found["before_m"] == pytest.approx(1e-5)
-    assert found["predicted_share"] == pytest.approx(1.0 / 3.0, abs=0.01)
+    achieved_shrink = achieved(case.truth, predictions, case.noise_free_m, platform_rows(case.bench))
+    assert achieved_shrink["achieved"] == pytest.approx(0.8)
+    assert achieved_shrink["before_m"] == pytest.approx(1e-5)
+    assert achieved_shrink["predicted_share"] == pytest.approx(1.0 / 3.0, abs=0.01)
 
 
 @lru_cache
@@ -217,14 +217,14 @@ def test_mimics_are_found_and_others_are_not(name, variant, other):
     choice = sizes.scaled(EffectChoice(name, SPECS[name].size.middle, "left", variant, (), 3), 4.0)
     change = sizes.change_m(choice)
     fact = {"effect": name, "place": "left", "seed": 3, "parameters": {}}
-    found = small_library().distances(fact, change)
-    assert name not in found
-    assert set(found) == set(CATALOGUE) - {name}
+    result = small_library().distances(fact, change)
+    assert name not in result
+    assert set(result) == set(CATALOGUE) - {name}
     visible = small_design().visible.visible_size_of_change(change)
     if other:
-        assert found[other] < 0.5
+        assert result[other] < 0.5
     else:
-        assert found["tracker_drift"] > 0.7 * visible
+        assert result["tracker_drift"] > 0.7 * visible
 
 
 # --- further poses
@@ -328,8 +328,8 @@ def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
         assert sum(p for _, p in r["ranked"]) <= 1.0 + 1e-9
         assert r["predicted_share"] == 1.0
         assert r["achieved"] < 1.0
-    found = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert found["cases"] == 6
+    document = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert document["cases"] == 6
     assert "one diagnosis, median" in capsys.readouterr().out
 
 

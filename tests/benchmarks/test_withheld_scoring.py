@@ -86,7 +86,7 @@ def test_rows_are_counted_as_the_goals_say():
         {**pair, "named": ["backlash", "refraction"]},
         row("next", "backlash", "none", after_chosen=True, after_random=False),
     ]  # fmt: skip
-    found = by_name(rows)
+    measures = by_name(rows)
     for name, value, n in (
         ("top-1, raw >= 3 and visible >= 0.5 sigma", 0.5, 2),
         ("worst effect (latency)", 0.0, 1),
@@ -105,9 +105,9 @@ def test_rows_are_counted_as_the_goals_say():
         ("step time within 5 min", 1.0, 1),
         ("further poses: chosen better by", 1.0, 1),
     ):
-        assert found[name].value == pytest.approx(value), name
-        assert found[name].n == n, name
-    assert found["top-1, raw >= 3 and visible >= 0.5 sigma"].ok is False
+        assert measures[name].value == pytest.approx(value), name
+        assert measures[name].n == n, name
+    assert measures["top-1, raw >= 3 and visible >= 0.5 sigma"].ok is False
     assert [overall_right(r) for r in rows[3:6]] == [True, False, False]
     assert in_class(rows[10])
     methods = {line["method"]: line for line in baseline_table(rows)}
@@ -119,9 +119,9 @@ def test_a_run_without_cases_of_a_kind_and_one_that_failed_are_scored():
     assert by_name([])["top-1, raw >= 3 and visible >= 0.5 sigma"].value is None
     failed = row("effect", "backlash", "", ranked=[], named=[], error="InputError: x", p=0.0)
     del failed["shrink"], failed["shrink_interval"], failed["achieved"]
-    found = by_name([failed])
-    assert found["diagnoses that failed"].value == 1.0
-    assert found["predicted minus achieved shrink within 0.10"].value == 0.0
+    measures = by_name([failed])
+    assert measures["diagnoses that failed"].value == 1.0
+    assert measures["predicted minus achieved shrink within 0.10"].value == 0.0
 
 
 def test_every_effect_has_a_true_coordinate():

@@ -208,13 +208,13 @@ def _product(a: Array, x: Sequence[Number]) -> Vector:
 
 def summary(problem: Mapping[str, Any]) -> str:
     """One line: size, how far Gauss-Newton and the chain are from the exact Laplace standard errors."""
-    found = problem["answer"]
-    laplace, gn, mcmc = (np.array(found[k], dtype=float) for k in ("laplace", "gauss_newton", "mcmc"))
+    result = problem["answer"]
+    laplace, gn, mcmc = (np.array(result[k], dtype=float) for k in ("laplace", "gauss_newton", "mcmc"))
     return (
         f"{problem['name']}: {len(laplace)} unknowns, {len(problem['readings'])} poses, half cost "
-        f"{float(found['half_cost']):.3f}, Gauss-Newton off by {np.abs(gn / laplace - 1).max():.1e}, chain off by "
-        f"{np.abs(mcmc / laplace - 1).max():.1e} (known to {found['mcmc_relative_error']:.1e}, acceptance "
-        f"{found['mcmc_acceptance']})"
+        f"{float(result['half_cost']):.3f}, Gauss-Newton off by {np.abs(gn / laplace - 1).max():.1e}, chain off by "
+        f"{np.abs(mcmc / laplace - 1).max():.1e} (known to {result['mcmc_relative_error']:.1e}, acceptance "
+        f"{result['mcmc_acceptance']})"
     )
 
 

@@ -404,20 +404,20 @@ class ReferenceModel:
 
     def nominal_drives(self, pose: Pose) -> list[float]:
         """Drive coordinates that close the first strut of every nominal drive, docs/reference/machine.md."""
-        found = []
+        items = []
         for entry in self.drives:
             s = next(s for s in self.file["struts"] if s.get("drive") == entry["name"])
             w, b, length = pose.place(s["platform_joint_m"]), s["base_joint_m"], s["length_m"]
             if entry["kind"] == "leg":
-                found.append(math.dist(w, b) - length)
+                items.append(math.dist(w, b) - length)
             elif entry["kind"] == "slider":
                 d = added(w, b, -1)
                 along = dot(entry["axis"], d)
                 aside = added(d, entry["axis"], -along)
-                found.append(along + entry["branch"] * math.sqrt(length**2 - dot(aside, aside)))
+                items.append(along + entry["branch"] * math.sqrt(length**2 - dot(aside, aside)))
             else:
-                found.append(_crank_angle(added(w, entry["pivot_m"], -1), b, entry["axis"], length, entry["branch"]))
-        return found
+                items.append(_crank_angle(added(w, entry["pivot_m"], -1), b, entry["axis"], length, entry["branch"]))
+        return items
 
 
 def _crank_angle(d: Vector, b: Sequence[float], u: Sequence[float], length: float, branch: int) -> float:

@@ -174,18 +174,18 @@ def _plural(words: str) -> str:
 def _limits(metadata: Sequence[Any]) -> str:
     """Limits of a number or of a list's length, in words."""
     words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
-    found = []
+    items = []
     for item in metadata:
         if isinstance(item, FieldInfo):
-            found.append(_limits(item.metadata).removeprefix(", "))
-        found += [f"{word} {_number(getattr(item, key))}" for key, word in words.items() if hasattr(item, key)]
+            items.append(_limits(item.metadata).removeprefix(", "))
+        items += [f"{word} {_number(getattr(item, key))}" for key, word in words.items() if hasattr(item, key)]
         if hasattr(item, "min_length"):
-            found.append(f"{item.min_length} or more")
+            items.append(f"{item.min_length} or more")
         if hasattr(item, "max_length"):
-            found.append(f"at most {item.max_length}")
+            items.append(f"at most {item.max_length}")
         if getattr(item, "pattern", None):
-            found.append("letters, digits and `._-`")
-    return "".join(f", {part}" for part in found if part)
+            items.append("letters, digits and `._-`")
+    return "".join(f", {part}" for part in items if part)
 
 
 def _number(value: float) -> str:

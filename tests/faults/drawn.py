@@ -32,9 +32,9 @@ def drawn(*sites: str) -> list[Fault]:
     """Fifty faults of some sites, each at an operation of its own."""
     names = [name for name, kind in FAULTS.items() if kind.site in sites]
     random = np.random.default_rng([SEED, *(ord(letter) for site in sites for letter in site)])
-    found: dict[tuple[str, int], Fault] = {}
-    while len(found) < EACH:
+    values: dict[tuple[str, int], Fault] = {}
+    while len(values) < EACH:
         name = names[int(random.integers(len(names)))]
         at = int(random.integers(1, OPERATIONS[name] + 1))
-        found.setdefault((name, at), Fault(name, at))
-    return list(found.values())
+        values.setdefault((name, at), Fault(name, at))
+    return list(values.values())

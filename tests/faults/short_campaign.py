@@ -122,11 +122,11 @@ def recorded(bench: Bench) -> Recording | None:
 
 def rows_by_key(recording: Recording) -> dict[Key, list[int]]:
     """Rows of each reading that a plan names: phase, pose, pass and reflector."""
-    found: dict[Key, list[int]] = {}
+    values: dict[Key, list[int]] = {}
     columns = (recording["phase"], recording["pose"], recording["pass"], recording["smr"])
     for row, (phase, pose, pass_, smr) in enumerate(zip(*columns, strict=True)):
-        found.setdefault((str(phase), int(pose), int(pass_), str(smr)), []).append(row)
-    return found
+        values.setdefault((str(phase), int(pose), int(pass_), str(smr)), []).append(row)
+    return values
 
 
 __all__ = ["EXPECTED", "Bench", "Rig", "bench", "heal", "recorded", "rows_by_key", "run", "still"]

@@ -72,10 +72,10 @@ def free_port():
 
 
 def test_identify_import_list_show_export_and_compensate(run, folder, tmp_path):
-    found = json.loads(run("identify", folder, "--json").stdout)
-    assert found["calibration"] == "plant-4"
+    document = json.loads(run("identify", folder, "--json").stdout)
+    assert document["calibration"] == "plant-4"
     assert json.loads(run("import", folder, "--out", tmp_path, "--json").stdout)["campaign"] == "plant-4"
-    assert json.loads(run("identify", "plant-4", "--out", tmp_path, "--json").stdout) == found
+    assert json.loads(run("identify", "plant-4", "--out", tmp_path, "--json").stdout) == document
     listed = json.loads(run("list", "--out", tmp_path, "--json").stdout)["campaigns"]
     assert [row["campaign"] for row in listed] == ["plant-4"]
     assert "imported" in run("show", "plant-4", "--out", tmp_path).stdout
@@ -170,18 +170,18 @@ def test_a_station_with_a_poor_place_is_refused_before_anything_moves(run, rig_f
 
 
 def test_the_interim_test_passes_on_the_mock_station(run):
-    found = json.loads(run("interim-test", "--json").stdout)
-    assert found["passed"]
-    assert set(found["two_face"]) == {"N1", "N2"}
-    assert abs(found["distances"][0]["error_m"]) < 0.5e-3
+    document = json.loads(run("interim-test", "--json").stdout)
+    assert document["passed"]
+    assert set(document["two_face"]) == {"N1", "N2"}
+    assert abs(document["distances"][0]["error_m"]) < 0.5e-3
     done = run("interim-test")
     assert done.returncode == 0
     assert done.stdout.strip().splitlines()[-1] == "passed"
 
 
 def test_drives_that_know_where_they_are_are_not_homed(run):
-    found = json.loads(run("home", "--json").stdout)
-    assert [drive["homed"] for drive in found["drives"].values()] == [False, False]
+    document = json.loads(run("home", "--json").stdout)
+    assert [drive["homed"] for drive in document["drives"].values()] == [False, False]
     done = run("home", "--again")
     assert done.returncode == 2
     assert "[drives.homing]" in last_line(done)

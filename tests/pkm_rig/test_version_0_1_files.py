@@ -69,7 +69,7 @@ def test_the_rig_file_is_read() -> None:
 
 def test_the_effect_file_joins_the_catalogue_and_takes_part_in_a_diagnosis(folder: Recording) -> None:
     catalogue = load_catalogue((DATA / "effect.py",))
-    found = diagnose(drop_unclosed_readings(calibration_part(folder)), catalogue)
-    assert found.verdict == EXPECTED["verdict"]
-    assert found.ranking == pytest.approx(EXPECTED["ranking"], abs=1e-4)
-    assert "roller_creep" in found.ranking
+    diagnosis = diagnose(drop_unclosed_readings(calibration_part(folder)), catalogue)
+    assert diagnosis.verdict == EXPECTED["verdict"]
+    assert diagnosis.ranking == pytest.approx(EXPECTED["ranking"], abs=1e-4)
+    assert "roller_creep" in diagnosis.ranking

@@ -65,8 +65,8 @@ def test_interpolation_between_nodes_is_below_two_microns(known):
     exact = corrected_drives(fit, report, visits.target_m, load) - visits.drives
     axes = [table.start_m[a] + table.step_m[a] * np.arange(17) for a in range(2)]
     for a in range(2):
-        found = RegularGridInterpolator(axes, table.correction_m[a])(visits.drives)
-        assert np.sqrt(np.mean((found - exact[:, a]) ** 2)) < 2e-6
+        result = RegularGridInterpolator(axes, table.correction_m[a])(visits.drives)
+        assert np.sqrt(np.mean((result - exact[:, a]) ** 2)) < 2e-6
 
 
 def test_grid_covers_the_workspace_with_a_margin_and_every_node_is_a_number(known):

@@ -171,11 +171,11 @@ def test_what_a_campaign_cannot_show_is_not_tested():
 
 def test_a_period_is_found_within_a_hundredth(periodic):
     bench_period = 0.010
-    found = diagnose(periodic).effects[0]
-    assert (found.effect, found.place) == ("screw_periodic_error", "right")
-    period = next(q for q in found.others if q.name == "period_m")
+    effect = diagnose(periodic).effects[0]
+    assert (effect.effect, effect.place) == ("screw_periodic_error", "right")
+    period = next(q for q in effect.others if q.name == "period_m")
     assert period.value == pytest.approx(bench_period, rel=0.01)
-    assert found.size.value == pytest.approx(4e-5, abs=4.0 * found.size.u)
+    assert effect.size.value == pytest.approx(4e-5, abs=4.0 * effect.size.u)
 
 
 def test_with_its_class_removed_it_is_unknown(periodic):

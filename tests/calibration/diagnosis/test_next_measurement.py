@@ -20,10 +20,10 @@ def one_sided():
 
 
 def test_candidates_are_ranked_by_information_a_minute(one_sided):
-    found = [c for c in one_sided.next_measurement if c.visits]
-    rates = [c.gain_bit_per_min for c in found]
+    additions = [c for c in one_sided.next_measurement if c.visits]
+    rates = [c.gain_bit_per_min for c in additions]
     assert rates == sorted(rates, reverse=True)
-    assert len({c.name for c in found}) == len(found) > 1
+    assert len({c.name for c in additions}) == len(additions) > 1
 
 
 def test_candidates_can_be_carried_out(one_sided):

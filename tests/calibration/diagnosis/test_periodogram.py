@@ -17,8 +17,8 @@ def test_a_sine_is_found_to_a_thousandth(period_m):
     rng = np.random.default_rng(3)
     q = positions(240)
     y = 3.0 * np.sin(2.0 * np.pi * q / period_m + 0.7) + 0.3 * rng.standard_normal(len(q))
-    found = Periodogram.from_scores(q, y, float(len(q)))
-    period, prior = found.strongest_periods(max(0.5 * period_m, SHORTEST_M), 3.0 * period_m)[0]
+    periodogram = Periodogram.from_scores(q, y, float(len(q)))
+    period, prior = periodogram.strongest_periods(max(0.5 * period_m, SHORTEST_M), 3.0 * period_m)[0]
     assert period == pytest.approx(period_m, rel=1e-3)
     assert 0.0 < prior < 1.0
 
@@ -28,19 +28,19 @@ def test_power_is_the_likelihood_ratio_of_a_sine():
     rng = np.random.default_rng(4)
     q = positions(200)
     y = np.sin(2.0 * np.pi * q / 0.011) + rng.standard_normal(len(q))
-    found = Periodogram.from_scores(q, y, float(len(q)))
+    periodogram = Periodogram.from_scores(q, y, float(len(q)))
     for k in np.linspace(100, 20_000, 12).astype(int):
-        phase = 2.0 * np.pi * found.frequency[k] * q
+        phase = 2.0 * np.pi * periodogram.frequency[k] * q
         x = np.stack([np.sin(phase), np.cos(phase)], axis=1)
         left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-        assert found.power[k] == pytest.approx(y @ y - left @ left, abs=0.25 + 0.25 * found.power[k])
+        assert periodogram.power[k] == pytest.approx(y @ y - left @ left, abs=0.25 + 0.25 * periodogram.power[k])
 
 
 def test_noise_has_the_power_that_chi_squared_has():
     rng = np.random.default_rng(5)
     q = positions(300)
-    found = Periodogram.from_scores(q, rng.standard_normal(300), 300.0)
-    inside = found.power[(found.frequency > 20.0) & (found.frequency < 5e4)]
+    periodogram = Periodogram.from_scores(q, rng.standard_normal(300), 300.0)
+    inside = periodogram.power[(periodogram.frequency > 20.0) & (periodogram.frequency < 5e4)]
     assert inside.mean() == pytest.approx(2.0, rel=0.1)
     assert np.mean(inside > 2.0 * np.log(100.0)) == pytest.approx(0.01, rel=0.5)
 
@@ -56,8 +56,8 @@ def test_weights_count():
 
 def test_peaks_lie_within_limits_and_priors_add_up_to_one_at_most():
     q = positions(200)
-    found = Periodogram.from_scores(q, np.random.default_rng(6).standard_normal(200), 200.0)
-    peaks = found.strongest_periods(4e-3, 4e-2)
+    periodogram = Periodogram.from_scores(q, np.random.default_rng(6).standard_normal(200), 200.0)
+    peaks = periodogram.strongest_periods(4e-3, 4e-2)
     assert peaks
     assert all(0.9 * 4e-3 < p < 1.1 * 4e-2 for p, _ in peaks)
     assert sum(prior for _, prior in peaks) <= 1.0
@@ -65,5 +65,5 @@ def test_peaks_lie_within_limits_and_priors_add_up_to_one_at_most():
 
 @pytest.mark.parametrize("q", [np.full(50, 0.7), np.array([0.5]), np.linspace(0.5, 0.5 + 1e-7, 30)])
 def test_a_drive_that_stands_still_has_no_period(q):
-    found = Periodogram.from_scores(q, np.ones(len(q)), float(len(q)))
-    assert found.strongest_periods(4e-3, 4e-2) == []
+    periodogram = Periodogram.from_scores(q, np.ones(len(q)), float(len(q)))
+    assert periodogram.strongest_periods(4e-3, 4e-2) == []

@@ -69,6 +69,6 @@ def test_raw_and_visible_size_are_those_of_the_readings():
     change = (true.positions_m - without.positions_m)[platform][:, [0, 2]]  # the station looks along z: x and height
     sigma = STATED.angle_sd_rad * true["slope_distance_m"][platform][:, None]
     raw = float(np.sqrt(np.mean((change / sigma) ** 2)))
-    found = diagnose(simulated("planar4", 80, play)).effects[0]
-    assert found.raw_sigma == pytest.approx(raw, rel=0.1)
-    assert 0.3 * raw < found.visible_sigma < raw
+    effect = diagnose(simulated("planar4", 80, play)).effects[0]
+    assert effect.raw_sigma == pytest.approx(raw, rel=0.1)
+    assert 0.3 * raw < effect.visible_sigma < raw

@@ -66,9 +66,9 @@ def fitted_m(linear, likelihood, twin) -> np.ndarray:
     signal = np.einsum("nwk,k->nw", h, np.array(twin.added[0].coefficients))
     a = linear.columns.reshape(-1, linear.columns.shape[2])
     y = (linear.residual - signal).ravel()
-    found = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ y)
-    found[[k for k, name in enumerate(linear.names) if name.startswith(NUISANCE)]] = 0.0
-    left = linear.residual - signal - (a @ found).reshape(linear.residual.shape)
+    solution = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ y)
+    solution[[k for k, name in enumerate(linear.names) if name.startswith(NUISANCE)]] = 0.0
+    left = linear.residual - signal - (a @ solution).reshape(linear.residual.shape)
     return linear.position_m - np.linalg.solve(linear.whiten, left[:, :, None])[:, :, 0]
 
 
@@ -210,10 +210,10 @@ def test_hostile_data_are_refused_in_one_line(little, pick, value, kind):
         node[last] = value
     line = ""
     try:
-        found = Twin.from_data(TEXT, data).places_m(context, np.arange(2))
+        result = Twin.from_data(TEXT, data).places_m(context, np.arange(2))
     except InputError as error:
-        found, line = np.zeros(1), str(error)
-    assert np.all(np.isfinite(found))
+        result, line = np.zeros(1), str(error)
+    assert np.all(np.isfinite(result))
     assert "\n" not in line
     assert len(line) < 1000
 

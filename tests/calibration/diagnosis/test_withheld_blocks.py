@@ -57,9 +57,9 @@ def test_a_block_is_predicted_as_by_a_real_refit(wandering, monkeypatch):
     rest = wandering.take(whole.rows[~gone])
     again = linearise_recording(rest)
     assert again.names == whole.names
-    found = flat(again.columns).T @ again.apply(again.residual).ravel()
+    result = flat(again.columns).T @ again.apply(again.residual).ravel()
     here = rows_of(whole, region, block)
-    expected = whole.residual.ravel()[here] - flat(whole.columns)[here] @ found
+    expected = whole.residual.ravel()[here] - flat(whole.columns)[here] @ result
     got = withheld_differences(MarginalLikelihood.of(whole), region).ravel()[here]
     assert np.sqrt(np.mean(got**2)) > 0.8
     assert np.sqrt(np.mean((got - expected) ** 2)) < 0.1
@@ -149,10 +149,10 @@ def test_the_interval_holds_the_true_shrink_as_often_as_it_says(small, effect):
         plain = MarginalLikelihood.of(world)
         full = plain.including(effect)
         before, after = withheld_differences(plain, region), withheld_differences(full, region)
-        found = gap_figures(withheld_blocks.gap_field(full, before, after))
+        gap = gap_figures(withheld_blocks.gap_field(full, before, after))
         errors = [np.sum(metres(world, x - noise.reshape(x.shape)) ** 2) for x in (before, after)]
         achieved = 1.0 - np.sqrt(errors[1] / errors[0])
-        low, high = found.shrink_interval
+        low, high = gap.shrink_interval
         widths.append(high - low)
         inside += low <= achieved <= high
     assert 0.85 * worlds <= inside  # 95 % of 40, less three standard deviations

@@ -90,25 +90,25 @@ def test_the_docs_give_the_range_of_every_parameter(effect):
     section = re.search(rf"^### `{effect.name}`.*?(?=^##|\Z)", text, flags=re.MULTILINE | re.DOTALL).group()
     section = " ".join(section.split())
     for p in (effect.size, *effect.others):
-        found = re.search(rf"`{p.name}` ([-\d.e+]+) to ([-\de+]+(?:\.\d+)?) ?([\w/]*)", section)
-        assert found, p.name
-        assert float(found[1]) == pytest.approx(p.low, rel=1e-3)
-        assert float(found[2]) == pytest.approx(p.high, rel=1e-3)
-        assert p.unit in ("1", found[3])
+        match = re.search(rf"`{p.name}` ([-\d.e+]+) to ([-\de+]+(?:\.\d+)?) ?([\w/]*)", section)
+        assert match, p.name
+        assert float(match[1]) == pytest.approx(p.low, rel=1e-3)
+        assert float(match[2]) == pytest.approx(p.high, rel=1e-3)
+        assert p.unit in ("1", match[3])
     for other in effect.confounded:
         assert other in section
 
 
 def test_a_file_of_ones_own_joins(tmp_path):
-    found = load_catalogue([own(tmp_path), own(tmp_path, name="other")])
-    assert found.names[-2:] == ("mine", "other")
-    assert set(found.names) == {*NAMES, "mine", "other"}
+    catalogue = load_catalogue([own(tmp_path), own(tmp_path, name="other")])
+    assert catalogue.names[-2:] == ("mine", "other")
+    assert set(catalogue.names) == {*NAMES, "mine", "other"}
 
 
 def test_some_can_be_left_out(tmp_path):
-    found = load_catalogue([own(tmp_path)], without=("backlash", "mine"))
-    assert set(found.names) == NAMES - {"backlash"}
-    assert set(Catalogue(found.effects).without(["latency"]).names) == NAMES - {"backlash", "latency"}
+    catalogue = load_catalogue([own(tmp_path)], without=("backlash", "mine"))
+    assert set(catalogue.names) == NAMES - {"backlash"}
+    assert set(Catalogue(catalogue.effects).without(["latency"]).names) == NAMES - {"backlash", "latency"}
     refused("effect 'slack' is not in the catalogue", without=("slack",))
 
 

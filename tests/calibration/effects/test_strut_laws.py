@@ -143,21 +143,21 @@ def test_answers_of_the_setting_are_those_of_the_model(known):
 def test_columns_of_a_tangent_are_derivatives(known):
     """Growth a little beside a point against the column and the step that its coefficient stands for."""
     _, s = known
-    found = curve_of_law(
+    curve = curve_of_law(
         RestrainedStrut.from_inputs(s, 3), lambda at: clearance_law(np.exp(at[0]), float(np.exp(at[1]))),
         (LawParameter(-20.0, 0.0), LawParameter(0.0, 20.0)), starts=[(np.log(4e-5), np.log(3000.0))], middles=(0.5,),
         size=lambda at, growth: 1.0, misfit_unit_m=lambda at: 1e-5, misfit_m=misfit_m(s),
     )  # fmt: skip
-    at = found.starts[1]
-    here = found.tangent(at)
+    at = curve.starts[1]
+    here = curve.tangent(at)
     columns = np.array([shape for ((_, shape),) in here.contributions])
     nothing = np.eye(len(columns))[0]
     for i in range(1, len(columns)):
         moved = here.step(nothing + 1e-3 * np.eye(len(columns))[i])
         assert np.flatnonzero(moved).tolist() == [i - 1]
         (((_, above),), *_), (((_, below),), *_) = (
-            found.tangent(at + moved).contributions,
-            found.tangent(at - moved).contributions,
+            curve.tangent(at + moved).contributions,
+            curve.tangent(at - moved).contributions,
         )
         expected = (above - below) / 2e-3
         np.testing.assert_allclose(columns[i], expected, atol=0.02 * np.abs(expected).max())
@@ -189,16 +189,16 @@ def test_fitting_again_finds_what_was_put_in(known, curves, number, own, limits,
     linear = likelihood.linear
     noise = np.random.default_rng(2).standard_normal(linear.residual.shape)
     signal = size * likelihood.columns(tangent.contributions[:1])[:, :, 0]
-    found = fit_curves(MarginalLikelihood.of(replace(linear, residual=noise + signal)), [truth], *limits)
-    assert found is not None
-    weights = np.array([*found.best.basis_set.size, *[0.0] * (len(found.best.coefficients) - 2)])
-    u = float(np.sqrt(weights @ found.best.covariance @ weights))
-    assert weights @ found.best.coefficients == pytest.approx(size, abs=3.0 * u)
+    curve_fits = fit_curves(MarginalLikelihood.of(replace(linear, residual=noise + signal)), [truth], *limits)
+    assert curve_fits is not None
+    weights = np.array([*curve_fits.best.basis_set.size, *[0.0] * (len(curve_fits.best.coefficients) - 2)])
+    u = float(np.sqrt(weights @ curve_fits.best.covariance @ weights))
+    assert weights @ curve_fits.best.coefficients == pytest.approx(size, abs=3.0 * u)
     assert u < 0.35 * size
-    there = np.array(found.best.basis_set.curve[1])
+    there = np.array(curve_fits.best.basis_set.curve[1])
     assert there[: len(own)] == pytest.approx(point[: len(own)], abs=within)
     # What it does to the strut is what was put in, but for what calibration takes up.
-    left = np.einsum("nwk,k->nw", likelihood.columns(found.contributions), found.best.coefficients) - signal
+    left = np.einsum("nwk,k->nw", likelihood.columns(curve_fits.contributions), curve_fits.best.coefficients) - signal
     assert np.sqrt(np.mean(likelihood.apply(left[:, :, None]) ** 2)) < 0.15
 
 
@@ -221,8 +221,8 @@ def test_struts_that_nothing_holds_carry_what_they_carry(name):
         for one in curves(s, 0):
             columns = np.array([shape for ((_, shape),) in one.tangent(one.starts[0]).contributions])
             assert np.all(np.isfinite(columns))
-        found = fit_curves(likelihood, curves(s, 0), *limits)
-        assert found is None or np.isfinite(found.log_evidence)
+        curve_fits = fit_curves(likelihood, curves(s, 0), *limits)
+        assert curve_fits is None or np.isfinite(curve_fits.log_evidence)
 
 
 def held_at(s, strut: int, middle: float) -> float:

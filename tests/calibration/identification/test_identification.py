@@ -115,8 +115,8 @@ def test_jacobian_agrees_with_differences(synthetic):
         step = np.zeros(rig.layout.size)
         step[u] = 1e-2 * sigma[u]
         ahead, behind = (predict(rig.truth + s).residual for s in (step, -step))
-        found = (ahead - behind) / (2 * step[u])
-        np.testing.assert_allclose(exact[:, :, u] * sigma[u], found * sigma[u], atol=2e-2, rtol=1e-4, err_msg=name)
+        result = (ahead - behind) / (2 * step[u])
+        np.testing.assert_allclose(exact[:, :, u] * sigma[u], result * sigma[u], atol=2e-2, rtol=1e-4, err_msg=name)
 
 
 def test_too_few_readings_are_refused(synthetic):

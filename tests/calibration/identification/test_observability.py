@@ -75,14 +75,16 @@ def dense_null_space(model, visits, readings, tolerance):
 def test_named_combinations_span_the_null_space_of_every_machine(name, readings):
     model, visits = campaign(name)
     seen = readings(model, visits)
-    found = planned_observability(model, visits, [seen], threshold=1e-3 if readings is reflectors else 1e-6)
-    named = np.array([[c.coefficients.get(n, 0.0) for n in model.parameters.names] for c in found.open_combinations]).T
+    observability = planned_observability(model, visits, [seen], threshold=1e-3 if readings is reflectors else 1e-6)
+    named = np.array(
+        [[c.coefficients.get(n, 0.0) for n in model.parameters.names] for c in observability.open_combinations]
+    ).T
     named = named / model.parameters.sigma[:, None]
     null = dense_null_space(model, visits, seen, 1e-6)
-    assert null.shape[1] == len(found.open_combinations)
+    assert null.shape[1] == len(observability.open_combinations)
     assert np.max(subspace_angles(named, null)) < 1e-3
-    assert found.gap_rad < 1e-3
-    assert all(c.words for c in found.open_combinations)
+    assert observability.gap_rad < 1e-3
+    assert all(c.words for c in observability.open_combinations)
 
 
 def test_the_words_for_the_default_machine():
@@ -112,6 +114,6 @@ def test_a_planned_campaign_promises_what_the_fit_then_has(synthetic):
     seen = rig.see(rig.visits(np.concatenate([xy, xy]), np.repeat([0.0, 400.0], 30)))
     fit = rig.fit(seen, rig.rough)
     promised = planned_observability(rig.model, seen.visits, fit.instruments, rig.truth[: len(rig.model.parameters)])
-    found = observability_of(fit)
-    np.testing.assert_allclose(found.remaining_share, promised.remaining_share, rtol=0.05)
-    np.testing.assert_allclose(found.remaining_share, fit.theta_u / rig.model.parameters.sigma, rtol=1e-9)
+    observability = observability_of(fit)
+    np.testing.assert_allclose(observability.remaining_share, promised.remaining_share, rtol=0.05)
+    np.testing.assert_allclose(observability.remaining_share, fit.theta_u / rig.model.parameters.sigma, rtol=1e-9)

@@ -29,10 +29,10 @@ def test_outliers_and_wrong_covariances_are_said(seen):
     rig, good = seen
     wild = good.position_m.copy()
     wild[::30] += 1e-3
-    found = remarks(rig.fit(replace(good, position_m=wild), rig.rough))
-    assert any("outliers" in r for r in found)
-    found = remarks(rig.fit(replace(good, covariance_m2=good.covariance_m2 * 1e6), rig.rough))
-    assert any(r.startswith("the readings scatter 0.01") for r in found)
+    sentences = remarks(rig.fit(replace(good, position_m=wild), rig.rough))
+    assert any("outliers" in r for r in sentences)
+    sentences = remarks(rig.fit(replace(good, covariance_m2=good.covariance_m2 * 1e6), rig.rough))
+    assert any(r.startswith("the readings scatter 0.01") for r in sentences)
 
 
 def test_an_offset_of_a_drive_shows_in_parameters_far_outside_their_tolerances(seen):

@@ -40,8 +40,8 @@ def rig(name, poses=30, seed=0):
 
 
 def pose_of(model, truth, visits):
-    found = model.predict(truth, visits)
-    return np.concatenate([found.tool_m(), rotation_vector(found.equilibrium.rotation)], axis=1)
+    prediction = model.predict(truth, visits)
+    return np.concatenate([prediction.tool_m(), rotation_vector(prediction.equilibrium.rotation)], axis=1)
 
 
 def readings_of(kind, model, visits, value):
@@ -86,8 +86,8 @@ def test_derivatives_agree_with_differences(kind, name):
     def predict(at):
         return readings.compare(model.predict(at[:count], visits), readings.visit_indices(), at[count:])
 
-    found = predict(values)
-    exact = np.concatenate([found.by_model, found.by_own], axis=2)
+    prediction = predict(values)
+    exact = np.concatenate([prediction.by_model, prediction.by_own], axis=2)
     for column, unknown in enumerate(layout.unknowns):
         step = np.zeros(layout.size)
         step[column] = min(1e-2 * unknown.sigma, 1e-4)

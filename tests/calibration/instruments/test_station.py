@@ -35,17 +35,17 @@ def test_covariance_agrees_with_the_scatter_of_noisy_readings():
         rng.normal(d, STATED.range_sd_m, n),
     )
     stated = station_geometry.point_covariances(np.array([hz]), np.array([v]), np.array([d]), STATED)[0]
-    found = np.cov(cloud.T)
+    covariance = np.cov(cloud.T)
     # Whitened, the sample covariance is the identity within some 1 / sqrt(n).
     white = np.linalg.inv(np.linalg.cholesky(stated))
-    np.testing.assert_allclose(white @ found @ white.T, np.eye(3), atol=0.05)
+    np.testing.assert_allclose(white @ covariance @ white.T, np.eye(3), atol=0.05)
 
 
 def test_a_certified_length_ties_the_range_constant():
     nests = np.array([[-0.8, 3.1, -1.4], [0.8, 3.1, -1.4]])
     constant = 7e-5
     rng = np.random.default_rng(2)
-    found = []
+    items = []
     for _ in range(300):
         hz, v, d = (np.tile(x, 40) for x in station_geometry.points_to_polar(nests))
         cov = station_geometry.point_covariances(hz, v, d, STATED)
@@ -53,8 +53,8 @@ def test_a_certified_length_ties_the_range_constant():
         hz = hz + rng.normal(0.0, STATED.angle_sd_rad, d.size)
         point = station_geometry.polar_to_points(hz, v, d)
         length = station_geometry.CertifiedLength(("N1", "N2"), 1.6, 2e-6)
-        found.append(station_geometry.range_constant(point[0::2], point[1::2], cov[0::2], cov[1::2], length, 1e-4))
-    estimates, u = np.array(found).T
+        items.append(station_geometry.range_constant(point[0::2], point[1::2], cov[0::2], cov[1::2], length, 1e-4))
+    estimates, u = np.array(items).T
     shrunk = constant * (1.0 - (u[0] / 1e-4) ** 2)
     assert np.mean(estimates) == pytest.approx(shrunk, abs=4e-6)
     assert np.std(estimates) == pytest.approx(u[0], rel=0.2)

@@ -25,19 +25,19 @@ SAME_REST = 1e-12
 def errors_by_name(true: TrueMachine) -> dict[str, float]:
     """The plant's deviations from the nominal file, under the names of `calibration`."""
     nominal = read_machine_file(shipped_machine("planar4"))
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for before, after in zip(nominal.struts, true.file.struts, strict=True):
-        found[f"strut_length.{before.name}"] = after.length_m - before.length_m
-        found[f"ln_stiffness.{before.name}"] = math.log(after.stiffness_n_per_m / before.stiffness_n_per_m)
+        values[f"strut_length.{before.name}"] = after.length_m - before.length_m
+        values[f"ln_stiffness.{before.name}"] = math.log(after.stiffness_n_per_m / before.stiffness_n_per_m)
         for kind, shift in (
             ("platform_joint", after.platform_joint - before.platform_joint),
             ("base_joint", after.base_joint - before.base_joint),
         ):
-            found |= {f"{kind}.{before.name}.x": shift.real, f"{kind}.{before.name}.y": shift.imag}
+            values |= {f"{kind}.{before.name}.x": shift.real, f"{kind}.{before.name}.y": shift.imag}
     for before, after, scale in zip(nominal.sliders, true.file.sliders, true.scales, strict=True):
-        found[f"axis_tilt.{before.name}.rz"] = cmath.phase(after.axis / before.axis)
-        found[f"drive_scale.{before.name}"] = scale - 1.0
-    return found
+        values[f"axis_tilt.{before.name}.rz"] = cmath.phase(after.axis / before.axis)
+        values[f"drive_scale.{before.name}"] = scale - 1.0
+    return values
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

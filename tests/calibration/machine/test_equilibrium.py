@@ -69,14 +69,14 @@ def test_rest_is_the_minimum_of_the_energy(machine):
     at = make_conditions(machine, 6, payload_kg=400.0, payload_com_m=com)
     rest = solve(machine, geometry, drives, at, target)
     for i in range(6):
-        found = minimize(
+        optimum = minimize(
             lambda x, i=i: energy(machine, geometry, drives[i], 400.0, com, x),
             [*target[i, :2], 0.0],
             method="Nelder-Mead",
             options={"xatol": 1e-10, "fatol": 1e-10, "maxiter": 4000, "initial_simplex": _simplex(target[i])},
         )
         # An energy of some 100 J in double precision leaves the minimum uncertain to some 10 nm.
-        np.testing.assert_allclose(rest.coordinates()[i, [0, 1, 5]], found.x, atol=5e-8)
+        np.testing.assert_allclose(rest.coordinates()[i, [0, 1, 5]], optimum.x, atol=5e-8)
 
 
 def _simplex(target):

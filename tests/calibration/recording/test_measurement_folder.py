@@ -107,8 +107,8 @@ def test_targets_and_temperatures_may_be_left_out(copy, own):
     keep = [i for i, name in enumerate(lines[0].split(",")) if "target" not in name and "temperature" not in name]
     short = "\n".join(",".join(line.split(",")[i] for i in keep) for line in lines)
     (copy / "coordinates.csv").write_text(short, encoding="utf-8")
-    found = read_measurements(copy)
-    one, two = (identify(Model(m.parameters()), m.visits, m.readings()) for m in (own, found))
+    measured_machine = read_measurements(copy)
+    one, two = (identify(Model(m.parameters()), m.visits, m.readings()) for m in (own, measured_machine))
     np.testing.assert_allclose(one.unknowns, two.unknowns, atol=1e-9)
 
 
@@ -217,7 +217,7 @@ def test_leave_one_out_is_what_refits_without_the_reading_say(which, own):
     measured = own if which == "delta" else hexapod(3)[0]
     model, readings = Model(measured.parameters()), measured.readings()
     fit = identify(model, measured.visits, readings)
-    found = leave_one_out(fit)
+    left_out = leave_one_out(fit)
     for which_one, instrument in enumerate(readings):
         for row in range(0, len(instrument), 3):
             others = np.delete(np.arange(len(instrument)), row)
@@ -229,13 +229,15 @@ def test_leave_one_out_is_what_refits_without_the_reading_say(which, own):
             own_unknowns = refit.unknowns[refit.layout.instrument_slices[which_one]]
             local = np.arange(visits.size).reshape(visits.shape)
             compared = alone.compare(poses, local, own_unknowns)
-            np.testing.assert_allclose(found[which_one].error[row], compared.residual[0], rtol=5e-3, atol=5e-3)
+            np.testing.assert_allclose(left_out[which_one].error[row], compared.residual[0], rtol=5e-3, atol=5e-3)
             by_model = np.concatenate([compared.by_model, compared.by_own], axis=2)[0]
             own_slice = refit.layout.instrument_slices[which_one]
             columns = np.r_[np.arange(len(model)), np.arange(own_slice.start, own_slice.stop)]
             u = np.sqrt(np.diag(by_model @ refit.covariance[np.ix_(columns, columns)] @ by_model.T))
-            np.testing.assert_allclose(found[which_one].u[row], u, rtol=2e-2)
-        assert np.all(np.sum(found[which_one].error ** 2, axis=1) > np.sum(found[which_one].residual ** 2, axis=1))
+            np.testing.assert_allclose(left_out[which_one].u[row], u, rtol=2e-2)
+        assert np.all(
+            np.sum(left_out[which_one].error ** 2, axis=1) > np.sum(left_out[which_one].residual ** 2, axis=1)
+        )
 
 
 def test_the_order_of_the_rows_does_not_matter(own):
@@ -290,17 +292,17 @@ def test_longer_arms_leaning_rails_and_drive_scale_are_one_class():
 
     Arms 3 mm longer look like rails leaning by some milliradians and like a drive scale of -1 %.
     """
-    found = explained(spoiled(3.0, 7))
-    by_kind = {e.kind: e for e in found}
+    result = explained(spoiled(3.0, 7))
+    by_kind = {e.kind: e for e in result}
     assert set(by_kind) == {"strut_length", "axis_tilt", "drive_scale"}
     # Exact up to what the readings are not linear in over 3 mm.
     np.testing.assert_allclose(by_kind["strut_length"].value, 3e-3, rtol=0.1)
     np.testing.assert_allclose(by_kind["drive_scale"].value, -0.01, rtol=0.1)
     assert 1e-3 < by_kind["axis_tilt"].size < 4e-3
-    for one in found:
+    for one in result:
         assert one.share == pytest.approx(1.0, abs=1e-6), one.kind
         assert one.absorbed > 0.99, one.kind
-    assert [len(group) for group in group_indistinguishable(found, 7)] == [3]
+    assert [len(group) for group in group_indistinguishable(result, 7)] == [3]
 
 
 def exact_rows(scale):
@@ -312,11 +314,11 @@ def exact_rows(scale):
 
 def test_scale_of_the_calliper_and_of_the_drives_are_one_class():
     rows = exact_rows(1.01)
-    found = explained(printer(TRUE, rows))
-    by_kind = {e.kind: e for e in found}
+    result = explained(printer(TRUE, rows))
+    by_kind = {e.kind: e for e in result}
     assert by_kind["bar.scale"].value == pytest.approx(0.01, rel=0.01)
     np.testing.assert_allclose(by_kind["drive_scale"].value, 0.01, rtol=0.1)
-    together = [{e.kind for e in group} for group in group_indistinguishable(found, 19)]
+    together = [{e.kind for e in group} for group in group_indistinguishable(result, 19)]
     assert any({"bar.scale", "drive_scale"} <= group for group in together)
 
 
@@ -324,6 +326,6 @@ def test_an_outlier_is_explained_by_nothing_and_kinds_differ_on_it():
     rows = exact_rows(1.0)
     height, steps = rows.heights[8]
     rows.heights[8] = (height + 0.5, steps)
-    found = explained(printer(TRUE, rows))
-    assert found[0].share < 0.9
-    assert len(group_indistinguishable(found, 19)) > 1
+    result = explained(printer(TRUE, rows))
+    assert result[0].share < 0.9
+    assert len(group_indistinguishable(result, 19)) > 1

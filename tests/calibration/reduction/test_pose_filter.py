@@ -50,9 +50,9 @@ def test_a_wild_nest_reading_is_gated_and_does_no_harm():
     clean = estimate_drift(times, nest, position, covariance, STATED, t)
     spoilt = position.copy()
     spoilt[31] += [3e-4, 0.0, 0.0]
-    found = estimate_drift(times, nest, spoilt, covariance, STATED, t)
-    assert found.rejected.tolist() == [31]
-    shift = np.abs(found.state - clean.state)
+    drift = estimate_drift(times, nest, spoilt, covariance, STATED, t)
+    assert drift.rejected.tolist() == [31]
+    shift = np.abs(drift.state - clean.state)
     assert shift[:, :3].max() < 10e-6
 
 

@@ -31,8 +31,8 @@ def test_range_constant_is_found_within_its_uncertainty():
     deviations = []
     for seed in range(1, 13):
         plant, _ = plant_of(seed)
-        found = reduce(record(seed, calibration_poses=6, nest_every_visits=3))
-        deviations.append((found.range_constant_m - plant.truth.range_constant_m) / found.range_constant_u_m)
+        result = reduce(record(seed, calibration_poses=6, nest_every_visits=3))
+        deviations.append((result.range_constant_m - plant.truth.range_constant_m) / result.range_constant_u_m)
     # 12 deviations in units of their uncertainty: the RMS of a normal sample lies within 0.5 and 1.6 (99.9 %).
     assert 0.45 < np.sqrt(np.mean(np.square(deviations))) < 1.7
 
@@ -84,20 +84,20 @@ def test_one_wild_reading_is_gated_wherever_it_stands_in_its_visit():
             if row["phase"] == "calibration" and row["smr"] == smr and row["visit"] == 7.0:
                 row["x_m"] += 4e-4
 
-        found = reduce(record(4, spoil=spoil, **SIZE))
-        assert found.dropped["innovation gate"] == 1
-        kept = found.observations.smr[found.observations.visit == 7]
-        assert found.recording.machine.smrs.index(found.recording.machine.smr(smr)) not in kept
+        result = reduce(record(4, spoil=spoil, **SIZE))
+        assert result.dropped["innovation gate"] == 1
+        kept = result.observations.smr[result.observations.visit == 7]
+        assert result.recording.machine.smrs.index(result.recording.machine.smr(smr)) not in kept
 
 
 def test_prediction_at_an_unmeasured_payload_reaches_the_floor_and_beats_one_rigid_geometry(recording):
     calibration = identify_recording(recording)
     full = reduce(recording, calibration.reduction)
     floor = noise_floor(full)
-    found = model_comparison(calibration, full, 1)
-    assert found["deformation_aware"].position_rms_m < 1.4 * floor.position_rms_m
+    comparison = model_comparison(calibration, full, 1)
+    assert comparison["deformation_aware"].position_rms_m < 1.4 * floor.position_rms_m
     for name in ("leave_out_link", "equal_weight_closure"):
-        assert found[name].position_rms_m > found["deformation_aware"].position_rms_m
+        assert comparison[name].position_rms_m > comparison["deformation_aware"].position_rms_m
 
 
 def test_later_readings_do_not_change_what_was_identified(recording):

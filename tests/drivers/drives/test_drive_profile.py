@@ -24,10 +24,10 @@ def test_shipped_profiles_can_be_read(name: str) -> None:
 
 
 def test_the_mocks_profile_is_the_documents() -> None:
-    found = load_profile("pkm-mock").compensation
-    assert found is not None
-    assert (found.payload.index, found.payload.sub, found.payload.format) == (0x2100, 7, "<I")
-    assert (found.banks[1].status.index, found.banks[1].status.sub) == (0x2102, 5)
+    profile = load_profile("pkm-mock").compensation
+    assert profile is not None
+    assert (profile.payload.index, profile.payload.sub, profile.payload.format) == (0x2100, 7, "<I")
+    assert (profile.banks[1].status.index, profile.banks[1].status.sub) == (0x2102, 5)
 
 
 @pytest.mark.parametrize(

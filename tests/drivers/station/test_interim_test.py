@@ -47,8 +47,8 @@ def test_covariance_is_what_many_readings_scatter_by() -> None:
             for a, b, c in draws.T
         ]
     )  # fmt: skip
-    found = coordinates(_reading(hz, v, d), stated)
-    np.testing.assert_allclose(found.covariance_m2, np.cov(points.T), atol=3e-8)
+    read_coordinates = coordinates(_reading(hz, v, d), stated)
+    np.testing.assert_allclose(read_coordinates.covariance_m2, np.cov(points.T), atol=3e-8)
     mean = MeanReading(
         hz_rad=hz,
         v_rad=v,
@@ -59,7 +59,7 @@ def test_covariance_is_what_many_readings_scatter_by() -> None:
         n=4,
         t_rig_s=0.0,
     )
-    np.testing.assert_allclose(coordinates(mean, stated).covariance_m2 * 4.0, found.covariance_m2)
+    np.testing.assert_allclose(coordinates(mean, stated).covariance_m2 * 4.0, read_coordinates.covariance_m2)
 
 
 def test_two_face_errors_have_the_sign_of_their_cause() -> None:
@@ -89,16 +89,16 @@ def test_the_mock_station_passes_unless_its_index_is_off(index_rad: float, passe
         with clock.activity():
             tracker.connect()
             known = [KnownDistance(("N1", "N2"), length_m, 2e-6)]
-            found = interim_test(tracker, places_m, known, StatedAccuracy(), InterimLimits())
+            test_result = interim_test(tracker, places_m, known, StatedAccuracy(), InterimLimits())
             with pytest.raises(ValueError, match="unknown nest"):
                 interim_test(tracker, places_m, [KnownDistance(("N1", "N9"), 1.0, 0.0)], StatedAccuracy())
     finally:
         tracker.close()
         server.close()
         clock.close()
-    assert found.passed is passed
-    assert len(found.two_face) == 2
-    assert abs(found.distances[0].error_m) < 0.5e-3
-    assert found.distances[0].expanded_u_m > 1e-6
-    assert all("two-face" in failure for failure in found.failures)
+    assert test_result.passed is passed
+    assert len(test_result.two_face) == 2
+    assert abs(test_result.distances[0].error_m) < 0.5e-3
+    assert test_result.distances[0].expanded_u_m > 1e-6
+    assert all("two-face" in failure for failure in test_result.failures)
     assert cartesian_to_polar(*places_m["N1"])[2] > 1.0

@@ -48,9 +48,9 @@ class Master:
         """Data of the next `count` frames of an id; forgets all that came."""
         with self.arrived:
             assert self.arrived.wait_for(lambda: sum(f[0] == cob_id for f in self.frames) >= count, timeout=10.0)
-            found = [data for name, data in self.frames if name == cob_id]
+            frames = [data for name, data in self.frames if name == cob_id]
             self.frames.clear()
-        return found
+        return frames
 
     def sync(self, count=1):
         for _ in range(count):

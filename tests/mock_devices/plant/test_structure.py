@@ -71,8 +71,8 @@ def test_a_general_minimiser_finds_the_same_pose(machine_file, seed):
         return float(independent_energy(start + u * 1e-4, members, weights))
 
     options = {"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000, "maxfev": 8000}
-    found = minimize(scaled, np.zeros(3), method="Nelder-Mead", options=options)
-    pose = start + found.x * 1e-4
+    optimum = minimize(scaled, np.zeros(3), method="Nelder-Mead", options=options)
+    pose = start + optimum.x * 1e-4
     assert np.abs(pose - [rest.p.real, rest.p.imag, rest.rz_rad]).max() < 2e-8
 
 
@@ -109,8 +109,8 @@ def test_energy_agrees_with_the_independent_one(machine_file):
 )
 def test_golden_poses_of_the_nominal_machine_without_weight(machine_file, drives_m, pose):
     nominal = TrueMachine(machine_file, (1.0, 1.0), (Weight(-machine_file.moving_mass_kg, -0.1j),))
-    found = nominal.pose(drives_m, 0, COLD)
-    assert (found.p.real, found.p.imag, found.rz_rad) == pytest.approx(pose, abs=1e-12)
+    result = nominal.pose(drives_m, 0, COLD)
+    assert (result.p.real, result.p.imag, result.rz_rad) == pytest.approx(pose, abs=1e-12)
 
 
 def test_gravity_sag_of_the_nominal_machine_is_some_fifteen_micrometres(machine_file):

@@ -86,9 +86,10 @@ def test_json_fits_the_schema(run, request):
     outcome, store, out, *_ = run
     result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
     jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
-    found = identify_with_checks(store.recording(outcome.campaign), "map")
+    identification = identify_with_checks(store.recording(outcome.campaign), "map")
     jsonschema.validate(
-        json.loads(json.dumps(found, allow_nan=False)), {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]}
+        json.loads(json.dumps(identification, allow_nan=False)),
+        {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]},
     )
 
 

@@ -103,9 +103,9 @@ def test_a_visit_outside_the_workspace_is_said_before_any_device_is_touched(tmp_
     path = tmp_path / "visits.toml"
     path.write_text("[campaign]\nvisits = [{target = [0.0, 0.0]}, {target = [0.0, 9.0]}]")
     rig = str(Path(__file__).parents[3] / "examples" / "mock-rig.toml")
-    found = CliRunner().invoke(app, ["measure", "--rig", rig, "--campaign", str(path), "--out", str(tmp_path)])
-    assert isinstance(found.exception, InputError)
-    assert "visit 2 lies outside the workspace" in str(found.exception)
+    result = CliRunner().invoke(app, ["measure", "--rig", rig, "--campaign", str(path), "--out", str(tmp_path)])
+    assert isinstance(result.exception, InputError)
+    assert "visit 2 lies outside the workspace" in str(result.exception)
 
 
 def test_visits_are_measured_and_added_to_a_campaign(candidate_file, tmp_path):

@@ -95,17 +95,17 @@ def test_json_names_the_effect_its_place_and_its_size(run, folder, tmp_path, req
     schema = json.loads((request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json").read_text())
     done = run("diagnose", folder, "--json", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    jsonschema.validate(found, schema)
-    assert found["verdict"] == "backlash"
-    (effect,) = found["effects"]
+    document = json.loads(done.stdout)
+    jsonschema.validate(document, schema)
+    assert document["verdict"] == "backlash"
+    (effect,) = document["effects"]
     assert (effect["effect"], effect["place"], effect["unit"]) == ("backlash", "right", "m")
     assert abs(effect["value"] - 4e-5) < 4.0 * effect["u"] + 2e-6
-    assert found["gap"]["after_m"] < 0.5 * found["gap"]["before_m"]
-    assert sum(found["ranking"].values()) == pytest.approx(1.0)
-    assert found["twin"] is None
-    assert set(found["pictures"]) >= {"error-map", "coordinates", "time-line"}
-    assert all(Path(path).stat().st_size > 5000 for path in found["pictures"].values())
+    assert document["gap"]["after_m"] < 0.5 * document["gap"]["before_m"]
+    assert sum(document["ranking"].values()) == pytest.approx(1.0)
+    assert document["twin"] is None
+    assert set(document["pictures"]) >= {"error-map", "coordinates", "time-line"}
+    assert all(Path(path).stat().st_size > 5000 for path in document["pictures"].values())
 
 
 def test_the_next_measurements_can_be_measured(added):
@@ -232,9 +232,9 @@ def test_an_effect_of_ones_own(run, folder, tmp_path):
     own.write_text(text.split("```python\n")[1].split("```")[0])
     done = run("diagnose", folder, "--json", "--effects", own, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert "stick" in {**found["ranking"], **found["not_tested"]}
-    assert found["verdict"] == "backlash"
+    document = json.loads(done.stdout)
+    assert "stick" in {**document["ranking"], **document["not_tested"]}
+    assert document["verdict"] == "backlash"
 
 
 BROKEN = """
@@ -327,10 +327,10 @@ def test_a_poorer_campaign_is_diagnosed_or_says_what_is_missing(folder, tmp_path
     attempt = diagnose.try_diagnosis(read_folder(place))
     assert "internal error" not in attempt.failure
     if attempt.diagnosis is not None:
-        found = diagnosis_attempt_json(attempt)
-        assert found["verdict"] in found["ranking"]
+        document = diagnosis_attempt_json(attempt)
+        assert document["verdict"] in document["ranking"]
         if "one side" in request.node.name:
-            assert "backlash" in found["not_tested"]
+            assert "backlash" in document["not_tested"]
 
 
 def test_where_nothing_can_be_written_is_one_line(run, folder, tmp_path):

@@ -46,11 +46,11 @@ def test_other_commands_refuse_such_drives():
 
 def test_they_are_homed_and_then_stand_where_the_rig_file_says():
     with lost() as (mock, rig):
-        found = homing.home_drives(rig)
-        assert found["compensation_switched_off"]
+        homed = homing.home_drives(rig)
+        assert homed["compensation_switched_off"]
         for name in ("left", "right"):
-            assert found["drives"][name]["homed"]
-            assert found["drives"][name]["position_m"] == pytest.approx(INDEX_M, abs=1e-7)
+            assert homed["drives"][name]["homed"]
+            assert homed["drives"][name]["position_m"] == pytest.approx(INDEX_M, abs=1e-7)
         now_s = rig.clock.now_s()
         np.testing.assert_allclose([drive.encoder_m(now_s) for drive in mock.drives], INDEX_M, atol=1e-7)
         assert not any(drive.axis.powered for drive in mock.drives)

@@ -59,9 +59,9 @@ def identified(run, tmp_path, request):
         assert run("import", tmp_path / "p.cfg", tmp_path / "p").returncode == 0
         done = run("identify", tmp_path / "p", "--json")
         assert done.returncode == 0, done.stderr
-        found = json.loads(done.stdout)
-        jsonschema.validate(found, {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]})
-        return found
+        document = json.loads(done.stdout)
+        jsonschema.validate(document, {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]})
+        return document
 
     return identify
 
@@ -94,18 +94,18 @@ def compare_with_the_classical_fit(found, delta, rows):
 
 def test_own_printer_is_identified_as_the_classical_fit_does_and_holds_the_truth(identified):
     delta, rows = own_printer()
-    found = identified(CFG.read_text(encoding="utf-8"))
-    compare_with_the_classical_fit(found, delta, rows)
-    assert found["readings"] == {"heights": 13, "distances": 6}
-    assert found["former"]["bare_degrees_of_freedom"] == 10
-    assert found["former"]["degrees_of_freedom"] == pytest.approx(10.0, abs=0.01)
-    assert 0.0 < found["degrees_of_freedom"] < 10.0
+    identification = identified(CFG.read_text(encoding="utf-8"))
+    compare_with_the_classical_fit(identification, delta, rows)
+    assert identification["readings"] == {"heights": 13, "distances": 6}
+    assert identification["former"]["bare_degrees_of_freedom"] == 10
+    assert identification["former"]["degrees_of_freedom"] == pytest.approx(10.0, abs=0.01)
+    assert 0.0 < identification["degrees_of_freedom"] < 10.0
     true = {"delta_radius": TRUE.radius / 1e3}
     for i, k in enumerate("abc"):
         true[f"stepper_{k} position_endstop"] = TRUE.endstop[i] / 1e3
         true[f"stepper_{k} angle"] = np.radians(TRUE.angle[i])
         true[f"stepper_{k} arm_length"] = TRUE.arm[i] / 1e3
-    for fitted in (found["former"]["quantities"], found["quantities"]):
+    for fitted in (identification["former"]["quantities"], identification["quantities"]):
         assert len(fitted) == 9
         for name, value in fitted.items():
             assert abs(value["value"] - true[name]) < 3.0 * value["u"], name
@@ -124,9 +124,9 @@ def test_the_stated_uncertainty_covers_the_truth_as_often_as_it_says(tmp_path, i
                 for _, p, q in rows.distances
             ],
         )
-        found = identified(printer_cfg(replace(TRUE, radius=TRUE.radius + 0.1), noisy))
-        radius = found["former"]["quantities"]["delta_radius"]
-        angle = found["former"]["quantities"]["stepper_a angle"]
+        identification = identified(printer_cfg(replace(TRUE, radius=TRUE.radius + 0.1), noisy))
+        radius = identification["former"]["quantities"]["delta_radius"]
+        angle = identification["former"]["quantities"]["stepper_a angle"]
         ratios += [
             (radius["value"] - TRUE.radius / 1e3) / radius["u"],
             (angle["value"] - np.radians(TRUE.angle[0])) / angle["u"],
@@ -142,22 +142,22 @@ def test_the_stated_uncertainty_covers_the_truth_as_often_as_it_says(tmp_path, i
 @pytest.mark.parametrize("path", REAL, ids=lambda p: p.stem)
 def test_published_printers(identified, path):
     delta, rows = from_json(json.loads(path.read_text(encoding="utf-8")))
-    found = identified(printer_cfg(delta, rows))
-    compare_with_the_classical_fit(found, delta, rows)
-    former = found["former"]
+    identification = identified(printer_cfg(delta, rows))
+    compare_with_the_classical_fit(identification, delta, rows)
+    former = identification["former"]
     parameters = 9 if rows.distances else 6
     assert former["parameters"] == parameters
     assert former["bare_degrees_of_freedom"] == len(rows.heights) + len(rows.distances) - parameters
-    for fitted in (former, found):
+    for fitted in (former, identification):
         for kind, residual in fitted["residual"].items():
             assert fitted["leave_one_out"][kind] > residual
-    assert any("residual is no accuracy" in remark for remark in found["remarks"])
-    assert any("drive scale" in remark and "aliased" in remark for remark in found["remarks"])
-    assert found["aliased"]
+    assert any("residual is no accuracy" in remark for remark in identification["remarks"])
+    assert any("drive scale" in remark and "aliased" in remark for remark in identification["remarks"])
+    assert identification["aliased"]
     if not rows.distances:
         assert former["leave_one_out"]["z_rms_m"] > 5.0 * former["residual"]["z_rms_m"]
-        assert sorted(found["alike"][0]) == ["axis_tilt", "drive_scale", "strut_length"]
-        assert any("sag and play" in remark for remark in found["remarks"])
+        assert sorted(identification["alike"][0]) == ["axis_tilt", "drive_scale", "strut_length"]
+        assert any("sag and play" in remark for remark in identification["remarks"])
 
 
 @pytest.mark.skipif(not REAL, reason="published sets are not beside the repository")

@@ -38,10 +38,10 @@ def printed(found):
 
 @pytest.mark.parametrize("kind", EXAMPLES)
 def test_json_fits_the_schema(kind, schema):
-    found = EXAMPLES[kind]()
-    result = json.loads(json.dumps(diagnosis_output.diagnosis_json(found), allow_nan=False))
+    outcome = EXAMPLES[kind]()
+    result = json.loads(json.dumps(diagnosis_output.diagnosis_json(outcome), allow_nan=False))
     jsonschema.validate(result, schema)
-    assert list(result["ranking"].values()) == sorted(found.ranking.values(), reverse=True)
+    assert list(result["ranking"].values()) == sorted(outcome.ranking.values(), reverse=True)
     assert set(result["where"]) == set(KINDS)
 
 
@@ -112,9 +112,9 @@ def test_a_probability_never_reads_as_certain():
 
 @pytest.mark.parametrize("kind", EXAMPLES)
 def test_pictures_are_drawn_of_every_verdict(kind, machine, tmp_path):
-    found = EXAMPLES[kind]()
-    paths = diagnosis_pictures.save(diagnosis_pictures.draw_all(found, machine), tmp_path)
-    assert set(paths) == {"error-map", "coordinates", "time-line"} | ({"spectrum"} if found.spectra else set())
+    result = EXAMPLES[kind]()
+    paths = diagnosis_pictures.save(diagnosis_pictures.draw_all(result, machine), tmp_path)
+    assert set(paths) == {"error-map", "coordinates", "time-line"} | ({"spectrum"} if result.spectra else set())
     for path in paths.values():
         with open(path, "rb") as stream:
             assert stream.read(8) == b"\x89PNG\r\n\x1a\n"

@@ -71,8 +71,8 @@ def test_verification_poses_are_others_than_the_calibrations_and_reach_the_edge(
 def test_chosen_targets_replace_the_drawn_ones(machine):
     rows = ((-0.35, -0.3), (0.35, 0.3), (0.0, 0.0), (0.35, -0.3), (-0.35, 0.3), (0.1, 0.1))
     chosen = CampaignSettings(targets=rows)
-    found = calibration_targets(machine, chosen)
-    np.testing.assert_allclose(found[:, :2], rows)
+    targets = calibration_targets(machine, chosen)
+    np.testing.assert_allclose(targets[:, :2], rows)
     blocks = calibration_blocks(machine, chosen)
     assert {v.pose for b in blocks for v in b.visits} == set(range(6))
 

@@ -14,7 +14,7 @@ import pytest
 from calibration.recording.folder import write_folder
 from pkm_rig.cli import main
 from pkm_rig.rig.config import embedded_rig_path
-from pkm_rig.rig.store import Store
+from pkm_rig.rig.store import Store, open_store
 from tests.pkm_rig.plant_recording import record
 
 
@@ -99,9 +99,11 @@ def test_identify_says_what_it_found_in_words(run, folder):
         (("identify", "nowhere"), 2, "no recording folder"),
         (("identify", "{folder}", "--estimator", "magic"), 2, "least_squares"),
         (("compensate", "{folder}", "--payload", "9"), 2, "payload 9"),
-        (("show", "nothing", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
-        (("report", "nothing", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
-        (("verify", "nothing", "--rig", "none.toml", "--out", "{tmp}"), 2, "no campaign 'nothing'"),
+        (("show", "nothing", "--out", "{tmp}"), 2, "there is no store in"),
+        (("show", "nothing", "--out", "{stored}"), 2, "no campaign 'nothing'"),
+        (("report", "nothing", "--out", "{stored}"), 2, "no campaign 'nothing'"),
+        (("verify", "nothing", "--rig", "none.toml", "--out", "{stored}"), 2, "none.toml: No such file"),
+        (("verify", "nothing", "--rig", "{rig}", "--out", "{stored}"), 2, "no campaign 'nothing'"),
         (("check", "--rig", "missing.toml"), 2, "check the path"),
         (("import", "missing"), 2, "check the path"),
         (("calibrate", "--colour"), 2, ""),
@@ -109,7 +111,11 @@ def test_identify_says_what_it_found_in_words(run, folder):
 )
 def test_bad_input_is_one_line_and_status_2(run, arguments, status, complaint, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = run(*(str(a).format(folder=folder, tmp=tmp_path) for a in arguments))
+    stored = tmp_path / "stored"
+    with open_store(stored):
+        pass
+    places = {"folder": folder, "tmp": tmp_path, "stored": stored, "rig": embedded_rig_path()}
+    done = run(*(str(a).format(**places) for a in arguments))
     assert done.returncode == status, done.stderr
     assert complaint in last_line(done)
     assert "Traceback" not in done.stderr

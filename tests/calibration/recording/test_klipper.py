@@ -150,7 +150,7 @@ def test_towers_take_from_the_first_what_is_not_said_of_them():
         ("#*# distance0_pos2 = ", "#*# distance0_at = ", "distance0_pos2 is missing"),
         ("#*# distance0 = ", "#*# distance0 = -", "distance0 is not a positive length"),
         ("#*# delta_radius = 1", "#*# delta_radius = 9", "arm_length is not longer than delta_radius"),
-        ("#*# angle = 210.", "#*# angle = 330.", "towers a and b stand within 20 degrees"),
+        ("#*# angle = 210.", "#*# angle = 330.", "towers a and b are within 20 degrees"),
         ("microsteps: 16", "microsteps: 0", "microsteps is not positive"),
         ("microsteps: 16", "gear_ratio: 3", "microsteps is missing"),
         ("rotation_distance: 40", "rotation_distance: 40\ngear_ratio: 57/11", "gear_ratio is not a ratio"),

@@ -55,6 +55,10 @@ CHANGED = (
     re.compile(r"effects/\d+/parameters/\w+/u$"),
 )
 
+# Sums of large terms that nearly cancel: version 0.1.0 itself gives them 1.5e-8 of their value apart with one thread of
+# the linear algebra library or two. They may move by 1e-6 of it.
+ROUNDED, ROUNDING = re.compile(r"/inside_geometry/"), 1e-6
+
 
 @dataclass(frozen=True)
 class Case:
@@ -207,6 +211,8 @@ def moved(before: Figures, now: Figures) -> list[str]:
     for name in before.keys() & now.keys():
         (was, limit), (value, _) = before[name], now[name]
         if isinstance(was, float) and isinstance(value, float):
+            if ROUNDED.search(name):
+                limit = ROUNDING * abs(was)
             if not abs(value - was) <= limit and not (np.isnan(value) and np.isnan(was)):
                 over = abs(value - was) / limit if limit > 0.0 else np.inf
                 lines.append((over, f"{name}: {was!r} is now {value!r}, {over:.3g} times its limit"))

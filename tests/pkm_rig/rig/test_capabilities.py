@@ -90,7 +90,7 @@ OWN_MACHINE = ('machine = "planar4"', 'machine = "machine.toml"')
 @pytest.mark.parametrize("command", ["calibrate", "measure", "check"])
 def test_a_workspace_beyond_the_travel(refused, command):
     line = refused(command, rig=[OWN_MACHINE], machine=("travel_m = [0.32, 1.70]", "travel_m = [0.32, 1.60]"))
-    assert "drive left misses" in line
+    assert "drive left lacks" in line
     assert "at the workspace's corner x = -0.35 m, y = 0.3 m" in line
     missing_mm = 71.9 if command == "calibrate" else 61.9  # tables need 20 mm beyond, visits their approach of 10 mm
     assert f"lacks {missing_mm} mm" in line

@@ -137,3 +137,16 @@ def test_means_over_a_coordinate_leave_out_thin_bins():
     np.testing.assert_allclose(mean, [2.0, 5.0])
     np.testing.assert_allclose(error, 1.0 / np.sqrt(3.0))
     assert all(len(column) == 0 for column in diagnosis_pictures.bin_means(at[:2], at[:2]))
+
+
+@pytest.mark.parametrize(("gain_bit", "recommended"), [(0.5, True), (0.0, False), (-0.001, False)])
+def test_only_a_campaign_that_promises_something_is_recommended(gain_bit, recommended):
+    diagnosis = example()
+    addition = replace(diagnosis.next_measurement[0], gain_bit=gain_bit)
+    diagnosis = replace(diagnosis, next_measurement=(addition,))
+    result = diagnosis_output.diagnosis_json(diagnosis, {addition.name: "FILE.toml"})
+    page = io.StringIO()
+    Console(file=page, width=120).print(diagnosis_text.describe_diagnosis(diagnosis, result))
+    assert "FILE.toml" in page.getvalue()
+    assert ("next: pkm-rig measure" in page.getvalue()) is recommended
+    assert "-0.00" not in page.getvalue()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import pytest
@@ -94,6 +95,15 @@ def test_a_workspace_beyond_the_travel(refused, command):
     assert "at the workspace's corner x = -0.35 m, y = 0.3 m" in line
     missing_mm = 71.9 if command == "calibrate" else 61.9  # tables need 20 mm beyond, visits their approach of 10 mm
     assert f"lacks {missing_mm} mm" in line
+
+
+def test_a_workspace_below_the_travel(refused):
+    line = refused("measure", rig=[OWN_MACHINE], machine=("travel_m = [0.32, 1.70]", "travel_m = [0.60, 1.70]"))
+    missing_mm = re.search(r"drive \w+ lacks ([0-9.]+) mm", line)
+    needed_m = re.search(r"it needs ([0-9.]+) m", line)
+    assert missing_mm, line
+    assert needed_m, line
+    assert float(missing_mm[1]) == pytest.approx(1e3 * (0.60 + 0.010 - float(needed_m[1])), abs=0.11)
 
 
 def test_a_workspace_out_of_reach(refused):

@@ -31,7 +31,7 @@ from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
-from pkm_rig.rig.store import open_store
+from pkm_rig.store.store import open_store
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 SEEDS = tuple(range(1, 21))

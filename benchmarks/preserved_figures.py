@@ -42,7 +42,7 @@ from mock_devices.recordings.maker import make_recording
 from mock_devices.settings import MockSettings
 from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.report.diagnosis_json import diagnosis_json
-from pkm_rig.rig.store import open_store
+from pkm_rig.store.store import open_store
 
 FILE = Path(__file__).parent / "preserved" / "figures.npz"
 RELATIVE = 1e-9

@@ -11,7 +11,7 @@ from pathlib import Path
 from calibration.compensation.error_map import error_map
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.report import pictures
-from pkm_rig.rig.store import open_store
+from pkm_rig.store.store import open_store
 
 
 def main() -> None:

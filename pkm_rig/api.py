@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pkm_rig.results.outcome import CampaignOutcome
     from pkm_rig.rig.config import RigFile
     from pkm_rig.rig.rig import Rig
-    from pkm_rig.rig.store import Store
+    from pkm_rig.store.store import Store
 
 
 def load_machine(machine: str | Path) -> Machine:
@@ -59,7 +59,7 @@ def connect(
 @contextmanager
 def open_store(folder: str | Path) -> Iterator[Store]:
     """The store of campaigns in a folder, created if it does not exist."""
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.store.store import open_store
 
     with open_store(Path(folder)) as store:
         yield store

@@ -25,7 +25,7 @@ def identify(
     from pkm_rig.report.identified_text import print_identification
     from pkm_rig.report.measured_text import print_measurements
     from pkm_rig.report.terminal import print_either
-    from pkm_rig.rig.store import find_recording
+    from pkm_rig.store.store import find_recording
 
     measurements = find_measurement_folder(campaign, out)
     if measurements is None:
@@ -53,7 +53,7 @@ def diagnose(
     from pkm_rig.jobs.measured_machine import find_measurement_folder
     from pkm_rig.report.diagnosis_text import describe_diagnosis
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import find_recording
+    from pkm_rig.store.store import find_recording
 
     if find_measurement_folder(campaign, out) is not None:
         raise InputError(
@@ -96,7 +96,7 @@ def compensate(
     """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
     from pkm_rig.jobs.compensate import compensate_recording
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import find_recording
+    from pkm_rig.store.store import find_recording
 
     tables = compensate_recording(find_recording(campaign, out), payload, out)
     print_result(json, tables, f"tables: {tables['folder']}")

@@ -27,7 +27,7 @@ def calibrate(
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, progress_bar
     from pkm_rig.rig.capabilities import Need
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.store.store import open_store
 
     with (
         open_store(out) as store,
@@ -57,7 +57,7 @@ def measure(
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
     from pkm_rig.rig.schedule import calibration_blocks
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.store.store import open_store
 
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig or embedded_rig_path())
@@ -81,7 +81,7 @@ def verify(
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message, progress_bar
     from pkm_rig.rig.capabilities import Need
-    from pkm_rig.rig.store import open_existing_store, open_store
+    from pkm_rig.store.store import open_existing_store, open_store
 
     with open_existing_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched

@@ -14,7 +14,7 @@ from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument
 def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What is in the store."""
     from pkm_rig.report.terminal import print_json, results
-    from pkm_rig.rig.store import open_existing_store
+    from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         rows = store.campaigns()
@@ -29,7 +29,7 @@ def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> N
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What happened to a campaign."""
     from pkm_rig.report.terminal import print_json, results
-    from pkm_rig.rig.store import open_existing_store
+    from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         recording = store.recording(campaign)
@@ -53,7 +53,7 @@ def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json
     from pkm_rig.report.html import report_path, write_report
     from pkm_rig.report.outcome_json import outcome_json
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import open_existing_store
+    from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         outcome = stored_outcome(store, campaign)
@@ -74,7 +74,7 @@ def export_campaign(
     """Write a campaign as a recording folder (docs/reference/recording.md)."""
     from calibration.recording.folder import write_folder
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import open_existing_store
+    from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         recording = store.recording(campaign)
@@ -111,7 +111,7 @@ def _import_printer(source: Path, folder: Path, json: bool) -> None:
 def _import_recording(source: Path, out: Path, json: bool) -> None:
     from calibration.recording.folder import read_folder
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.rig.store import open_store
+    from pkm_rig.store.store import open_store
 
     recording = read_folder(source)
     with open_store(out) as store:

@@ -14,7 +14,7 @@ from calibration.reduction.reduction import Reduction, reduce
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome, Decision, VerificationResult, WrittenTable
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 
 
 def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:

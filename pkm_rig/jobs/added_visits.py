@@ -10,7 +10,7 @@ from typing import Any
 from calibration.reduction.figures import MIN_VISITS
 from pkm_rig.rig.device_sections import StationConnection
 from pkm_rig.rig.schedule import Block
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 
 SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length", "plc")
 SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campaigns have the defaults

@@ -14,7 +14,7 @@ from pkm_rig.rig.previous_tables import keep_previous_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import require_table_banks
 from pkm_rig.rig.runner import open_runner
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 
 
 def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress) -> CampaignOutcome:

@@ -25,7 +25,7 @@ from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import check_rig, require_table_banks
 from pkm_rig.rig.runner import Runner, open_runner
 from pkm_rig.rig.schedule import verification_block
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 
 
 def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Progress) -> CampaignOutcome:

@@ -16,6 +16,5 @@ __all__ = [
     "runner",
     "schedule",
     "station_air",
-    "store",
     "supervision",
 ]

@@ -23,7 +23,7 @@ from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, Worker
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from pkm_rig.version import __version__
 
 SETTINGS = "settings_since_check"

@@ -22,8 +22,8 @@ from pkm_rig.rig.plans import visits
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.runner import describe_campaign, open_runner
 from pkm_rig.rig.schedule import Block, calibration_blocks
-from pkm_rig.rig.store import Store, now_text
 from pkm_rig.rig.supervision import Supervisor
+from pkm_rig.store.store import Store, now_text
 from pkm_rig.virtual.mock_rig import Embedded, embedded_mock_rig
 
 CAMPAIGN = "short"

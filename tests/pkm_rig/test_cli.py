@@ -14,7 +14,7 @@ import pytest
 from calibration.recording.folder import write_folder
 from pkm_rig.cli import main
 from pkm_rig.rig.config import embedded_rig_path
-from pkm_rig.rig.store import Store, open_store
+from pkm_rig.store.store import Store, open_store
 from tests.pkm_rig.plant_recording import record
 
 

@@ -14,7 +14,7 @@ from calibration.base.errors import InputError
 from calibration.recording.columns import COLUMNS, Column, columns_of, unit_of
 from calibration.recording.folder import read_folder, write_folder
 from calibration.recording.recording import Recording, make_recording
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from tests.pkm_rig.plant_recording import record
 
 EXTRA = {"coolant_temperature_c": "Coolant at the pump.", "spindle_power_w": "Power of the spindle's drive."}

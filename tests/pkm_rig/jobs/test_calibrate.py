@@ -23,7 +23,7 @@ from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.outcome_json import outcome_json
 from pkm_rig.report.outcome_text import short_table
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 from tests.pkm_rig.rig.test_rig import flat_table
 

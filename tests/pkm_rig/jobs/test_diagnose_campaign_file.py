@@ -15,7 +15,7 @@ from pkm_rig.jobs.campaign_file import campaign_text, write_campaign_files
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.config import with_visits
 from pkm_rig.rig.schedule import calibration_blocks
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 from tests.pkm_rig.diagnosis_example import example, planned
 

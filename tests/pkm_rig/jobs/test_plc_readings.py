@@ -12,7 +12,7 @@ from calibration.base.errors import InputError
 from pkm_rig.cli.entry import app
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.plc_connection import register_map
-from pkm_rig.rig.store import find_recording
+from pkm_rig.store.store import find_recording
 from tests.pkm_rig.conftest import SHORT
 
 COOLANT = """

@@ -10,7 +10,7 @@ from calibration.reduction.reduction import usable_readings
 from drivers.errors import DeviceError
 from pkm_rig.jobs.added_visits import is_same_rig
 from pkm_rig.jobs.measure import measure
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 

@@ -8,7 +8,7 @@ import pytest
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.devices import rigid_fit
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 

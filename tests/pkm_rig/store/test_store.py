@@ -6,7 +6,7 @@ import pytest
 
 from calibration.base.errors import InputError
 from pkm_rig.errors import StoreError
-from pkm_rig.rig.store import Store
+from pkm_rig.store.store import Store
 from tests.pkm_rig.plant_recording import record
 
 

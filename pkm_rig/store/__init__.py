@@ -1,0 +1,3 @@
+"""The record of all campaigns of a folder."""
+
+__all__ = ["store"]

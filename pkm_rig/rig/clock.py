@@ -24,7 +24,7 @@ class RigClock(Protocol):
     """What a device, a driver or a plan may ask of time."""
 
     def now_s(self) -> float:
-        """Rig time in seconds since the clock was made."""
+        """Rig time in seconds; a campaign's later sessions begin where the earlier ones ended."""
         ...
 
     def sleep_s(self, duration_s: float) -> None:
@@ -60,11 +60,12 @@ class VirtualClock:
     a worker carrying out a move) is not counted: its client's activity is, and blocks. When such
     a thread sleeps it lends that activity's turn, so time can pass during a request and not around it.
     Time advances only towards a sleeper: callbacks alone (heartbeats) do not make it run away.
+    It begins at `start_s`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, start_s: float = 0.0) -> None:
         self._lock = threading.Lock()
-        self._now_s = 0.0
+        self._now_s = start_s
         self._running = 0
         self._sleepers = 0
         self._order = itertools.count()
@@ -169,13 +170,14 @@ class VirtualClock:
 
 
 class ScaledClock:
-    """Host time multiplied by a factor; 1 is real time."""
+    """Host time multiplied by a factor, counted from `start_s`; factor 1 is real time."""
 
-    def __init__(self, time_scale: float = 1.0) -> None:
+    def __init__(self, time_scale: float = 1.0, start_s: float = 0.0) -> None:
         if not time_scale > 0.0:
             raise ValueError(f"time_scale must be positive, not {time_scale}")
         self.time_scale = time_scale
-        self._start_s = time.monotonic()
+        self._start_s = start_s
+        self._made_s = time.monotonic()
         self._closed = threading.Event()
         self._changed = threading.Condition()
         self._order = itertools.count()
@@ -185,7 +187,7 @@ class ScaledClock:
 
     def now_s(self) -> float:
         """Rig time in seconds."""
-        return (time.monotonic() - self._start_s) * self.time_scale
+        return self._start_s + (time.monotonic() - self._made_s) * self.time_scale
 
     def sleep_s(self, duration_s: float) -> None:
         """Block for `duration_s` of rig time."""

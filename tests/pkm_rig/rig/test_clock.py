@@ -130,3 +130,16 @@ def test_scaled_clock_calls_back_and_refuses_a_scale_of_zero():
     clock.call_at(clock.now_s() + 1.0, called.set)
     assert called.wait(5.0)
     clock.close()
+
+
+def test_both_clocks_begin_where_they_are_told_to():
+    virtual, scaled = VirtualClock(5000.0), ScaledClock(2.0, 5000.0)
+    called = threading.Event()
+    scaled.call_at(5000.001, called.set)
+    with virtual.activity():
+        virtual.sleep_s(2.0)
+    assert virtual.now_s() == 5002.0
+    assert 5000.0 <= scaled.now_s() < 5100.0
+    assert called.wait(5.0)
+    virtual.close()
+    scaled.close()

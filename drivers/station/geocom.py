@@ -180,16 +180,16 @@ class GeoComSession:
                 return True
         return False
 
-    def ask(self, call: Call, *, values: bool = True) -> Any:
+    def ask(self, call: Call, *, values: bool = True, changing: bool = False) -> Any:
         """Make a call that may safely be repeated, and return its values.
 
-        It is repeated once after a lost or garbled answer. `values`: the answer must contain some.
-        Raises NoAnswer, ProtocolError, ConnectionFailed and StationError.
+        It is repeated once after a lost or garbled answer. `values`: the answer must contain some; without checksums
+        they are asked for twice, unless they may be `changing` in between. Raises NoAnswer, ProtocolError,
+        ConnectionFailed and StationError.
         """
-        try:
-            return self._call_when_idle(call, values, self._reply_timeout_s)
-        except (NoAnswer, ProtocolError):
-            return self._call_when_idle(call, values, self._reply_timeout_s)
+        if changing:
+            return self._call_again_if_lost(call, values, self._reply_timeout_s)[0]
+        return self._ask(call, values, self._reply_timeout_s)[0]
 
     def command(self, call: Call, *, idempotent: bool = False) -> None:
         """Make a call that moves or measures.
@@ -208,16 +208,21 @@ class GeoComSession:
 
     def ask_flagged(self, call: Call) -> tuple[Any, tuple[str, ...]]:
         """Like `ask`, for a measurement: its values, and the flags of the station for them."""
-        try:
-            return self._call_when_idle_flagged(call, True, self._motion_timeout_s)
-        except (NoAnswer, ProtocolError):
-            return self._call_when_idle_flagged(call, True, self._motion_timeout_s)
+        return self._ask(call, True, self._motion_timeout_s)
 
-    def _call_when_idle(self, call: Call, values: bool, timeout_s: float) -> Any:
-        result, _ = self._call_when_idle_flagged(call, values, timeout_s)
+    def _ask(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
+        result = self._call_again_if_lost(call, values, timeout_s)
+        if values and not self.uses_checksums and self._call_again_if_lost(call, values, timeout_s) != result:
+            raise ProtocolError(self.device, self.where, "the same was read twice with different values", _CHECK_LINE)
         return result
 
-    def _call_when_idle_flagged(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
+    def _call_again_if_lost(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
+        try:
+            return self._call_when_idle(call, values, timeout_s)
+        except (NoAnswer, ProtocolError):
+            return self._call_when_idle(call, values, timeout_s)
+
+    def _call_when_idle(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
         end_s = self._clock.now_s() + self._busy_limit_s
         while True:
             with self._lock:

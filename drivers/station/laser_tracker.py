@@ -203,7 +203,7 @@ class LaserTracker:
 
     def lock_state(self) -> LockState:
         """Whether the station follows a reflector."""
-        return _LOCK_STATES[self._open().ask(self._open().geocom.mot.get_lockon_status)]
+        return _LOCK_STATES[self._open().ask(self._open().geocom.mot.get_lockon_status, changing=True)]
 
     def keep_lock(self, hz_rad: float, v_rad: float, window_rad: float = 0.01) -> bool:
         """Make sure that a reflector is followed; if the lock was lost, aim at the predicted direction.

@@ -17,6 +17,7 @@ from drivers.clock import RigClock
 
 _REQUEST = re.compile(r"%R1Q,\d+,(\d+)")
 _ANSWER = re.compile(rb"^%R1P,\d+,(\d+)[,:]")
+_NOT_TEXT = re.compile(r"[^\x20-\x7e]")
 _MOST_OLD_ANSWERS = 8
 _LONGEST_LINE = 4096
 
@@ -65,22 +66,25 @@ class SerialLine(Connection):
         return self._read_line(time.monotonic() + self.reply_timeout_s)
 
     def receive(self) -> str:
-        """Read one line of text; other than ASCII as replacement characters."""
-        return self.receive_binary().decode("ascii", "replace")
+        """Read one line of text, as `exchange` returns it."""
+        return _text(self.receive_binary())
 
     def exchange_binary(self, data: bytes) -> bytes:
         """Send a request and return the answer that carries its number."""
         return self.exchange(data.decode("ascii", "ignore")).encode("ascii", "replace")
 
     def exchange(self, cmd: str) -> str:
-        """Send a request and return the answer that carries its number, or the first line that is not an answer."""
+        """Send a request and return the answer that carries its number, or the first line that is not an answer.
+
+        A line with any other byte than printable ASCII is spoilt: it is marked, so that nobody takes it for an answer.
+        """
         self.reset()
         host_s, rig_s = time.monotonic(), self._clock.now_s()
         self.send(cmd)
         answer = self._answer_to(cmd, host_s + self.reply_timeout_s)
         end_host_s, end_rig_s = time.monotonic(), self._clock.now_s()
         self.last_time = ExchangeTime(0.5 * (rig_s + end_rig_s), 0.5 * (host_s + end_host_s), 0.5 * (end_rig_s - rig_s))
-        return answer.decode("ascii", "replace")
+        return _text(answer)
 
     def reset(self) -> None:
         """Discard data in the port that belongs to no request."""
@@ -124,3 +128,8 @@ class SerialLine(Connection):
     def _take(self, count: int) -> bytes:
         first, self._received = self._received[:count], self._received[count:]
         return bytes(first)
+
+
+def _text(line: bytes) -> str:
+    text = line.decode("latin-1")
+    return "(spoilt) " + _NOT_TEXT.sub("?", text) if _NOT_TEXT.search(text) else text

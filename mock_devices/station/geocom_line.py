@@ -77,11 +77,18 @@ def format_value(value: Value, decimals: int) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
+def _crc_of_byte(byte: int) -> int:
+    for _ in range(8):
+        byte = (byte >> 1) ^ 0xA001 if byte & 1 else byte >> 1
+    return byte
+
+
+_CRC_OF_BYTES = tuple(_crc_of_byte(byte) for byte in range(256))
+
+
 def crc16(data: bytes) -> int:
     """CRC-16/ARC: polynomial 0x8005 reflected, start 0."""
     crc = 0
     for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+        crc = (crc >> 8) ^ _CRC_OF_BYTES[(crc ^ byte) & 0xFF]
     return crc

@@ -46,7 +46,7 @@ class LineBuffer:
 class StationServer:
     """Common part of both lines. `tamper` may change or drop (None) each answer, to simulate a bad line.
 
-    So do the faults named serial-...; the affected byte is drawn from `seed` and the number of the answer.
+    So do the faults named serial-...; the affected byte and bit are drawn from `seed` and the number of the answer.
     """
 
     def __init__(self, station: MockStation, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
@@ -109,13 +109,14 @@ class StationServer:
             return [held_answer] if held_answer else []
         if strikes("serial-previous") and previous:
             answer = previous
-        at = int(generator(self._seed, "serial", self._count).integers(len(answer)))
+        random = generator(self._seed, "serial", self._count)
+        at, bit = int(random.integers(len(answer))), int(random.integers(8))
         if strikes("serial-dropped-byte"):
             answer = answer[:at] + answer[at + 1 :]
         if strikes("serial-doubled-byte"):
             answer = answer[: at + 1] + answer[at:]
         if strikes("serial-garbled-byte"):
-            answer = answer[:at] + bytes([answer[at] ^ 1 << at % 7]) + answer[at + 1 :]
+            answer = answer[:at] + bytes([answer[at] ^ 1 << bit]) + answer[at + 1 :]
         if strikes("serial-split"):
             return [held_answer, answer[:at], answer[at:]]
         return [held_answer, answer]

@@ -47,6 +47,7 @@ def opened() -> Iterator[Open]:
             CountingClock(),
             line=StationLine(reply_timeout_s=0.05, motion_timeout_s=0.05, busy_limit_s=1.0),
         )
+        session.geocom.uses_checksums = True
         sessions.append(session)
         return session, port
 

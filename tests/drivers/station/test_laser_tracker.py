@@ -26,6 +26,9 @@ from drivers.station.laser_tracker import LaserTracker, LockState, SettleCriteri
 from drivers.station.polar import average, cartesian_to_polar, polar_to_cartesian, to_face_one
 from tests.drivers.scripted import NO_CHECKSUM, CountingClock, ScriptedPort
 
+_REQUEST_NUMBER = re.compile(rb"^(%R1Q,\d+,)\d+")
+_ANSWER_NUMBER = re.compile(rb"(%R1P,\d+,)\d+")
+
 Make = Callable[..., tuple[LaserTracker, ScriptedPort]]
 
 CONNECT = [
@@ -253,15 +256,12 @@ def test_a_face_that_stays(make: Make) -> None:
         tracker.change_face()
 
 
-def test_a_station_without_checksums_has_each_value_fetched_twice(make: Make) -> None:
-    bare = [(b"%%R1Q,0,%d:" % n, NO_CHECKSUM + b"%%R1P,0,%d:0\r\n" % n) for n in range(6)]
-    rest = [(_counted(line, 5), _counted(answer, 5)) for line, answer in CONNECT[1:]]
-    fetch = (b"%R1Q,2167,24:5000,1", b"%R1P,0,24:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
-    again = (b"%R1Q,2167,25:5000,1", b"%R1P,0,25:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
-    other = (b"%R1Q,2167,28:5000,1", b"%R1P,0,28:0,0.5,1.5,0,0,0,0,8.0,0\r\n")
-    start = [(b"%%R1Q,2008,%d:1,1" % n, b"%%R1P,0,%d:0\r\n" % n) for n in (23, 26)]
-    spoilt = (b"%R1Q,2167,27:5000,1", b"%R1P,0,27:0,0.5,1.5,0,0,0,0,3.0,0\r\n")
-    tracker, port = make([*bare, *rest, start[0], fetch, again, start[1], spoilt, other])
+def test_a_station_without_checksums_is_asked_twice_for_each_value(make: Make) -> None:
+    probes = [(b"%R1Q,0,0:", NO_CHECKSUM + b"%R1P,0,0:0\r\n")] * 5
+    connect = [exchange for exchange in CONNECT for _ in range(2 if b":0," in exchange[1] else 1)]
+    first, second = _reading(0), _reading(0)
+    other = second[1][0], second[1][1].replace(b"3.0", b"8.0")
+    tracker, port = make(_numbered([*probes, *connect, *first, first[1], *second, other]))
     tracker.connect()
     assert not tracker.uses_checksums
     assert tracker.measure()[0].slope_distance_m == 3.0
@@ -270,9 +270,12 @@ def test_a_station_without_checksums_has_each_value_fetched_twice(make: Make) ->
     port.finished()
 
 
-def _counted(line: bytes, more: int) -> bytes:
-    """The same line with a transaction number that is higher."""
-    return re.sub(rb"^(%R1[QP],\d+,)(\d+)", lambda m: m[1] + b"%d" % (int(m[2]) + more), line)
+def _numbered(script: list[tuple[bytes, bytes]], first: int = 0) -> list[tuple[bytes, bytes]]:
+    """The same lines with transaction numbers that count from the first."""
+    return [
+        (_REQUEST_NUMBER.sub(rb"\g<1>%d" % n, line), _ANSWER_NUMBER.sub(rb"\g<1>%d" % n, answer))
+        for n, (line, answer) in enumerate(script, start=first)
+    ]
 
 
 def test_search_and_lock(make: Make) -> None:
@@ -397,7 +400,7 @@ def test_another_reflector_than_the_predicted_one(make: Make) -> None:
 
 
 def test_a_late_answer_of_the_session_before_is_dropped(make: Make) -> None:
-    again = [(_counted(line, 19), _counted(answer, 19)) for line, answer in CONNECT]
+    again = _numbered(CONNECT, 19)
     late = (b"%R1Q,2026,18:", b"")
     again[0] = (again[0][0], b"%R1P,0,18:0,1\r\n" + again[0][1])
     tracker, port = make([*CONNECT, late, *again], 0.3)

@@ -80,10 +80,12 @@ class MockSettings:
     of freedom of Student's t of the readings' noise, of the same variance (0: normal). `temperature_programme`:
     corners (rig time, kelvin) of a change of the shop's temperature. `clock_jitter_s` is the noise of time stamps in
     recordings. Without `absolute_encoders` the drives have no reference after power-on. `plc_readings` are further
-    registers of the PLC, for example the temperature of a coolant.
+    registers of the PLC, for example the temperature of a coolant. `start_s`: rig time at which this mock begins as a
+    later one of the same machine: its readings have other noise.
     """
 
     seed: int = 1
+    start_s: float = 0.0
     error_scale: float = 1.0
     payloads: tuple[Payload, ...] = DEFAULT_PAYLOADS
     initial_payload: int = 0

@@ -42,17 +42,25 @@ def load_rig(rig_file: str | Path | None = None) -> tuple[RigFile, Machine]:
 
 @contextmanager
 def connect(
-    rig_file: str | Path | None = None, *, real_time: bool = False, seed: int | None = None, homing: bool = False
+    rig_file: str | Path | None = None,
+    *,
+    real_time: bool = False,
+    seed: int | None = None,
+    homing: bool = False,
+    goes_on: tuple[Store, str] | None = None,
 ) -> Iterator[Rig]:
     """A connected, supervised rig, left stopped and without power in the end.
 
     Without a path the embedded mock rig: in virtual time unless `real_time`, with the mock machine number `seed`.
-    For `homing` drives may have lost their reference; they are then refused any other motion.
+    For `homing` drives may have lost their reference; they are then refused any other motion. `goes_on`: store and
+    campaign that this rig will go on with; its time begins after the campaign's.
     """
     from pkm_rig.jobs.session import open_rig
+    from pkm_rig.store.sessions import last_moment
 
     path = None if rig_file is None else Path(rig_file)
-    with open_rig(path, real_time=real_time, seed=seed, homing=homing) as rig:
+    after = last_moment(*goes_on) if goes_on else None
+    with open_rig(path, real_time=real_time, seed=seed, homing=homing, after=after) as rig:
         yield rig
 
 

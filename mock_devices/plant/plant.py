@@ -94,7 +94,8 @@ class Plant:
     """The machine, its payload, its temperatures and the station in front of it.
 
     The drives are attached after they were made. Noise of a reading depends on the seed, the SMR, both
-    targets, the number of the visit to this pair of targets and the number of the reading of this visit, never on time.
+    targets, the number of the visit to this pair of targets and the number of the reading of this visit, and on the
+    time at which the mock begins, never on time since then.
     A visit is a pair of set-points at which something was measured. Safe to use from several threads.
     """
 
@@ -234,7 +235,8 @@ class Plant:
                 self._readings = {}
             visit = self._visits[targets]
             reading = self._readings[smr] = self._readings.get(smr, 0) + 1
-        key = (smr, *targets, visit, reading)
+        begun = (round(self.settings.start_s * 1000.0),) if self.settings.start_s else ()
+        key = (smr, *targets, visit, reading, *begun)
         rng = generator(self.settings.seed, "reading", *key)
         hz, v, distance = heavy_tailed(rng.standard_normal(3), self.settings.noise_tails, rng)
         sd = self.settings.instrument

@@ -57,12 +57,17 @@ def measure(
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
     from pkm_rig.rig.schedule import calibration_blocks
+    from pkm_rig.store.sessions import last_moment
     from pkm_rig.store.store import open_store
 
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig or embedded_rig_path())
         calibration_blocks(machine, with_visits(file, campaign_file).campaign)
-    with open_store(out) as store, open_rig(rig, needs=Need.MOTION) as connected_rig, progress_bar() as progress:
+    with (
+        open_store(out) as store,
+        open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
+        progress_bar() as progress,
+    ):
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
         campaign = measure(connected_rig, store, print_message, progress, resume)
@@ -81,13 +86,14 @@ def verify(
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message, progress_bar
     from pkm_rig.rig.capabilities import Need
+    from pkm_rig.store.sessions import last_moment
     from pkm_rig.store.store import open_existing_store, open_store
 
     with open_existing_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
         open_store(out) as store,
-        open_rig(rig, needs=Need.MOTION | Need.TABLES) as connected_rig,
+        open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
         progress_bar() as progress,
     ):
         outcome = verify(connected_rig, store, campaign, print_message, progress)

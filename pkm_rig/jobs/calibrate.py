@@ -26,7 +26,7 @@ def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress) -> Cam
     require_table_banks(rig)
     campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
     with (
-        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
+        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "calibrate", notify) as runner,
         keep_previous_tables(rig) as previous_tables,
     ):
         measure_blocks(runner, blocks)

@@ -30,7 +30,7 @@ def measure(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: 
     else:
         campaign, blocks, total = _reopen_campaign(rig, store, notify, resume)
     with (
-        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
+        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "measure", notify) as runner,
         keep_previous_tables(rig) as previous_tables,
     ):
         if resume is not None and store.has_readings(campaign):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -12,6 +13,7 @@ from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
+from pkm_rig.store.sessions import Moment
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 
@@ -41,11 +43,14 @@ def open_rig(
     real_time: bool = False,
     seed: int | None = None,
     homing: bool = False,
+    after: Moment | None = None,
 ) -> Iterator[Rig]:
     """A connected, supervised rig; without a path the embedded mock rig over its real protocols.
 
     InputError, before any device is touched, if its file shows that it cannot do what it `needs` to.
-    `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference.
+    `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference. Rig time begins
+    where the campaign that goes on ended (`after`), later by the time that has passed meanwhile; on the embedded rig,
+    whose time is not the computer's, none has.
     """
     path = rig_path or embedded_rig_path()
     file, machine = load_rig(path)
@@ -55,13 +60,14 @@ def open_rig(
             file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
         with (
             nullcontext() if real_time else pin_to_one_core(os.getpid()),
-            embedded_mock_rig(file, path, real_time=real_time) as mock,
+            embedded_mock_rig(file, path, real_time=real_time, start_s=after.t_rig_s if after else 0.0) as mock,
             mock.clock.activity(),
             connect_rig(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path, homing=homing) as rig,
         ):
             yield rig
         return
-    clock = ScaledClock(file.time_scale or 1.0)
+    scale = file.time_scale or 1.0
+    clock = ScaledClock(scale, 0.0 if after is None else after.t_rig_s + after.gap_s(time.time()) * scale)
     try:
         with connect_rig(file, machine, clock, rig_path=path, homing=homing) as rig:
             yield rig

@@ -44,7 +44,7 @@ def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Prog
     notify(diagnosis_line(diagnosis))
     total = planned_readings(rig, (), verify=True)
     with (
-        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what)) as runner,
+        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "verify", notify) as runner,
         keep_previous_tables(rig) as previous_tables,
     ):
         runner.resume(store.recording(campaign))

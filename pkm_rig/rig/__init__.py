@@ -15,6 +15,7 @@ __all__ = [
     "rig_checks",
     "runner",
     "schedule",
+    "session_record",
     "station_air",
     "supervision",
 ]

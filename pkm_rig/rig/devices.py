@@ -7,6 +7,7 @@ lends the campaign's turn on the rig clock.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -301,6 +302,7 @@ class StationDevice:
             "smr": self._smr,
             "t_rig_s": mean.t_rig_s,
             "t_host_s": first.t_host_s,
+            "t_utc_s": first.t_host_s + (time.time() - time.monotonic()),  # anew each time: UTC may be set
             "t_u_s": first.u_t_s,
             "hz_rad": mean.hz_rad,
             "v_rad": mean.v_rad,

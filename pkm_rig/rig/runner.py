@@ -23,6 +23,7 @@ from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, Worker
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.session_record import session
 from pkm_rig.store.store import Store
 from pkm_rig.version import __version__
 
@@ -154,13 +155,21 @@ class Runner:
 
 
 @contextmanager
-def open_runner(rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> Iterator[Runner]:
-    """A runner that is closed in the end."""
-    runner = Runner(rig, store, campaign, progress)
-    try:
-        yield runner
-    finally:
-        runner.close()
+def open_runner(
+    rig: Rig,
+    store: Store,
+    campaign: str,
+    progress: Callable[[int, str], None],
+    command: str = "measure",
+    notify: Callable[[str], None] = lambda _line: None,
+) -> Iterator[Runner]:
+    """A runner that is closed in the end: one session of the campaign."""
+    with session(rig, store, campaign, command, notify):
+        runner = Runner(rig, store, campaign, progress)
+        try:
+            yield runner
+        finally:
+            runner.close()
 
 
 def emergency_log(rig: Rig) -> list[dict[str, Any]]:

@@ -1,3 +1,3 @@
 """The record of all campaigns of a folder."""
 
-__all__ = ["store"]
+__all__ = ["sessions", "store"]

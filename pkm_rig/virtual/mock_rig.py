@@ -9,7 +9,7 @@ import itertools
 import ssl
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import can
@@ -127,15 +127,17 @@ def embedded_mock_rig(
     rig_path: Path,
     *,
     real_time: bool = False,
+    start_s: float = 0.0,
     faults: FaultPlan | None = None,
     without_blocks: tuple[int, ...] = (),
     twin: TwinFiles | None = None,
 ) -> Iterator[Embedded]:
     """Start the embedded mock rig: virtual time, or time scale 1 with `real_time`; `twin`: one to serve.
 
+    It begins at rig time `start_s`: temperatures and drift are those of the same machine at that time.
     With `faults` the host's bus and clock can be struck as well. The nodes in `without_blocks` know no block transfer.
     """
-    clock: RigClock = ScaledClock(1.0) if real_time else VirtualClock()
+    clock: RigClock = ScaledClock(1.0, start_s) if real_time else VirtualClock(start_s)
     channel = f"embedded-{next(_channels)}"
 
     def bus() -> can.BusABC:
@@ -147,7 +149,7 @@ def embedded_mock_rig(
     try:
         with MockRig(
             machine_path(file, rig_path),
-            settings_of(file, rig_path),
+            replace(settings_of(file, rig_path), start_s=start_s),
             clock,
             bus,
             without_blocks=without_blocks,

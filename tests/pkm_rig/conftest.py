@@ -27,10 +27,10 @@ def short_rig_file(seed: int = 5, **changes: object):
 
 
 @contextmanager
-def mock_and_rig(file, machine):
+def mock_and_rig(file, machine, start_s=0.0):
     """A started embedded mock rig and the connected rig on it."""
     with (
-        embedded_mock_rig(file, embedded_rig_path()) as mock,
+        embedded_mock_rig(file, embedded_rig_path(), start_s=start_s) as mock,
         mock.clock.activity(),
         connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
     ):

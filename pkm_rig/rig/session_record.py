@@ -1,0 +1,76 @@
+"""One session of a campaign in the store: when this process' work on it began and ended, and why."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from calibration.base.errors import InputError
+from pkm_rig.errors import CampaignRefused, StoreError
+from pkm_rig.rig.clock import ScaledClock
+from pkm_rig.rig.rig import Rig
+from pkm_rig.store.sessions import BEGUN, ENDED, Moment, last_moment, next_number
+from pkm_rig.store.store import Store
+
+WAIT_S = 60.0  # by which the rig's clock may lie behind the campaign: it is waited for
+
+
+@contextmanager
+def session(
+    rig: Rig,
+    store: Store,
+    campaign: str,
+    command: str,
+    notify: Callable[[str], None],
+    utc_s: Callable[[], float] = time.time,
+) -> Iterator[int]:
+    """Record the begin and the end of a session; its number.
+
+    Raises InputError if the rig's clock lies before the campaign's end: times would overlap.
+    """
+    after = last_moment(store, campaign)
+    if after is not None:
+        _require_later(rig, after, campaign)
+    number = next_number(store, campaign)
+    scale = rig.clock.time_scale if isinstance(rig.clock, ScaledClock) else None
+
+    def now() -> dict[str, float]:
+        return {"t_rig_s": rig.clock.now_s(), "t_utc_s": utc_s()}
+
+    moment = now()
+    set_back_s = 0.0 if after is None else after.set_back_s(moment["t_utc_s"])
+    if set_back_s > 0.0:
+        moment["set_back_s"] = set_back_s
+        notify(
+            f"the computer's clock was set back by {set_back_s:.0f} s since the campaign's last session; "
+            "the time between them counts as none"
+        )
+    store.add_event(campaign, BEGUN, {"session": number, "command": command, **moment, "time_scale": scale})
+    try:
+        yield number
+    except BaseException as error:
+        with contextlib.suppress(StoreError):
+            store.add_event(
+                campaign, ENDED, {"session": number, **now(), "why": _why(error), "reason": str(error) or "interrupted"}
+            )
+        raise
+    store.add_event(campaign, ENDED, {"session": number, **now(), "why": "finished"})
+
+
+def _require_later(rig: Rig, after: Moment, campaign: str) -> None:
+    behind_s = after.t_rig_s - rig.clock.now_s()
+    if 0.0 < behind_s <= WAIT_S:
+        rig.wait(behind_s)
+    elif behind_s > 0.0:
+        raise InputError(
+            f"campaign {campaign}: it ended at rig time {after.t_rig_s:.0f} s and this rig's clock is {behind_s:.0f} s "
+            "before that; connect the rig for this campaign"
+        )
+
+
+def _why(error: BaseException) -> str:
+    if not isinstance(error, Exception):
+        return "interrupted"
+    return "refused" if isinstance(error, CampaignRefused) else "failed"

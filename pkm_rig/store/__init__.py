@@ -1,3 +1,3 @@
-"""The record of all campaigns of a folder."""
+"""The record of all campaigns of a folder: an append-only database with a schema version and a hash chain."""
 
-__all__ = ["sessions", "store"]
+__all__ = ["chain", "connections", "migrate", "migrations", "schema", "sessions", "store"]

@@ -1,12 +1,13 @@
 """The record: SQLite in WAL mode, one durable commit a reading, append-only.
 
-Campaigns, readings and results are only ever inserted; triggers refuse to change or delete them.
+Campaigns, readings and results are only ever inserted; triggers refuse to change or delete them. Readings and events of
+a campaign form one hash chain (`chain`); campaigns of version 0.1 have none.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy import event
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.base.errors import InputError
@@ -23,37 +23,12 @@ from calibration.recording.folder import read_folder
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from pkm_rig.errors import StoreError
+from pkm_rig.store.chain import canonical, event_link, genesis, reading_link
+from pkm_rig.store.connections import engine_for_writing, writer
+from pkm_rig.store.migrate import bring_up_to_date
+from pkm_rig.store.schema import campaigns, events, heads, readings, table_changes
 
 STORE_NAME = "pkm-rig.sqlite"
-
-_metadata = sa.MetaData()
-
-_campaigns = sa.Table(
-    "campaigns",
-    _metadata,
-    sa.Column("id", sa.String, primary_key=True),
-    sa.Column("created", sa.String, nullable=False),
-    sa.Column("description", sa.Text, nullable=False),
-    sa.Column("machine", sa.Text, nullable=False),
-)
-_readings = sa.Table(
-    "readings",
-    _metadata,
-    sa.Column("campaign", sa.ForeignKey("campaigns.id"), primary_key=True),
-    sa.Column("uid", sa.String, primary_key=True),
-    sa.Column("sequence", sa.Integer, nullable=False),
-    sa.Column("data", sa.Text, nullable=False),
-)
-_events = sa.Table(
-    "events",
-    _metadata,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("campaign", sa.ForeignKey("campaigns.id"), nullable=False, index=True),
-    sa.Column("created", sa.String, nullable=False),
-    sa.Column("kind", sa.String, nullable=False),
-    sa.Column("data", sa.Text, nullable=False),
-)
-_APPEND_ONLY = ("campaigns", "readings", "events")
 
 
 @dataclass(frozen=True)
@@ -65,6 +40,20 @@ class StoredEvent:
     data: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class StoredTableChange:
+    """One step of a change of the tables in a rig's drives, of a campaign or by hand."""
+
+    id: int
+    created: str
+    rig: str
+    machine: str
+    campaign: str | None
+    change: str
+    kind: str
+    data: dict[str, Any]
+
+
 class Store:
     """The record in one file. Safe to use from several threads."""
 
@@ -72,16 +61,9 @@ class Store:
         self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._engine = sa.create_engine(f"sqlite:///{path}")
-            event.listen(self._engine, "connect", _sync_to_disk)
-            with self._writing() as connection:
-                _metadata.create_all(connection)
-                for table in _APPEND_ONLY:
-                    for verb in ("UPDATE", "DELETE"):
-                        connection.exec_driver_sql(
-                            f"CREATE TRIGGER IF NOT EXISTS keep_{table}_{verb.lower()} BEFORE {verb} ON {table} "
-                            "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
-                        )
+            self._engine = engine_for_writing(path)
+            with self._errors():
+                bring_up_to_date(self._engine, path)
         except OSError as error:
             raise InputError(f"store {path}: {error.strerror}; choose a place that can be written") from error
 
@@ -100,45 +82,70 @@ class Store:
             self._insert_campaign(connection, file, machine_text)
 
     def _insert_campaign(self, connection: sa.Connection, file: RecordingFile, machine_text: str) -> None:
-        if connection.execute(sa.select(_campaigns.c.id).where(_campaigns.c.id == file.campaign)).first():
-            raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
+        name, description = file.campaign, file.model_dump(mode="json")
+        if connection.execute(sa.select(campaigns.c.id).where(campaigns.c.id == name)).first():
+            raise InputError(f"store {self.path}: campaign '{name}' is there already")
         connection.execute(
-            _campaigns.insert().values(
-                id=file.campaign,
-                created=file.created,
-                description=file.model_dump_json(),
-                machine=machine_text,
+            campaigns.insert().values(
+                id=name, created=file.created, description=canonical(description), machine=machine_text
             )
         )
+        start = genesis(name, file.created, description, machine_text)
+        connection.execute(heads.insert().values(campaign=name, position=0, chain=start))
 
     def add_reading(self, campaign: str, uid: str, sequence: int, data: Mapping[str, float | str]) -> None:
         """Insert one reading, durable when this returns. NaN and infinities are refused."""
-        text = json.dumps(dict(data), allow_nan=False)
         with self._writing() as connection:
-            connection.execute(_readings.insert().values(uid=uid, campaign=campaign, sequence=sequence, data=text))
+            _append_readings(connection, campaign, [(uid, sequence, dict(data))])
 
     def add_event(self, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
         """Insert something that happened."""
         with self._writing() as connection:
+            _append_event(connection, campaign, kind, dict(data))
+
+    def head(self, campaign: str) -> str:
+        """The campaign's last chain value, which stands for all of its content; empty if it is not chained."""
+        with self._reading() as connection:
+            return _head(connection, campaign)[1] or ""
+
+    def add_table_change(
+        self, *, rig: str, machine: str, campaign: str | None, change: str, kind: str, data: Mapping[str, Any]
+    ) -> None:
+        """Insert a step of a change of the tables in the drives, durable when this returns; `change` is its id."""
+        with self._writing() as connection:
             connection.execute(
-                _events.insert().values(
-                    campaign=campaign,
+                table_changes.insert().values(
                     created=now_text(),
+                    rig=rig,
+                    machine=machine,
+                    campaign=campaign,
+                    change=change,
                     kind=kind,
-                    data=json.dumps(dict(data), allow_nan=False),
+                    data=canonical(dict(data)),
                 )
             )
+
+    def table_changes(self, rig: str | None = None) -> list[StoredTableChange]:
+        """All steps of changes of tables, of one rig or of all, oldest first."""
+        query = sa.select(table_changes).order_by(table_changes.c.id)
+        if rig is not None:
+            query = query.where(table_changes.c.rig == rig)
+        with self._reading() as connection:
+            return [
+                StoredTableChange(r.id, r.created, r.rig, r.machine, r.campaign, r.change, r.kind, json.loads(r.data))
+                for r in connection.execute(query)
+            ]
 
     def campaigns(self) -> list[tuple[str, str, str, int, str]]:
         """(id, created, rig, number of readings, last event) of all campaigns, oldest first."""
         out = []
         with self._reading() as connection:
-            for row in connection.execute(sa.select(_campaigns).order_by(_campaigns.c.created)):
+            for row in connection.execute(sa.select(campaigns).order_by(campaigns.c.created)):
                 count = connection.execute(
-                    sa.select(sa.func.count()).select_from(_readings).where(_readings.c.campaign == row.id)
+                    sa.select(sa.func.count()).select_from(readings).where(readings.c.campaign == row.id)
                 ).scalar_one()
                 last = connection.execute(
-                    sa.select(_events.c.kind).where(_events.c.campaign == row.id).order_by(_events.c.id.desc())
+                    sa.select(events.c.kind).where(events.c.campaign == row.id).order_by(events.c.position.desc())
                 ).first()
                 rig = json.loads(row.description)["rig"]
                 out.append((row.id, row.created, rig, int(count), last.kind if last else ""))
@@ -146,26 +153,26 @@ class Store:
 
     def events(self, campaign: str, kind: str | None = None) -> list[StoredEvent]:
         """What happened to a campaign, oldest first."""
-        query = sa.select(_events).where(_events.c.campaign == campaign).order_by(_events.c.id)
+        query = sa.select(events).where(events.c.campaign == campaign).order_by(events.c.position)
         if kind is not None:
-            query = query.where(_events.c.kind == kind)
+            query = query.where(events.c.kind == kind)
         with self._reading() as connection:
             return [StoredEvent(r.created, r.kind, json.loads(r.data)) for r in connection.execute(query)]
 
     def has_readings(self, campaign: str) -> bool:
         """Whether anything was measured in a campaign."""
-        query = sa.select(_readings.c.uid).where(_readings.c.campaign == campaign).limit(1)
+        query = sa.select(readings.c.uid).where(readings.c.campaign == campaign).limit(1)
         with self._reading() as connection:
             return connection.execute(query).first() is not None
 
     def recording(self, campaign: str) -> Recording:
         """All readings of a campaign; InputError if it is unknown or has none."""
         with self._reading() as connection:
-            head = connection.execute(sa.select(_campaigns).where(_campaigns.c.id == campaign)).first()
+            head = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
             if head is None:
                 raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
             rows = connection.execute(
-                sa.select(_readings.c.data).where(_readings.c.campaign == campaign).order_by(_readings.c.sequence)
+                sa.select(readings.c.data).where(readings.c.campaign == campaign).order_by(readings.c.sequence)
             ).all()
         file = RecordingFile.model_validate_json(head.description)
         machine = parse_machine(head.machine, f"machine of campaign {campaign}")
@@ -173,45 +180,80 @@ class Store:
 
     def add_recording(self, recording: Recording) -> None:
         """Import a recording as a campaign, all or nothing."""
-        rows = []
-        for i in range(len(recording)):
-            data = recording.row(i)
-            text = json.dumps(data, allow_nan=False)
-            uid = str(data["uid"])
-            rows.append(
-                {
-                    "uid": uid,
-                    "campaign": recording.file.campaign,
-                    "sequence": int(data["sequence"]),
-                    "data": text,
-                }
-            )
+        campaign = recording.file.campaign
+        rows = [recording.row(i) for i in range(len(recording))]
         with self._writing() as connection:
             self._insert_campaign(connection, recording.file, recording.machine.text)
-            connection.execute(_readings.insert(), rows)
-        self.add_event(recording.file.campaign, "imported", {"readings": len(rows)})
+            _append_readings(connection, campaign, [(str(row["uid"]), int(row["sequence"]), row) for row in rows])
+            _append_event(connection, campaign, "imported", {"readings": len(rows)})
 
     @contextmanager
     def _writing(self) -> Iterator[sa.Connection]:
-        try:
-            with self._engine.begin() as connection:
-                yield connection
-        except IntegrityError as error:
-            raise InputError(f"store {self.path}: {error.orig}; a reading's uid must be unique") from error
-        except SQLAlchemyError as error:
-            cause = getattr(error, "orig", None) or error
-            if "not a database" in str(cause):
-                raise InputError(f"store {self.path}: {cause}; choose another folder") from error
-            raise StoreError(f"store {self.path}: {cause}; free space or choose another place") from error
+        with self._errors(), writer(self._engine).begin() as connection:
+            yield connection
 
     @contextmanager
     def _reading(self) -> Iterator[sa.Connection]:
+        with self._errors(), self._engine.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """SQLite's errors in one line."""
         try:
-            with self._engine.connect() as connection:
-                yield connection
+            yield
+        except IntegrityError as error:
+            raise InputError(f"store {self.path}: {error.orig}; a reading's uid must be unique") from error
         except SQLAlchemyError as error:
-            cause = getattr(error, "orig", None) or error
-            raise StoreError(f"store {self.path}: {cause}") from error
+            cause = str(getattr(error, "orig", None) or error)
+            if "not a database" in cause:
+                raise InputError(f"store {self.path}: {cause}; choose another folder") from error
+            advice = "; free space or choose another place" if "full" in cause else ""
+            raise StoreError(f"store {self.path}: {cause}{advice}") from error
+
+
+def _head(connection: sa.Connection, campaign: str) -> tuple[int, str | None]:
+    """Number and chain value of a campaign's last row."""
+    head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign)).first()
+    if head is None:
+        raise InputError(f"no campaign '{campaign}'; `pkm-rig list` shows what is there")
+    return head.position, head.chain
+
+
+def _set_head(connection: sa.Connection, campaign: str, position: int, chain: str | None) -> None:
+    connection.execute(heads.update().where(heads.c.campaign == campaign).values(position=position, chain=chain))
+
+
+def _append_readings(
+    connection: sa.Connection, campaign: str, new: Sequence[tuple[str, int, Mapping[str, float | str]]]
+) -> None:
+    """Add readings (uid, sequence, data) to the end of a campaign and of its chain."""
+    position, chain = _head(connection, campaign)
+    rows = []
+    for uid, sequence, data in new:
+        position += 1
+        if chain is not None:
+            chain = reading_link(chain, campaign, position, uid, sequence, data)
+        rows.append(
+            {"campaign": campaign, "position": position, "uid": uid, "sequence": sequence}
+            | {"data": canonical(data), "chain": chain}
+        )
+    connection.execute(readings.insert(), rows)
+    _set_head(connection, campaign, position, chain)
+
+
+def _append_event(connection: sa.Connection, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
+    """Add an event to the end of a campaign and of its chain."""
+    position, chain = _head(connection, campaign)
+    position, created = position + 1, now_text()
+    if chain is not None:
+        chain = event_link(chain, campaign, position, created, kind, data)
+    connection.execute(
+        events.insert().values(
+            campaign=campaign, position=position, created=created, kind=kind, data=canonical(data), chain=chain
+        )
+    )
+    _set_head(connection, campaign, position, chain)
 
 
 @contextmanager
@@ -247,11 +289,3 @@ def find_recording(name: str, out: Path) -> Recording:
 def now_text() -> str:
     """Now in UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _sync_to_disk(connection: Any, _record: object) -> None:
-    cursor = connection.cursor()
-    cursor.execute("PRAGMA journal_mode=WAL")
-    cursor.execute("PRAGMA synchronous=FULL")
-    cursor.execute("PRAGMA foreign_keys=ON")
-    cursor.close()

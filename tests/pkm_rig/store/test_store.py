@@ -34,7 +34,7 @@ def test_a_reading_is_on_disk_when_the_call_returns(store, recording):
     store.add_campaign(recording.file, recording.machine.text)
     store.add_reading(recording.file.campaign, "a", 0, {"value": 0.1})
     other = sqlite3.connect(store.path)
-    assert other.execute("SELECT data FROM readings").fetchall() == [('{"value": 0.1}',)]
+    assert other.execute("SELECT data FROM readings").fetchall() == [('{"value":0.1}',)]
     assert other.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     other.close()
 

@@ -27,7 +27,7 @@ from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
-from pkm_rig.virtual.mock_rig import serve_mock_rig
+from pkm_rig.virtual.served_rig import serve_mock_rig
 
 LIMIT_MS = 20.0
 EXAMPLE = Path(__file__).parents[1] / "examples" / "mock-rig.toml"

@@ -6,9 +6,11 @@ Written without `calibration`, `drivers` and `pkm_rig`, so that agreement with t
 __all__ = [
     "can",
     "clock",
+    "commands",
     "drives",
     "effects",
     "faults",
+    "lasting_state",
     "machine_file",
     "plant",
     "plc",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import ssl
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
@@ -14,15 +16,20 @@ import can
 
 from mock_devices.can.socketcand_server import SocketCandServer
 from mock_devices.clock import RigClock
+from mock_devices.drives.drive_axis import DriveAxis
+from mock_devices.drives.lasting_drive import drive_state, restore_drive
 from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from mock_devices.drives.table_bank import machine_id_of
 from mock_devices.faults import NO_FAULTS, FaultPlan
+from mock_devices.lasting_state import StateFile
 from mock_devices.machine_file import MachineFile
 from mock_devices.plant.plant import Plant
 from mock_devices.plc.plc_server import PlcServer
 from mock_devices.settings import MockSettings
 from mock_devices.station.mock_station import MockStation
 from mock_devices.station.station_server import PtyStationServer, StationServer, TcpStationServer
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,7 @@ class MockRig:
     master's heartbeat. `client_bus_factory` gives socketcand clients another kind of bus. The nodes in
     `without_blocks` have no SDO block transfer. `plant` is another one to serve, on the same clock. `faults`
     strike in all servers; those of the host's bus (can-...) belong to the code that makes that bus (`FaultyBus`).
+    It begins with what `state_file` holds, as hardware does after a power failure, and keeps its own state there.
     """
 
     def __init__(
@@ -66,8 +74,10 @@ class MockRig:
         client_bus_factory: Callable[[], can.BusABC] | None = None,
         faults: FaultPlan = NO_FAULTS,
         plant: Plant | None = None,
+        state_file: StateFile | None = None,
     ) -> None:
         ports = ports or MockPorts()
+        self._state_file = state_file
         self.faults = faults
         self._without_blocks = without_blocks
         self.plant = plant or Plant(machine_path, settings, clock)
@@ -94,7 +104,8 @@ class MockRig:
                 master_limit_s=master_limit_s,
             )
             self._started.callback(self.plc.close)
-            responder = MockStation(self.plant, faults)
+            self._station = responder = MockStation(self.plant, faults)
+            self._restore()
             self.station_server: StationServer = (
                 PtyStationServer(responder, faults)
                 if ports.station == "pty"
@@ -105,6 +116,7 @@ class MockRig:
             if ports.socketcand_port is not None:
                 self.socketcand = SocketCandServer(client_bus_factory or bus_factory, ports.host, ports.socketcand_port)
                 self._started.callback(self.socketcand.close)
+            self.keep_state()
         except BaseException:
             self.close()
             raise
@@ -129,6 +141,55 @@ class MockRig:
     def close(self) -> None:
         """Stop all servers, the last one first. May be called again."""
         self._started.close()
+
+    def silence(self, device: Literal["plc", "can", "station"] | None) -> None:
+        """Have one device fall silent, or none (any more)."""
+        self.plc.silent = device == "plc"
+        self.station_server.silent = device == "station"
+        if self.socketcand is not None:
+            self.socketcand.silent = device == "can"
+
+    def keep_state(self) -> None:
+        """Write what outlives the mock into its state file, if it has one."""
+        if self._state_file is None:
+            return
+        for drive in self.drives:
+            drive.with_axis(partial(self._keep_drive, drive.node_id))
+        self._state_file.keep(plant=self.plant.state(), station=self._station.state())
+        self._write_state(self._state_file)
+
+    def _restore(self) -> None:
+        if self._state_file is None:
+            return
+        state = self._state_file.state
+        for drive in self.drives:
+            if drive.node_id in state.drives:
+                drive.with_axis(partial(restore_drive, state=state.drives[drive.node_id]))
+        if state.plant is not None:
+            self.plant.restore(state.plant)
+        if state.station is not None:
+            self._station.restore(state.station)
+        self.plant.changed = self._plant_changed
+
+    def _write_state(self, file: StateFile) -> None:
+        try:
+            file.write()
+        except OSError as error:  # the rig goes on: only what would outlive it is old
+            _log.warning("the mock's state is not kept: %s: %s", file.path, error.strerror)
+
+    def _keep_drive(self, node_id: int, axis: DriveAxis) -> None:
+        if self._state_file is not None:
+            self._state_file.keep_drive(node_id, drive_state(axis, self.plant.clock.now_s()))
+
+    def _drive_changed(self, node_id: int, axis: DriveAxis) -> None:
+        if self._state_file is not None:
+            self._keep_drive(node_id, axis)
+            self._write_state(self._state_file)
+
+    def _plant_changed(self) -> None:
+        if self._state_file is not None:
+            self._state_file.keep(plant=self.plant.state())
+            self._write_state(self._state_file)
 
     def __enter__(self) -> Self:
         return self
@@ -155,6 +216,7 @@ class MockRig:
             ),
             bus,
             clock,
+            changed=partial(self._drive_changed, node_id),
             load_kg=lambda: self.plant.moving_mass_kg() / count + self.plant.friction_kg(index),
             faults=self.faults,
         )

@@ -22,9 +22,13 @@ _log = logging.getLogger(__name__)
 
 
 class SocketCandServer:
-    """Serves `bus_factory`'s bus, one of its own for each client. Port 0 takes a free one."""
+    """Serves `bus_factory`'s bus, one of its own for each client. Port 0 takes a free one.
+
+    While it is `silent` the cable is cut: no frame passes either way, and the connections stay.
+    """
 
     def __init__(self, bus_factory: Callable[[], can.BusABC], host: str = "127.0.0.1", port: int = 0) -> None:
+        self.silent = False
         self._bus_factory = bus_factory
         self._listener = socket.create_server((host, port))
         self._clients: dict[socket.socket, _Client] = {}
@@ -47,13 +51,16 @@ class SocketCandServer:
         for line in (self._listener, self._wake, self._waker):
             line.close()
 
+    def _is_silent(self) -> bool:
+        return self.silent
+
     def _serve(self) -> None:
         while not self._closed:
             ready, _, _ = select.select([self._listener, self._wake, *self._clients], [], [])
             for line in ready:
                 if line is self._listener:
                     connection, _ = self._listener.accept()
-                    self._clients[connection] = _Client(connection, self._bus_factory)
+                    self._clients[connection] = _Client(connection, self._bus_factory, self._is_silent)
                 elif line in self._clients and not self._clients[line].receive():
                     self._clients.pop(line).close()
 
@@ -61,7 +68,10 @@ class SocketCandServer:
 class _Client:
     """One connection: handshake first, then frames both ways."""
 
-    def __init__(self, connection: socket.socket, bus_factory: Callable[[], can.BusABC]) -> None:
+    def __init__(
+        self, connection: socket.socket, bus_factory: Callable[[], can.BusABC], is_silent: Callable[[], bool]
+    ) -> None:
+        self._is_silent = is_silent
         self._connection = connection
         self._bus_factory = bus_factory
         self._bus: can.BusABC | None = None
@@ -135,7 +145,8 @@ class _Client:
         except ValueError:
             self._send("< error malformed frame >")
             return
-        bus.send(message)
+        if not self._is_silent():
+            bus.send(message)
 
     def _forward(self) -> None:
         with self._lock:
@@ -148,6 +159,9 @@ class _Client:
             self._connection.shutdown(socket.SHUT_RDWR)
 
     def on_frame(self, frame: can.Message) -> None:
+        """A frame on the bus: pass it on."""
+        if self._is_silent():
+            return
         identifier = f"{frame.arbitration_id:08X}" if frame.is_extended_id else f"{frame.arbitration_id:03X}"
         self._send(f"< frame {identifier} {frame.timestamp:.6f} {bytes(frame.data).hex().upper()} >")
 

@@ -11,6 +11,8 @@ __all__ = [
     "drive_objects",
     "following_error",
     "homing",
+    "lasting_drive",
+    "mock_axis",
     "mock_drive",
     "motion_profile",
     "table_bank",

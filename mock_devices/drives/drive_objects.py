@@ -16,6 +16,8 @@ from mock_devices.drives.drive_axis import DriveAxis
 from mock_devices.drives.table_bank import Bank
 
 METRES_PER_INCREMENT = 1.0e-8
+# Objects that outlive a restart: limits of the axis, banks and which of them is chosen.
+LASTING = frozenset({0x2100, 0x2101, 0x2102, 0x6065, 0x6067, 0x607D, *range(0x6081, 0x6086)})
 STORE_SIGNATURE, RESTORE_SIGNATURE = 0x65766173, 0x64616F6C  # "save" and "load"
 
 _FEED_M = 0.010

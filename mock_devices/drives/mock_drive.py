@@ -13,9 +13,8 @@ import logging
 import threading
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import can
 import canopen
@@ -30,7 +29,8 @@ from mock_devices.clock import RigClock
 from mock_devices.drives.compensation import Compensation
 from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
 from mock_devices.drives.drive_node import DriveNode
-from mock_devices.drives.drive_objects import METRES_PER_INCREMENT, DriveObjects
+from mock_devices.drives.drive_objects import LASTING, METRES_PER_INCREMENT, DriveObjects
+from mock_devices.drives.mock_axis import MockAxis
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Motion, SetPoint
 
@@ -40,29 +40,16 @@ _OVER_CURRENT = 0x2310
 _PARAMETERS = range(0x1400, 0x1C00)  # what 0x1010 keeps
 
 _log = logging.getLogger(__name__)
+_T = TypeVar("_T")
 
-
-@dataclass(frozen=True)
-class MockAxis:
-    """What a mock drive is built with.
-
-    `machine_id` is that of table images. Positions in metres are true encoder positions, whatever the drive counts; it
-    starts under its brake at `start_m`. Faults of the drives strike the one that `is_first`. Many real drives have no
-    `absolute_encoder`, and many no SDO `block_transfer`.
-    """
-
-    name: str
-    partner_node_id: int
-    machine_id: bytes
-    travel_m: tuple[float, float]
-    start_m: float
-    is_first: bool = True
-    absolute_encoder: bool = True
-    block_transfer: bool = True
+__all__ = ["DriveServer", "MockAxis"]
 
 
 class DriveServer:
-    """One drive at `node_id`. It owns `bus` and shuts it down in `close`; `load_kg` gives the mass that it carries."""
+    """One drive at `node_id`. It owns `bus` and shuts it down in `close`; `load_kg` gives the mass that it carries.
+
+    `changed` is called, before the answer to the master, when something was written that a drive keeps without power.
+    """
 
     def __init__(
         self,
@@ -72,9 +59,10 @@ class DriveServer:
         clock: RigClock,
         *,
         load_kg: Callable[[], float] = lambda: 0.0,
+        changed: Callable[[DriveAxis], None] = lambda _axis: None,
         faults: FaultPlan = NO_FAULTS,
     ) -> None:
-        self.node_id, self.axis_name = node_id, axis.name
+        self.node_id, self.axis_name, self._changed = node_id, axis.name, changed
         self._lock = threading.RLock()
         self._closed = False
         self._clock, self.faults, self.is_first = clock, faults, axis.is_first
@@ -151,6 +139,11 @@ class DriveServer:
             ]
 
     # Interface to tests and the rig.
+
+    def with_axis(self, act: Callable[[DriveAxis], _T]) -> _T:
+        """Do something with the axis while no frame changes it."""
+        with self._lock:
+            return act(self.axis)
 
     def inject_fault(self, code: int = 0x2310) -> None:
         """Trigger a fault, e.g. 0x2310 overcurrent."""
@@ -339,6 +332,8 @@ class DriveServer:
                 self._objects.write(index, subindex, od.decode_raw(bytes(data)))
             except RefusedWrite as refusal:
                 raise SdoAbortedError(refusal.abort_code) from None
+            if index in LASTING:
+                self._changed(self.axis)
 
 
 def _increments(position_m: float) -> int:

@@ -57,6 +57,12 @@ class StationView:
         self.range_constant_m = float(wobble.range_constant_u_m * constants.standard_normal())
         self.range_scale = float(1.0 + wobble.range_scale_u * constants.standard_normal())
 
+    def move(self, by_m: Vector3, turn_rad: float) -> None:
+        """Set the station up elsewhere: moved in the machine's frame, turned clockwise seen from above."""
+        position = -self.rotation.T @ self.translation_m + np.array(by_m)
+        self.rotation = rotation(np.array([0.0, 0.0, turn_rad])) @ self.rotation
+        self.translation_m = -self.rotation @ position
+
     def drift_free(self, position_m: Vector3) -> Array:
         """A point of the machine frame in the station frame of time zero, shape (3,)."""
         return np.asarray(self.rotation @ np.array(position_m) + self.translation_m)

@@ -6,6 +6,7 @@ Readings reveal no true values; `Plant.truth` is for scoring and tests only.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -14,6 +15,7 @@ import numpy as np
 
 from mock_devices.clock import RigClock
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, MotionState
+from mock_devices.lasting_state import PlantState
 from mock_devices.machine_file import MachineFile, read_machine_file
 from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, heavy_tailed, motion_states
 from mock_devices.plant.motion_history import MotionHistory
@@ -22,7 +24,7 @@ from mock_devices.plant.thermal import Thermal
 from mock_devices.plant.true_machine import draw_machine
 from mock_devices.plant.truth import Truth
 from mock_devices.seeds import generator
-from mock_devices.settings import MockSettings
+from mock_devices.settings import MockSettings, Vector3
 
 _DIFFERENCE_S = 1.0e-3
 _TORQUE_PER_N = 0.010 / TWO_PI / 10.0  # of the rated one, as in the drives' object 0x6077
@@ -115,6 +117,8 @@ class Plant:
         self.truth = Truth(self._machine, self.view, self.thermal)
         self._affected = affected_machine(self._machine, self.view, self.nominal, settings)
         self._exchanges = 0
+        self._moved_m, self._turned_rad = (0.0, 0.0, 0.0), 0.0
+        self.changed: Callable[[], None] = lambda: None
         self._history: MotionHistory | None = None
         self._force_n = [0.0] * len(self.nominal.sliders)
 
@@ -135,6 +139,33 @@ class Plant:
             raise ValueError(f"there is no payload {payload}")
         self._payload = payload
         self._exchanges += 1
+        self.changed()
+
+    def move_station(self, by_m: Vector3, turn_rad: float) -> None:
+        """Set the station up elsewhere, at once: moved in the machine's frame, turned clockwise seen from above."""
+        self.view.move(by_m, turn_rad)
+        x, y, z = (a + b for a, b in zip(self._moved_m, by_m, strict=True))
+        self._moved_m, self._turned_rad = (x, y, z), self._turned_rad + turn_rad
+        self.changed()
+
+    def state(self) -> PlantState:
+        """What outlives a restart of the mock."""
+        with self._lock:
+            visits = tuple(self._visits.items())
+        return PlantState(
+            payload=self._payload,
+            exchanges=self._exchanges,
+            visits=visits,
+            station_moved_m=self._moved_m,
+            station_turned_rad=self._turned_rad,
+        )
+
+    def restore(self, state: PlantState) -> None:
+        """Begin where another one ended."""
+        self._payload, self._exchanges = state.payload, state.exchanges
+        self._visits = dict(state.visits)
+        self._moved_m, self._turned_rad = state.station_moved_m, state.station_turned_rad
+        self.view.move(self._moved_m, self._turned_rad)
 
     def moving_mass_kg(self) -> float:
         """Nominal mass that the drives carry, payload included."""

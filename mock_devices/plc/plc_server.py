@@ -33,7 +33,7 @@ class PlcServer:
     """Serves a PlcState in a thread of its own.
 
     `transport` is "tcp", "tls" (with `tls` as its context) or "rtu", which serves one end of a cable between
-    pseudo terminals; `serial_port` is the other end. Port 0 takes a free one.
+    pseudo terminals; `serial_port` is the other end. Port 0 takes a free one. While it is `silent` nothing is answered.
     """
 
     def __init__(
@@ -48,6 +48,7 @@ class PlcServer:
         master_limit_s: float = 2.0,
     ) -> None:
         self.state = PlcState(plant, faults, master_limit_s)
+        self.silent = False
         self._faults = faults
         self._transport = transport
         self._tls = tls
@@ -116,6 +117,8 @@ class PlcServer:
         """Spoil an answer where a fault strikes."""
         if not sending:
             return data
+        if self.silent:
+            return b""
         if self._faults.strikes("modbus-transaction"):
             data = self._other_transaction(data)
         if self._faults.strikes("modbus-short"):

@@ -13,9 +13,10 @@ import math
 from collections.abc import Callable, Sequence
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
+from mock_devices.lasting_state import StationState
 from mock_devices.plant.plant import Plant
 from mock_devices.station.geocom_line import LineError, Request, Value, format_answer, parse_request
-from mock_devices.station.telescope import ANGLE_OK, OK, AimError, Telescope, TelescopeReading
+from mock_devices.station.telescope import ANGLE_OK, OK, AimError, Air, Telescope, TelescopeReading
 
 NAME, SERIAL, FIRMWARE, GEOCOM = "MOCK TDRA", 990001, (8, 10, 0), (1, 50, 0)
 
@@ -54,6 +55,25 @@ class MockStation:
         self._lock = False
         self._prism_type = 0
         self._calls: dict[int, tuple[str, Handler]] = self._make_calls()
+
+    def state(self) -> StationState:
+        """The settings that outlive a restart."""
+        air = self.telescope.air
+        return StationState(
+            prism_type=self._prism_type,
+            prism_constant_m=self.telescope.prism_constant_m,
+            edm_mode=self.telescope.edm_mode,
+            wavelength_m=air.wavelength_m,
+            pressure_hpa=air.pressure_hpa,
+            dry_c=air.dry_c,
+            wet_c=air.wet_c,
+        )
+
+    def restore(self, state: StationState) -> None:
+        """Switch on with the settings of before."""
+        self._prism_type = state.prism_type
+        self.telescope.prism_constant_m, self.telescope.edm_mode = state.prism_constant_m, state.edm_mode
+        self.telescope.air = Air(state.wavelength_m, state.pressure_hpa, state.dry_c, state.wet_c)
 
     def respond(self, line: bytes) -> bytes | None:
         """Answer one line (without its end), or None where a station stays silent. Never raises."""

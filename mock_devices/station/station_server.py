@@ -46,12 +46,15 @@ class LineBuffer:
 class StationServer:
     """Common part of both lines. `tamper` may change or drop (None) each answer, to simulate a bad line.
 
+    While it is `silent` the station neither acts nor answers.
+
     So do the faults named serial-...; the affected byte and bit are drawn from `seed` and the number of the answer.
     """
 
     def __init__(self, station: MockStation, faults: FaultPlan = NO_FAULTS, seed: int = 1) -> None:
         self._station = station
         self.tamper: Tamper | None = None
+        self.silent = False
         self._faults = faults
         self._seed = seed
         self._count = 0
@@ -89,6 +92,8 @@ class StationServer:
         """The bytes to send for some requests, in pieces that are sent separately."""
         pieces: list[bytes] = []
         for line in lines:
+            if self.silent:
+                continue
             answer = self._station.respond(line)
             if answer is not None and self.tamper is not None:
                 answer = self.tamper(answer)

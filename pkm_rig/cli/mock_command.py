@@ -6,15 +6,25 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration.base.errors import InputError
 from pkm_rig.cli.options import OutOption
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 def mock(
     rig: Annotated[Path | None, typer.Option("--rig", help="rig file; without it the shipped mock rig")] = None,
+    new_rig: Annotated[
+        Path | None, typer.Option("--new-rig", help="write the rig file anew, on free ports, and serve that")
+    ] = None,
+    state: Annotated[
+        Path | None, typer.Option("--state", help="file that the mock goes on from, as hardware does, and keeps")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
     fault: Annotated[
         list[str] | None, typer.Option(help="NAME@N: a fault at the Nth operation, again for more")
@@ -32,10 +42,12 @@ def mock(
     effects: Annotated[list[Path] | None, typer.Option(help="Python file with own effects that the twin has")] = None,
     out: OutOption = Path("runs"),
 ) -> None:
-    """Serve the three mock devices on real transports until interrupted."""
+    """Serve the three mock devices on real transports until interrupted; lines on stdin change the running rig."""
     from pkm_rig.report.terminal import results
     from pkm_rig.rig.config import load_rig, mock_rig_path
     from pkm_rig.virtual import mock_rig
+    from pkm_rig.virtual.new_rig import write_new_rig
+    from pkm_rig.virtual.served_rig import how_to_connect, serve_mock_rig, tell
     from pkm_rig.virtual.twin_files import find_twin
 
     if list_faults:
@@ -43,13 +55,40 @@ def mock(
             results.print(line, soft_wrap=True, markup=False)
         return
     path = rig or mock_rig_path()
+    if new_rig is not None:
+        write_new_rig(path, new_rig, anywhere=rig is None)
+        path = new_rig
     file = mock_rig.with_mock_options(load_rig(path)[0], seed, effect or ())
     twin_files = None if twin is None else mock_rig.TwinFiles(find_twin(twin, out), tuple(effects or ()))
-    with mock_rig.serve_mock_rig(file, path, fault or (), twin_files) as devices:
+    with serve_mock_rig(file, path, fault or (), twin_files, state) as devices:
         stopped = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stopped.set())
-        for line in mock_rig.how_to_connect(file, devices):
-            results.print(line, soft_wrap=True)
+        for line in how_to_connect(file, path, devices):
+            results.print(line, soft_wrap=True, markup=False)
         sys.stdout.flush()
+        _listen(lambda line: tell(devices, line))
         stopped.wait()
+
+
+def _listen(tell: Callable[[str], str]) -> None:
+    """Carry out the lines that come on stdin, for as long as there is one."""
+    if hasattr(signal, "SIGTTIN"):
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # in the background a terminal has no lines for us
+
+    def read() -> None:
+        try:
+            for line in sys.stdin:
+                if line.strip():
+                    _answer(tell, line)
+        except (OSError, ValueError):
+            return
+
+    threading.Thread(target=read, name="mock-lines", daemon=True).start()
+
+
+def _answer(tell: Callable[[str], str], line: str) -> None:
+    try:
+        print(tell(line), flush=True)
+    except InputError as error:
+        print(f"not done: {error}", flush=True)

@@ -1,4 +1,4 @@
-"""The only module that imports `mock_devices`: starts a mock rig, embedded or for other processes.
+"""Starts a mock rig in this process; `served_rig` starts one for others. No other modules import `mock_devices`.
 
 What comes out is a rig file with the mock's addresses filled in; everything after that is the same as on hardware.
 """
@@ -6,9 +6,8 @@ What comes out is a rig file with the mock's addresses filled in; everything aft
 from __future__ import annotations
 
 import itertools
-import ssl
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,13 +24,12 @@ from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.plant import Plant, Sighting
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.plc.plc_registers import check_readings
-from mock_devices.rig import MockPorts, MockRig
+from mock_devices.rig import MockRig
 from mock_devices.settings import DisturbanceLevels, InstrumentProfile, MockSettings, Payload, PlcReading
 from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.rig.clock import RigClock, ScaledClock, VirtualClock
 from pkm_rig.rig.config import MockSection, RigFile, embedded_rig_path, machine_path
 from pkm_rig.rig.device_sections import ReadingEntry
-from pkm_rig.rig.plc_connection import plc_line
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 from pkm_rig.virtual.twin_files import MACHINE_NAME, read_twin
 from pkm_rig.virtual.twin_rig import InstantState, ReflectorModel, RunningTwin
@@ -168,59 +166,6 @@ def embedded_mock_rig(
         clock.close()
 
 
-@contextmanager
-def serve_mock_rig(
-    file: RigFile, rig_path: Path, faults: Sequence[str] = (), twin: TwinFiles | None = None
-) -> Iterator[MockRig]:
-    """Serve a mock rig to other processes, on the ports of the rig file, in scaled time; `twin`: one to serve.
-
-    `faults` are NAME@N; on this side a step of time is one of the devices' clock. InputError for an unknown one.
-    """
-    plan = fault_plan(faults)
-    scaled = ScaledClock(file.time_scale or 1.0)
-    clock = SteppedClock(scaled, plan)
-    channel = f"served-{next(_channels)}"
-
-    def bus() -> can.BusABC:
-        return EmbeddedBus(channel, scaled)
-
-    port = file.station.port
-    if not port:
-        raise InputError(
-            "rig file: station.port is empty; give a path for the mock's terminal or socket://127.0.0.1:PORT"
-        )
-    over_tcp = port.startswith("socket://")
-    try:
-        with (
-            MockRig(
-                machine_path(file, rig_path),
-                settings_of(file, rig_path),
-                clock,
-                bus,
-                master_limit_s=file.limits.plc_heartbeat_s * scaled.time_scale,
-                node_ids=tuple(drive.node_id for drive in file.drives),
-                client_bus_factory=lambda: FaultyBus(bus(), plan),
-                faults=plan,
-                plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
-                ports=MockPorts(
-                    station="tcp" if over_tcp else "pty",
-                    station_port=int(port.rsplit(":", 1)[1]) if over_tcp else 0,
-                    plc_port=file.plc.port,
-                    plc=file.plc.transport,
-                    plc_tls=_server_certificate(file, rig_path),
-                    socketcand_port=file.can.port,
-                ),
-            ) as mock,
-            nullcontext() if over_tcp else _link_terminal("station", Path(port), Path(mock.station_url)),
-            _link_terminal("PLC", Path(file.plc.serial_port), Path(mock.plc.serial_port))
-            if file.plc.transport == "rtu" and file.plc.serial_port
-            else nullcontext(),
-        ):
-            yield mock
-    finally:
-        scaled.close()
-
-
 @dataclass(frozen=True)
 class TwinFiles:
     """A twin's folder, and files of the user-defined effects that it needs."""
@@ -302,47 +247,4 @@ def fault_list() -> list[str]:
     return [
         f"{name:{width}}  at the Nth {kind.operation}{' and from then on' if kind.lasting else ''}: {kind.what}"
         for name, kind in FAULTS.items()
-    ]
-
-
-def _server_certificate(file: RigFile, rig_path: Path) -> ssl.SSLContext | None:
-    if file.plc.transport != "tls":
-        return None
-    mock = file.mock or MockSection()
-    if mock.plc_certificate_file is None or mock.plc_key_file is None:
-        raise InputError("rig file: a mock PLC with TLS needs plc_certificate_file and plc_key_file in [mock]")
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    try:
-        context.load_cert_chain(rig_path.parent / mock.plc_certificate_file, rig_path.parent / mock.plc_key_file)
-    except OSError as error:
-        raise InputError(f"rig file: [mock] certificate: {error}") from error
-    return context
-
-
-@contextmanager
-def _link_terminal(device: str, link: Path, terminal: Path) -> Iterator[None]:
-    """Make the mock's pseudo-terminal reachable under the rig file's name; only a link is ever replaced."""
-    if link.is_symlink():
-        link.unlink()
-    if link.exists() or not link.parent.is_dir():
-        raise InputError(f"{device} port {link}: cannot be made a link to the mock's terminal; name another path")
-    link.symlink_to(terminal)
-    try:
-        yield
-    finally:
-        link.unlink(missing_ok=True)
-
-
-def how_to_connect(file: RigFile, mock: MockRig) -> list[str]:
-    """What to put into a rig file, or on a command line, to reach each device."""
-    plc = plc_line(file.plc, Path()) if file.plc.transport == "rtu" else f"{mock.plc_address[0]}:{mock.plc_address[1]}"
-    kind = file.plc.transport.upper()
-    bus_host, bus_port = mock.socketcand_address
-    return [
-        f"station: GeoCOM on {file.station.port or mock.station_url}",
-        f"drives:  CANopen nodes {', '.join(str(d.node_id) for d in file.drives)} "
-        f"on socketcand {bus_host}:{bus_port}, channel {file.can.channel}",
-        f"PLC:     Modbus {kind} {plc}, unit {file.plc.unit}",
-        f"time:    {file.time_scale or 1.0:g} rig seconds a second",
     ]

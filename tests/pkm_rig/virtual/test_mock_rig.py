@@ -16,7 +16,7 @@ from pkm_rig.jobs.check import check_devices
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
-from pkm_rig.virtual.mock_rig import how_to_connect, serve_mock_rig
+from pkm_rig.virtual.served_rig import how_to_connect, serve_mock_rig
 
 
 def free_ports(count):
@@ -41,7 +41,7 @@ def rig_path(tmp_path, request):
 def test_the_example_rig_is_served_checked_and_moved_over_real_transports(rig_path, tmp_path):
     file, machine = load_rig(rig_path)
     with serve_mock_rig(file, rig_path) as mock:
-        lines = how_to_connect(file, mock)
+        lines = how_to_connect(file, rig_path, mock)
         assert str(tmp_path / "station") in lines[0]
         assert str(file.can.port) in lines[1]
         assert str(file.plc.port) in lines[2]
@@ -107,7 +107,7 @@ def test_the_mock_serves_its_plc_by_tls_and_rtu(rig_path, tmp_path, transport):
     rig_path.write_text(text, encoding="utf-8")
     file, machine = load_rig(rig_path)
     with serve_mock_rig(file, rig_path) as mock:
-        assert f"Modbus {transport.upper()}" in how_to_connect(file, mock)[2]
+        assert f"Modbus {transport.upper()}" in how_to_connect(file, rig_path, mock)[2]
         clock = ScaledClock(file.time_scale)
         with connect_rig(file, machine, clock, rig_path=rig_path) as rig:
             assert rig.supervisor.state().payload == 0

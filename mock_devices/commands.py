@@ -1,0 +1,94 @@
+"""What an operator may do to a running mock rig, one line each (docs/reference/mock.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Literal, cast, get_args
+
+from mock_devices.faults import parse_fault
+from mock_devices.rig import MockRig
+
+Device = Literal["plc", "can", "station"]
+
+USAGE = {
+    "station move": "station move DX DY DZ [TURN]",
+    "drive restart": "drive restart NAME",
+    "silent": "silent plc|can|station|none",
+    "fault": "fault NAME@N|none",
+    "status": "status",
+}
+_FARTHEST_M = 100.0
+
+
+def execute(mock: MockRig, line: str) -> str:
+    """Carry out one line; returns what to answer. Raises ValueError in one line for one that cannot be."""
+    words = line.split()
+    for name, action in _ACTIONS.items():
+        if words[: len(name.split())] == name.split():
+            return action(mock, words[len(name.split()) :])
+    raise ValueError(f"unknown: {line.strip()[:60]!r}; there is {'; '.join(USAGE.values())}")
+
+
+def _move_station(mock: MockRig, words: list[str]) -> str:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 4) or not all(math.isfinite(n) and abs(n) <= _FARTHEST_M for n in numbers):
+        raise ValueError(f"metres in the machine's frame, and radians clockwise from above: {USAGE['station move']}")
+    x, y, z, turn = [*numbers, 0.0][:4]
+    mock.plant.move_station((x, y, z), turn)
+    return f"the station stands {x:g} {y:g} {z:g} m farther, turned by {turn:g} rad"
+
+
+def _restart_drive(mock: MockRig, words: list[str]) -> str:
+    drives = {drive.axis_name: drive for drive in mock.drives}
+    if len(words) != 1 or words[0] not in drives:
+        raise ValueError(f"{USAGE['drive restart']}: NAME is one of {', '.join(drives)}")
+    drives[words[0]].power_cycle()
+    return f"drive {words[0]} was switched off and on"
+
+
+def _silence(mock: MockRig, words: list[str]) -> str:
+    if len(words) != 1 or words[0] not in (*get_args(Device), "none"):
+        raise ValueError(USAGE["silent"])
+    mock.silence(None if words[0] == "none" else cast(Device, words[0]))
+    return "all answer" if words[0] == "none" else f"{words[0]} is silent"
+
+
+def _fault(mock: MockRig, words: list[str]) -> str:
+    if words == ["none"]:
+        mock.faults.clear()
+        return "no fault strikes any more"
+    if len(words) != 1:
+        raise ValueError(USAGE["fault"])
+    mock.faults.arm([parse_fault(words[0])])
+    return f"armed: {words[0]}, counted from now on"
+
+
+def _status(mock: MockRig, words: list[str]) -> str:
+    if words:
+        raise ValueError(USAGE["status"])
+    t_s = mock.plant.clock.now_s()
+    drives = {
+        drive.axis_name: {
+            "moving": drive.is_moving(t_s),
+            "powered": drive.axis.powered,
+            "referenced": drive.axis.homing.referenced,
+            "compensation": drive.compensation.mode,
+            "generation": drive.compensation.table.generation if drive.compensation.table else 0,
+        }
+        for drive in mock.drives
+    }
+    return json.dumps({"t_rig_s": t_s, "payload": mock.plant.payload, "drives": drives})
+
+
+_ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
+    "station move": _move_station,
+    "drive restart": _restart_drive,
+    "silent": _silence,
+    "fault": _fault,
+    "status": _status,
+}

@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 .PHONY: demo test lint demo-check rig-study withheld bench faults peers latency overhead clean
 
 demo: $(VENV)/run.stamp
-	$(BIN)/pkm-rig calibrate
+	$(BIN)/pkm-rig demo
 
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n 2

@@ -33,16 +33,16 @@ def load_machine(machine: str | Path) -> Machine:
     return load_machine(path if path.suffix == ".toml" else shipped_machine(str(machine)))
 
 
-def load_rig(rig_file: str | Path | None = None) -> tuple[RigFile, Machine]:
-    """A rig file and its machine, checked; without a path those of the embedded mock rig."""
-    from pkm_rig.rig.config import embedded_rig_path, load_rig
+def load_rig(rig_file: str | Path) -> tuple[RigFile, Machine]:
+    """A rig file and its machine, checked; "embedded" names those of the embedded mock rig."""
+    from pkm_rig.rig.config import load_rig, rig_path
 
-    return load_rig(embedded_rig_path() if rig_file is None else Path(rig_file))
+    return load_rig(rig_path(rig_file))
 
 
 @contextmanager
 def connect(
-    rig_file: str | Path | None = None,
+    rig_file: str | Path,
     *,
     real_time: bool = False,
     seed: int | None = None,
@@ -51,16 +51,16 @@ def connect(
 ) -> Iterator[Rig]:
     """A connected, supervised rig, left stopped and without power in the end.
 
-    Without a path the embedded mock rig: in virtual time unless `real_time`, with the mock machine number `seed`.
+    "embedded" names the embedded mock rig: in virtual time unless `real_time`, with the mock machine number `seed`.
     For `homing` drives may have lost their reference; they are then refused any other motion. `goes_on`: store and
     campaign that this rig will go on with; its time begins after the campaign's.
     """
     from pkm_rig.jobs.session import open_rig
+    from pkm_rig.rig.config import rig_path
     from pkm_rig.store.sessions import last_moment
 
-    path = None if rig_file is None else Path(rig_file)
     after = last_moment(*goes_on) if goes_on else None
-    with open_rig(path, real_time=real_time, seed=seed, homing=homing, after=after) as rig:
+    with open_rig(rig_path(rig_file), real_time=real_time, seed=seed, homing=homing, after=after) as rig:
         yield rig
 
 

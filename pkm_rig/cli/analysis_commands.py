@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, RigOption
+from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, rig_path
 
 
 def identify(
@@ -64,7 +64,7 @@ def diagnose(
 
 
 def poses(
-    rig: RigOption = None,
+    rig: Annotated[Path | None, typer.Option(parser=rig_path, metavar="RIG.toml", help="rig file")] = None,
     machine: Annotated[str | None, typer.Option(help="a machine instead: shipped name or path; full poses")] = None,
     count: Annotated[int, typer.Option(help="how many poses to measure under each load")] = 40,
     criterion: Annotated[str, typer.Option(help="I: least predicted variance; D: largest information")] = "I",
@@ -75,15 +75,15 @@ def poses(
     from pkm_rig.jobs.planning import Planner, parse_count, parse_criterion
     from pkm_rig.report.plan_text import print_plan
     from pkm_rig.report.terminal import print_either
-    from pkm_rig.rig.config import embedded_rig_path, load_rig
+    from pkm_rig.rig.config import load_rig
 
-    if rig is not None and machine is not None:
-        raise InputError("poses: give --rig or --machine, not both")
-    if machine is not None:
+    if machine is not None and rig is None:
         path = Path(machine) if machine.endswith(".toml") else shipped_machine(machine)
         planner = Planner.of_machine(load_machine(path))
+    elif rig is not None and machine is None:
+        planner = Planner.of_rig(*load_rig(rig))
     else:
-        planner = Planner.of_rig(*load_rig(rig or embedded_rig_path()))
+        raise InputError("poses: give --rig or --machine, and not both")
     print_either(json, planner.plan(parse_count(count), parse_criterion(criterion)), print_plan)
 
 

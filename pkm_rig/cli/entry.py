@@ -20,6 +20,7 @@ from pkm_rig.version import __version__
 
 REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
 COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
+    "demo": rig_commands.demo,
     "calibrate": rig_commands.calibrate,
     "measure": rig_commands.measure,
     "verify": rig_commands.verify,
@@ -38,7 +39,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "import": store_commands.import_folder,
 }
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
+app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
 for _name, _command in COMMANDS.items():
     app.command(name=_name)(_command)
 
@@ -53,7 +54,11 @@ def main() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, _interrupt)
     try:
-        app(standalone_mode=True)
+        sys.exit(app(prog_name="pkm-rig", standalone_mode=False))
+    except typer.TyperException as error:
+        _exit_with_line(BAD_INPUT, _usage_line(error))
+    except typer.Abort:  # the input ended where an answer was asked for
+        _exit_with_line(BAD_INPUT, "no answer, so nothing was done; answer, or say it with an option")
     except Interrupted:
         _exit_with_line(DEVICE, "interrupted; the drives were stopped, what was read is kept")
     except InputError as error:
@@ -83,6 +88,16 @@ def options(
     ] = False,
 ) -> None:
     """Calibrates over-constrained parallel kinematic machines on the machine itself."""
+
+
+def _usage_line(error: typer.TyperException) -> str:
+    """What was wrong with the command as it was typed, and what helps."""
+    command: str = getattr(getattr(error, "ctx", None), "command_path", "pkm-rig")
+    name, message = command.removeprefix("pkm-rig").strip(), error.format_message()
+    sentence = (f"{name}: " if name else "") + message + ("" if message.endswith((".", "?")) else ".")
+    if getattr(getattr(error, "param", None), "name", None) == "rig":
+        return f"{sentence} Give the rig file, as --rig RIG.toml; without hardware try `pkm-rig demo`"
+    return f"{sentence} See `{command} --help`"
 
 
 def _exit_with_line(status: int, line: str) -> NoReturn:

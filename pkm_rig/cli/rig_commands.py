@@ -1,4 +1,4 @@
-"""Commands that connect a rig: calibrate, measure, verify, check, home, interim-test."""
+"""Commands that connect a rig: calibrate, demo, measure, verify, check, home, interim-test."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pkm_rig.cli.options import JsonOption, OutOption, RigNeeded, RigOption, StoredCampaignArgument
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption, StoredCampaignArgument
 from pkm_rig.errors import CampaignRefused, StoreError
 
 if TYPE_CHECKING:
@@ -15,13 +15,27 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    rig: RigOption = None,
+    rig: RigOption,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
-    real_time: Annotated[bool, typer.Option(help="embedded mock rig at time scale 1")] = False,
-    seed: Annotated[int | None, typer.Option(help="which embedded mock machine")] = None,
 ) -> None:
     """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
+    _calibrate(rig, out, json)
+
+
+def demo(
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    real_time: Annotated[bool, typer.Option(help="at time scale 1; else in virtual time, as fast as it goes")] = False,
+    seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+) -> None:
+    """The main job without hardware: `calibrate` on the embedded mock rig, over its real protocols."""
+    from pkm_rig.rig.config import embedded_rig_path
+
+    _calibrate(embedded_rig_path(), out, json, real_time=real_time, seed=seed)
+
+
+def _calibrate(rig: Path, out: Path, json: bool, *, real_time: bool = False, seed: int | None = None) -> None:
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
@@ -39,7 +53,7 @@ def calibrate(
 
 
 def measure(
-    rig: RigOption = None,
+    rig: RigOption,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     resume: Annotated[
@@ -55,13 +69,13 @@ def measure(
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result, progress_bar
     from pkm_rig.rig.capabilities import Need
-    from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+    from pkm_rig.rig.config import load_rig, with_visits
     from pkm_rig.rig.schedule import calibration_blocks
     from pkm_rig.store.sessions import last_moment
     from pkm_rig.store.store import open_store
 
     if campaign_file is not None:  # errors are reported before any device is touched
-        file, machine = load_rig(rig or embedded_rig_path())
+        file, machine = load_rig(rig)
         calibration_blocks(machine, with_visits(file, campaign_file).campaign)
     with (
         open_store(out) as store,
@@ -76,7 +90,7 @@ def measure(
 
 def verify(
     campaign: StoredCampaignArgument,
-    rig: RigNeeded,
+    rig: RigOption,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
@@ -100,7 +114,7 @@ def verify(
     _report_outcome(outcome, out, json)
 
 
-def check(rig: RigOption = None, json: JsonOption = False) -> None:
+def check(rig: RigOption, json: JsonOption = False) -> None:
     """Connect, read identities, units and interlocks; report every obstacle to a campaign."""
     from pkm_rig.jobs.check import check_devices
     from pkm_rig.jobs.session import open_rig
@@ -116,7 +130,7 @@ def check(rig: RigOption = None, json: JsonOption = False) -> None:
 
 
 def home(
-    rig: RigOption = None,
+    rig: RigOption,
     json: JsonOption = False,
     again: Annotated[bool, typer.Option("--again", help="all drives, also those that are referenced")] = False,
 ) -> None:
@@ -132,7 +146,7 @@ def home(
     print_either(json, homing_result, print_homing)
 
 
-def interim_test(rig: RigOption = None, json: JsonOption = False) -> None:
+def interim_test(rig: RigOption, json: JsonOption = False) -> None:
     """Test the station on the floor nests: two-face errors and the certified distance, pass or fail."""
     from pkm_rig.jobs.interim import run_interim_test
     from pkm_rig.jobs.session import open_rig
@@ -174,11 +188,10 @@ def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
         raise CampaignRefused("the tables were refused; see the report for residuals and conditions")
 
 
-def _require_capabilities(rig: Path | None, *, tables: bool) -> None:
+def _require_capabilities(rig: Path, *, tables: bool) -> None:
     """Refuse a rig that cannot do the job, before the store is made and before what takes seconds to import."""
     from pkm_rig.rig.capabilities import Need, require_capabilities
-    from pkm_rig.rig.config import embedded_rig_path, load_rig
+    from pkm_rig.rig.config import load_rig
 
-    path = rig or embedded_rig_path()
-    file, machine = load_rig(path)
-    require_capabilities(file, machine, path, Need.MOTION | Need.TABLES if tables else Need.MOTION)
+    file, machine = load_rig(rig)
+    require_capabilities(file, machine, rig, Need.MOTION | Need.TABLES if tables else Need.MOTION)

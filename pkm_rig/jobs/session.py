@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pkm_rig.rig.capabilities import Need, require_capabilities
 from pkm_rig.rig.clock import ScaledClock
-from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
 from pkm_rig.store.sessions import Moment
@@ -37,7 +37,7 @@ def pin_to_one_core(choice: int = 0) -> Iterator[None]:
 
 @contextmanager
 def open_rig(
-    rig_path: Path | None,
+    path: Path,
     *,
     needs: Need = Need.NOTHING,
     real_time: bool = False,
@@ -45,14 +45,13 @@ def open_rig(
     homing: bool = False,
     after: Moment | None = None,
 ) -> Iterator[Rig]:
-    """A connected, supervised rig; without a path the embedded mock rig over its real protocols.
+    """The connected, supervised rig of a rig file; one on the `embedded` bus is a mock rig over its real protocols.
 
     InputError, before any device is touched, if its file shows that it cannot do what it `needs` to.
     `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference. Rig time begins
     where the campaign that goes on ended (`after`), later by the time that has passed meanwhile; on the embedded rig,
     whose time is not the computer's, none has.
     """
-    path = rig_path or embedded_rig_path()
     file, machine = load_rig(path)
     require_capabilities(file, machine, path, needs)
     if file.can.interface == "embedded":

@@ -20,6 +20,7 @@ from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection
 PART_SENSORS = ("struts", "columns", "base", "platform")  # of the PLC, beside the air's
 RIG_DRIVES = 2  # each drive interpolates its table over its own position and its one partner's
 SHIPPED_RIGS = Path(__file__).parent / "data"
+EMBEDDED = "embedded"  # the name of the embedded mock rig where a rig file is asked for
 
 
 class MockSection(Section):
@@ -166,6 +167,11 @@ def machine_path(rig: RigFile, rig_path: Path) -> Path:
     if rig.machine.endswith(".toml"):
         return (rig_path.parent / rig.machine).resolve()
     return shipped_machine(rig.machine)
+
+
+def rig_path(name: str | Path) -> Path:
+    """The path of a rig file; "embedded" names the shipped one of the embedded mock rig."""
+    return embedded_rig_path() if str(name) == EMBEDDED else Path(name)
 
 
 def embedded_rig_path() -> Path:

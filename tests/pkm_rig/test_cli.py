@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import socket
@@ -13,6 +14,7 @@ import pytest
 
 from calibration.recording.folder import write_folder
 from pkm_rig.cli import main
+from pkm_rig.cli.entry import COMMANDS
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.store.store import Store, open_store
 from tests.pkm_rig.plant_recording import record
@@ -106,7 +108,12 @@ def test_identify_says_what_it_found_in_words(run, folder):
         (("verify", "nothing", "--rig", "{rig}", "--out", "{stored}"), 2, "no campaign 'nothing'"),
         (("check", "--rig", "missing.toml"), 2, "check the path"),
         (("import", "missing"), 2, "check the path"),
-        (("calibrate", "--colour"), 2, ""),
+        (("calibrate", "--rig", "{rig}", "--colour"), 2, "--colour"),
+        (("calibrat",), 2, "pkm-rig: No such command 'calibrat'. Did you mean 'calibrate'? See `pkm-rig --help`"),
+        ((), 2, "pkm-rig: Missing command"),
+        (("demo", "--seed", "-1"), 2, "seed"),
+        (("poses",), 2, "give --rig or --machine"),
+        (("poses", "--rig", "{rig}", "--machine", "planar4"), 2, "not both"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(run, arguments, status, complaint, folder, tmp_path, monkeypatch):
@@ -120,6 +127,49 @@ def test_bad_input_is_one_line_and_status_2(run, arguments, status, complaint, f
     assert complaint in last_line(done)
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
+
+
+CONNECTING = ("calibrate", "measure", "verify", "check", "home", "interim-test")
+
+
+@pytest.mark.parametrize("command", CONNECTING)
+def test_a_command_that_connects_refuses_without_a_rig(run, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run(command, *(["any"] if command == "verify" else []))
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "--rig RIG.toml" in done.stderr
+    assert "`pkm-rig demo`" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_other_command_connects():
+    """What takes a rig file and may go without one neither connects nor is a real rig: `poses` and `mock`."""
+    without = {name for name, function in COMMANDS.items() if takes_rig(function) is False}
+    assert without == {"poses", "mock"}
+    assert {name for name, function in COMMANDS.items() if takes_rig(function)} == set(CONNECTING)
+
+
+def takes_rig(function):
+    """Whether a command needs `--rig`, or None if it has none."""
+    rig = inspect.signature(function).parameters.get("rig")
+    return None if rig is None else rig.default is inspect.Parameter.empty
+
+
+def test_the_demo_has_the_options_of_calibrate():
+    calibrate, demo = (set(inspect.signature(COMMANDS[name]).parameters) for name in ("calibrate", "demo"))
+    assert demo - calibrate == {"real_time", "seed"}
+    assert calibrate - demo == {"rig"}
+
+
+def test_embedded_names_the_rig_of_the_demo(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    named, by_path = (
+        json.loads(run("check", "--rig", rig, "--json").stdout) for rig in ("embedded", embedded_rig_path())
+    )
+    assert named == by_path
+    assert "check the path" in last_line(run("check", "--rig", "./embedded/rig.toml"))
 
 
 def test_unknown_key_in_the_rig_file(run, rig_file, tmp_path):
@@ -176,18 +226,18 @@ def test_a_station_with_a_poor_place_is_refused_before_anything_moves(run, rig_f
 
 
 def test_the_interim_test_passes_on_the_mock_station(run):
-    document = json.loads(run("interim-test", "--json").stdout)
+    document = json.loads(run("interim-test", "--rig", "embedded", "--json").stdout)
     assert document["passed"]
     assert set(document["two_face"]) == {"N1", "N2"}
     assert abs(document["distances"][0]["error_m"]) < 0.5e-3
-    done = run("interim-test")
+    done = run("interim-test", "--rig", "embedded")
     assert done.returncode == 0
     assert done.stdout.strip().splitlines()[-1] == "passed"
 
 
 def test_drives_that_know_where_they_are_are_not_homed(run):
-    document = json.loads(run("home", "--json").stdout)
+    document = json.loads(run("home", "--rig", "embedded", "--json").stdout)
     assert [drive["homed"] for drive in document["drives"].values()] == [False, False]
-    done = run("home", "--again")
+    done = run("home", "--rig", "embedded", "--again")
     assert done.returncode == 2
     assert "[drives.homing]" in last_line(done)

@@ -53,8 +53,8 @@ def test_the_command_for_another_machine():
         (["--machine", "rrr9"], "is not shipped"),
         (["--machine", "none.toml"], "check the path"),
         (["--machine", "rrr4", "--rig", "rig.toml"], "not both"),
-        (["--count", "0"], "choose 1 to 500"),
-        (["--criterion", "A"], "use I or D"),
+        (["--machine", "rrr4", "--count", "0"], "choose 1 to 500"),
+        (["--machine", "rrr4", "--criterion", "A"], "use I or D"),
     ],
 )
 def test_bad_requests_are_one_line(arguments, complaint):

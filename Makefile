@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study withheld bench faults peers latency overhead clean
+.PHONY: demo test lint demo-check rig-study withheld bench faults deliberate-errors peers latency overhead clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -20,6 +20,10 @@ lint: $(VENV)/dev.stamp
 # Every fault at every operation of a short campaign, one table; ends after an hour and goes on where it was ended.
 faults: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.faults.sweep $(FAULTS)
+
+# Errors that somebody might make (tests/deliberate_errors/errors.toml), each in a copy of the tree: the tests must find it.
+deliberate-errors: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.deliberate_errors.run $(if $(ONLY),--only "$(ONLY)")
 
 # Mocks and drivers against other people's programs; says which could not be had.
 peers: $(VENV)/dev.stamp

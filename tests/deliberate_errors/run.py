@@ -1,0 +1,86 @@
+"""Applies the errors of errors.toml one by one to a copy of the tree and runs the tests that must find each.
+
+`make deliberate-errors`, or `python -m tests.deliberate_errors.run [--only WORDS] [--jobs N]`. The status is 1 if an
+error survived, could not be applied, or the tests are not green without it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.copied_tree import copied_tree, run_tests, spoilt
+
+ERRORS = Path(__file__).with_name("errors.toml")
+LIMIT_S = 1200.0
+
+
+@dataclass(frozen=True)
+class DeliberateError:
+    """One error: `old` in `file` becomes `new`, and one of `tests` (of pytest) must fail."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+    def apply(self, text: str) -> str:
+        """The spoilt text. Raises ValueError unless `old` occurs exactly once."""
+        if text.count(self.old) != 1:
+            raise ValueError(f"{self.file}: {text.count(self.old)} times, not once: {self.old.strip()}")
+        return text.replace(self.old, self.new)
+
+
+def read_errors() -> list[DeliberateError]:
+    """All errors of the file."""
+    entries = tomllib.loads(ERRORS.read_text(encoding="utf-8"))["error"]
+    return [DeliberateError(**{**entry, "tests": tuple(entry["tests"])}) for entry in entries]
+
+
+def main() -> int:
+    """Run all, or those whose names contain the words; prints each result as it comes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="", metavar="WORDS")
+    parser.add_argument("--jobs", type=int, default=1)
+    arguments = parser.parse_args()
+    errors = [error for error in read_errors() if arguments.only in error.name]
+    tests = sorted({error.tests for error in errors})
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        red = [
+            f"{' '.join(which)}: {said}" for which, said in zip(tests, pool.map(_without, tests), strict=True) if said
+        ]
+        for line in red:
+            print(f"NOT GREEN WITHOUT ANY ERROR  {line}", flush=True)
+        survived = 0
+        for error, (killed, said) in zip(errors, pool.map(_with, errors), strict=True):
+            survived += not killed
+            print(f"{'killed  ' if killed else 'SURVIVED'}  {error.name}: {said}", flush=True)
+    print(f"{len(errors) - survived} of {len(errors)} killed")
+    return 1 if survived or red else 0
+
+
+def _without(tests: tuple[str, ...]) -> str:
+    with copied_tree() as tree:
+        ran, said = run_tests(tree, tests, LIMIT_S)
+    return "" if ran == "green" else said
+
+
+def _with(error: DeliberateError) -> tuple[bool, str]:
+    with copied_tree() as tree:
+        path = tree / error.file
+        try:
+            text = error.apply(path.read_text(encoding="utf-8"))
+        except (ValueError, OSError) as failure:
+            return False, f"cannot be applied: {failure}"
+        with spoilt(path, text):
+            ran, said = run_tests(tree, error.tests, LIMIT_S)
+    return ran != "green", said
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -53,6 +53,8 @@ NOT_FIGURES = ("host_s", "polls", "campaign")  # of this computer's speed and of
 CHANGED = (
     # The uncertainty of an effect's further parameter comes from the fit; it was 120 of whatever unit, or a share.
     re.compile(r"effects/\d+/parameters/\w+/u$"),
+    # A further key of results and verdicts: accepted, refused or not decided.
+    re.compile(r"/decision$"),
 )
 
 # Sums of large terms that nearly cancel: version 0.1.0 itself gives them 1.5e-8 of their value apart with one thread of

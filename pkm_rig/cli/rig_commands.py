@@ -185,7 +185,7 @@ def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
             f"report: {failure}; the result is in the store, write it with `pkm-rig report {outcome.campaign}`"
         )
     if not outcome.accepted:
-        raise CampaignRefused("the tables were refused; see the report for residuals and conditions")
+        raise CampaignRefused(f"the tables were {outcome.decision}; see the report for residuals and conditions")
 
 
 def _require_capabilities(rig: Path, *, tables: bool) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from calibration.base.errors import InputError
@@ -9,11 +12,12 @@ from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
 from calibration.identification.model_comparison import model_comparison, orientation_prediction
 from calibration.recording.recording import Recording
-from calibration.reduction.figures import COVERAGE_FACTOR, Figures, noise_floor, visit_figures
-from calibration.reduction.reduction import Reduction, reduce
+from calibration.reduction.figures import COVERAGE_FACTOR, Figures, noise_floor, scale_part, visit_figures
+from calibration.reduction.reduction import CALIBRATION, Reduction, reduce
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
-from pkm_rig.results.outcome import CampaignOutcome, Decision, VerificationResult, WrittenTable
+from pkm_rig.results.outcome import CampaignOutcome, Decision, Verdict, VerificationResult, WrittenTable
+from pkm_rig.rig.schedule import Block
 from pkm_rig.store.store import Store
 
 
@@ -34,7 +38,22 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
         for event in activated[-len({e.data["payload"] for e in activated}) :]
     )
     previous_tables = verdicts[-1].data.get("restored") or "the former tables"
-    return evaluate_campaign(campaign, identification, recording, written, try_diagnosis(recording), previous_tables)
+    return evaluate_campaign(
+        campaign,
+        identification,
+        recording,
+        written,
+        try_diagnosis(recording),
+        previous_tables=previous_tables,
+        limits_m=stored_limits_m(store, campaign),
+    )
+
+
+def stored_limits_m(store: Store, campaign: str) -> dict[int, float]:
+    """Payload to `accept_below_m`, as it was stored before the last verification began; older ones had none."""
+    attempts = store.events(campaign, "verifying")
+    limits = attempts[-1].data.get("accept_below_m", {}) if attempts else {}
+    return {int(payload): float(limit_m) for payload, limit_m in limits.items()}
 
 
 def last_verification_attempt(store: Store, campaign: str) -> Recording:
@@ -53,29 +72,34 @@ def evaluate_campaign(
     recording: Recording,
     written: tuple[WrittenTable, ...],
     diagnosis: DiagnosisAttempt,
+    *,
     previous_tables: str,
+    limits_m: Mapping[int, float],
 ) -> CampaignOutcome:
-    """Figures and verdict of a campaign that was verified: a function of what is stored."""
+    """Figures and verdict of a campaign that was verified: a function of what is stored.
+
+    `limits_m`: `accept_below_m` by payload. InputError for one that is below its guard band.
+    """
     reduction = reduce(recording, identification.reduction)
     floor = noise_floor(reduction)
     if floor is None:
         raise InputError(f"campaign {campaign}: no pose was visited three times, so there is no noise floor")
-    verified = tuple(verify_payload(identification, reduction, w.payload) for w in written)
-    accepted = bool(verified) and all(v.decision.accepted for v in verified)
-    return CampaignOutcome(
+    verified = tuple(verify_payload(identification, reduction, w.payload, limits_m.get(w.payload)) for w in written)
+    outcome = CampaignOutcome(
         campaign=campaign,
         calibration=identification,
         reduction=reduction,
         floor=floor,
         verified=verified,
         written=written,
-        accepted=accepted,
         diagnosis=diagnosis,
-        restored=None if accepted else previous_tables,
     )
+    return outcome if outcome.accepted else replace(outcome, restored=previous_tables)
 
 
-def verify_payload(identification: Calibration, reduction: Reduction, payload: int) -> VerificationResult:
+def verify_payload(
+    identification: Calibration, reduction: Reduction, payload: int, limit_m: float | None
+) -> VerificationResult:
     """Figures and decision at one payload; InputError if it was not verified."""
     before = visit_figures(reduction, "verification_before", payload)
     after = visit_figures(reduction, "verification_after", payload)
@@ -87,19 +111,64 @@ def verify_payload(identification: Calibration, reduction: Reduction, payload: i
         payload_kg=reduction.recording.file.payloads[payload].mass_kg,
         before=before,
         after=after,
-        decision=decide(before, after),
+        decision=_decide_payload(before, after, payload, limit_m),
         orientation_prediction_rad=predicted,
         models=model_comparison(identification, reduction, payload),
     )
 
 
-def decide(before: Figures, after: Figures) -> Decision:
-    """Tables stay only if the position error falls by more than its expanded uncertainty (JCGM 106)."""
+def require_possible_limits(
+    limits_m: Mapping[int, float], identification: Calibration, blocks: Sequence[Block]
+) -> None:
+    """InputError for a limit below its guard band whatever will be measured, found before any table is written.
+
+    The scale's part of U is known by then; what the scatter over the poses adds is known only in the end.
+    """
+    scale_u, _ = scale_part(identification.reduction, identification.reduction.rows(CALIBRATION))
+    for block in blocks:
+        target_m = np.array([visit.target_m[:3] for visit in block.visits])
+        reach_m = float(np.sqrt(np.mean(np.sum((target_m - target_m.mean(axis=0)) ** 2, axis=1))))
+        _require_above_guard_band(block.payload, limits_m.get(block.payload), COVERAGE_FACTOR * scale_u * reach_m)
+
+
+def decide(before: Figures, after: Figures, limit_m: float | None = None) -> Decision:
+    """Tables stay only if the position error falls by more than its expanded uncertainty U (k = 2).
+
+    With a limit the error afterwards must also lie below it by a guard band w, its own U (JCGM 106:2012, 8.3.2:
+    guarded acceptance, w = U). Above limit + w it is shown to be too large, in between nothing is shown.
+    """
     fall = before.position_rms_m - after.position_rms_m
     expanded = COVERAGE_FACTOR * float(np.hypot(before.u_position_rms_m, after.u_position_rms_m))
-    accepted = fall > expanded
-    rule = (
-        f"fall {fall * 1e6:.1f} um {'>' if accepted else '<='} U = {expanded * 1e6:.1f} um (k = 2): "
-        f"{'the tables stay' if accepted else 'the former tables come back'}"
-    )
-    return Decision(accepted, rule)
+    rule = f"fall {fall * 1e6:.1f} um {'>' if fall > expanded else '<='} U = {expanded * 1e6:.1f} um (k = 2)"
+    verdict: Verdict = "accepted" if fall > expanded else "refused"
+    if limit_m is not None:
+        conforms, what = _conformity(after, limit_m)
+        rule = f"{rule}; {what}"
+        verdict = conforms if verdict == "accepted" else "refused"
+    tables = "the tables stay" if verdict == "accepted" else "the former tables come back"
+    return Decision(verdict, f"{rule}: {'not decided, ' if verdict == 'not decided' else ''}{tables}")
+
+
+def _conformity(after: Figures, limit_m: float) -> tuple[Verdict, str]:
+    """Whether the error afterwards is shown to be below its limit, and that in words."""
+    error, guard = after.position_rms_m, COVERAGE_FACTOR * after.u_position_rms_m
+    limit = f"limit {limit_m * 1e6:.1f} um"
+    band = f"w = U = {guard * 1e6:.1f} um"
+    if error <= limit_m - guard:
+        return "accepted", f"after {error * 1e6:.1f} um <= {limit} - w, {band}"
+    if error <= limit_m + guard:
+        return "not decided", f"after {error * 1e6:.1f} um is within w of the {limit}, {band}"
+    return "refused", f"after {error * 1e6:.1f} um > {limit} + w, {band}"
+
+
+def _decide_payload(before: Figures, after: Figures, payload: int, limit_m: float | None) -> Decision:
+    _require_above_guard_band(payload, limit_m, COVERAGE_FACTOR * after.u_position_rms_m)
+    return decide(before, after, limit_m)
+
+
+def _require_above_guard_band(payload: int, limit_m: float | None, guard_m: float) -> None:
+    if limit_m is not None and limit_m < guard_m:
+        raise InputError(
+            f"campaign.accept_below_m: payload {payload}: {limit_m * 1e6:.2f} um is below its guard band U = "
+            f"{guard_m * 1e6:.2f} um (k = 2), so nothing could be accepted; raise it or measure with less uncertainty"
+        )

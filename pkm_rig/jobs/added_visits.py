@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from calibration.reduction.figures import MIN_VISITS
+from pkm_rig.rig.campaign_sections import CampaignSettings
 from pkm_rig.rig.device_sections import StationConnection
 from pkm_rig.rig.schedule import Block
 from pkm_rig.store.store import Store
@@ -43,7 +44,7 @@ def _comparable_section(rig_file: RigFile, key: str, adds: bool) -> object:
         return [{name: value for name, value in drive.items() if name != "homing"} for drive in section]
     if key != "campaign":
         return section
-    section = {**section, "visits": section.get("visits") or []}
+    section = {**CampaignSettings().model_dump(mode="json"), **section}  # older campaigns lack later settings
     return {name: value for name, value in section.items() if not adds or name not in ("visits", "targets")}
 
 

@@ -12,7 +12,7 @@ from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
 from drivers.drives.table_bank import CompensationState
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.acceptance import evaluate_campaign, last_verification_attempt
+from pkm_rig.jobs.acceptance import evaluate_campaign, last_verification_attempt, require_possible_limits
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.measure import planned_readings
 from pkm_rig.report.diagnosis_text import diagnosis_line
@@ -61,11 +61,14 @@ def verify_tables(
 ) -> CampaignOutcome:
     """Write the tables of an identification, measure before and after, and decide at every payload of the rig file."""
     rig, store, campaign = runner.rig, runner.store, runner.campaign
-    store.add_event(campaign, "verifying", {"first_sequence": runner.devices.tags.sequence})
+    settings = rig.file.campaign
+    blocks = [verification_block(rig.machine, settings, payload) for payload in settings.verification_payloads]
+    require_possible_limits(settings.accept_below_m, identification, blocks)
+    begun = {"first_sequence": runner.devices.tags.sequence, "accept_below_m": settings.accept_below_m}
+    store.add_event(campaign, "verifying", begun)
     written = []
-    payloads = rig.file.campaign.verification_payloads
-    for payload in payloads:
-        block = verification_block(rig.machine, rig.file.campaign, payload)
+    for block in blocks:
+        payload = block.payload
         notify(f"verifying with payload '{rig.file.payloads[payload].name}'")
         runner.run(_payload(runner, payload), "payload")
         rig.compensate(None)
@@ -80,10 +83,16 @@ def verify_tables(
         runner.run(verification(runner.devices, block, "verification_after"), "verification after")
     recording = last_verification_attempt(store, campaign)
     outcome = evaluate_campaign(
-        campaign, identification, recording, tuple(written), diagnosis, previous_tables.description
+        campaign,
+        identification,
+        recording,
+        tuple(written),
+        diagnosis,
+        previous_tables=previous_tables.description,
+        limits_m=settings.accept_below_m,
     )
     if not outcome.accepted:
-        notify(f"the result is refused; back to {previous_tables.description}")
+        notify(f"the result is {outcome.decision}; back to {previous_tables.description}")
         previous_tables.restore()
     _record_verdict(store, outcome)
     return outcome
@@ -106,6 +115,7 @@ def _record_verdict(store: Store, outcome: CampaignOutcome) -> None:
         outcome.campaign,
         "accepted" if outcome.accepted else "refused",
         {
+            "decision": outcome.decision,
             "restored": outcome.restored,
             "noise_floor": outcome.floor.as_dict(),
             "verified": [

@@ -30,6 +30,7 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
     return {
         "campaign": outcome.campaign,
         "accepted": outcome.accepted,
+        "decision": outcome.decision,
         "before": pool_figures([v.before for v in outcome.verified]),
         "after": pool_figures([v.after for v in outcome.verified]),
         "noise_floor": pool_figures([outcome.floor]),
@@ -45,6 +46,7 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
                 "before": v.before.as_dict(),
                 "after": v.after.as_dict(),
                 "orientation_prediction_rad": v.orientation_prediction_rad,
+                "decision": v.decision.verdict,
                 "rule": v.decision.rule,
                 "models": {name: f.as_dict() for name, f in v.models.items()},
             }

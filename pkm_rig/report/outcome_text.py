@@ -37,7 +37,7 @@ def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
     for verified in outcome.verified:
         results.print(f"{verified.payload_kg:g} kg: {verified.decision.rule}")
     results.print(diagnosis_line(outcome.diagnosis), soft_wrap=True, markup=False)
-    results.print("accepted" if outcome.accepted else f"refused; {outcome.restored}")
+    results.print("accepted" if outcome.accepted else f"{outcome.decision}; {outcome.restored}")
     if report is not None:
         results.print(f"report: {report}", soft_wrap=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from calibration.compensation.tables import CompensationTable
 from calibration.identification.calibration import Calibration
@@ -11,13 +11,20 @@ from calibration.reduction.figures import Figures
 from calibration.reduction.reduction import Reduction
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
+Verdict = Literal["accepted", "refused", "not decided"]
+
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether tables may stay, and the rule in words."""
+    """Whether tables may stay, and the rule in words. Not decided: neither conformity nor its opposite is shown."""
 
-    accepted: bool
+    verdict: Verdict
     rule: str
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the tables may stay."""
+        return self.verdict == "accepted"
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,7 @@ class WrittenTable:
 
 @dataclass(frozen=True)
 class CampaignOutcome:
-    """The outcome of a calibration; `restored` says what the drives went back to if it was refused."""
+    """The outcome of a calibration; `restored` says what the drives went back to if it was not accepted."""
 
     campaign: str
     calibration: Calibration
@@ -52,6 +59,18 @@ class CampaignOutcome:
     floor: Figures
     verified: tuple[VerificationResult, ...]
     written: tuple[WrittenTable, ...]
-    accepted: bool
     diagnosis: DiagnosisAttempt
     restored: str | None = None
+
+    @property
+    def decision(self) -> Verdict:
+        """Accepted if every payload is, refused if one is, else not decided."""
+        verdicts = {v.decision.verdict for v in self.verified}
+        if verdicts == {"accepted"}:
+            return "accepted"
+        return "not decided" if verdicts and "refused" not in verdicts else "refused"
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the tables stay."""
+        return self.decision == "accepted"

@@ -11,6 +11,7 @@ from calibration.compensation.grid import GRID_MARGIN_M
 
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
+Limit = Annotated[float, Field(gt=0.0)]
 PayloadNumber = Annotated[int, Field(ge=0)]
 MOST_VISITS, MOST_DRIVES = 2000, 12
 
@@ -83,6 +84,11 @@ class CampaignSettings(Section):
     verification_poses: int = Field(ge=30, default=40, description="Poses at which before and after are measured.")
     verification_payloads: tuple[PayloadNumber, ...] = Field(
         min_length=1, default=(0, 1), description="Payloads at which they are measured, by number."
+    )
+    accept_below_m: dict[PayloadNumber, Limit] = Field(
+        default_factory=dict,
+        description="Largest error after compensation with which tables are accepted, by the payload's number; left "
+        "out, it need only fall.",
     )
     payload_timeout_s: float = Field(
         gt=0.0, default=3600.0, description="Longest wait for the PLC to report a payload that was asked for."

@@ -83,6 +83,10 @@ class RigFile(Section):
         payload_numbers |= {visit.payload for visit in self.campaign.visits}
         if max(payload_numbers) >= len(self.payloads):
             raise ValueError(f"campaign: payload {max(payload_numbers)} is not in [[payloads]] (0 is no payload)")
+        if unverified := sorted(set(self.campaign.accept_below_m) - set(self.campaign.verification_payloads)):
+            raise ValueError(
+                f"campaign.accept_below_m: payload {unverified[0]} is not in verification_payloads; add it there"
+            )
         masses = [p.mass_kg for p in self.payloads]
         if len(set(masses)) != len(masses):
             raise ValueError("payloads: two have the same mass, by which the drives tell their tables apart")

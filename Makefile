@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study withheld bench faults deliberate-errors peers latency overhead clean
+.PHONY: demo test lint demo-check rig-study withheld bench faults deliberate-errors mutants peers latency overhead clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -24,6 +24,11 @@ faults: $(VENV)/dev.stamp
 # Errors that somebody might make (tests/deliberate_errors/errors.toml), each in a copy of the tree: the tests must find it.
 deliberate-errors: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.deliberate_errors.run $(if $(ONLY),--only "$(ONLY)")
+
+# A seeded sample of 300 mutants over drivers, diagnosis and identification, each against its room's tests. Stopped, it
+# goes on. NUMBER=20 for a first look.
+mutants: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.mutants.run $(if $(NUMBER),--number $(NUMBER))
 
 # Mocks and drivers against other people's programs; says which could not be had.
 peers: $(VENV)/dev.stamp

@@ -10,13 +10,16 @@ import argparse
 import sys
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 
 from tests.copied_tree import copied_tree, run_tests, spoilt
 
 ERRORS = Path(__file__).with_name("errors.toml")
 LIMIT_S = 1200.0
+KILLED = ("red", "time-out")
 
 
 @dataclass(frozen=True)
@@ -50,36 +53,40 @@ def main() -> int:
     arguments = parser.parse_args()
     errors = [error for error in read_errors() if arguments.only in error.name]
     tests = sorted({error.tests for error in errors})
-    with ThreadPoolExecutor(arguments.jobs) as pool:
-        red = [
-            f"{' '.join(which)}: {said}" for which, said in zip(tests, pool.map(_without, tests), strict=True) if said
-        ]
-        for line in red:
-            print(f"NOT GREEN WITHOUT ANY ERROR  {line}", flush=True)
+    with ExitStack() as stack:
+        trees: SimpleQueue[Path] = SimpleQueue()
+        for _ in range(arguments.jobs):
+            trees.put(stack.enter_context(copied_tree()))
+        pool = stack.enter_context(ThreadPoolExecutor(arguments.jobs))
+        red = 0
+        for which, (ran, said) in zip(tests, pool.map(lambda some: _run(trees, None, some), tests), strict=True):
+            if ran != "green":
+                red += 1
+                print(f"NOT GREEN WITHOUT ANY ERROR  {' '.join(which)}: {said}", flush=True)
         survived = 0
-        for error, (killed, said) in zip(errors, pool.map(_with, errors), strict=True):
-            survived += not killed
-            print(f"{'killed  ' if killed else 'SURVIVED'}  {error.name}: {said}", flush=True)
+        results = pool.map(lambda error: _run(trees, error, error.tests), errors)
+        for error, (ran, said) in zip(errors, results, strict=True):
+            survived += ran not in KILLED
+            print(f"{'killed  ' if ran in KILLED else 'SURVIVED'}  {error.name}: {said}", flush=True)
     print(f"{len(errors) - survived} of {len(errors)} killed")
     return 1 if survived or red else 0
 
 
-def _without(tests: tuple[str, ...]) -> str:
-    with copied_tree() as tree:
-        ran, said = run_tests(tree, tests, LIMIT_S)
-    return "" if ran == "green" else said
-
-
-def _with(error: DeliberateError) -> tuple[bool, str]:
-    with copied_tree() as tree:
+def _run(trees: SimpleQueue[Path], error: DeliberateError | None, tests: tuple[str, ...]) -> tuple[str, str]:
+    """Run tests in one of the copies, with an error or none: what became of it, and what pytest said last."""
+    tree = trees.get()
+    try:
+        if error is None:
+            return run_tests(tree, tests, LIMIT_S)
         path = tree / error.file
         try:
             text = error.apply(path.read_text(encoding="utf-8"))
         except (ValueError, OSError) as failure:
-            return False, f"cannot be applied: {failure}"
+            return "not applied", str(failure)
         with spoilt(path, text):
-            ran, said = run_tests(tree, error.tests, LIMIT_S)
-    return ran != "green", said
+            return run_tests(tree, tests, LIMIT_S)
+    finally:
+        trees.put(tree)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,178 @@
+"""A seeded sample of mutants over drivers, diagnosis and identification, each against its room's tests.
+
+`make mutants`, or `python -m tests.mutants.run [--number N] [--seed S] [--jobs N] [--out FOLDER] [--fresh]`. Results
+are kept in FOLDER/mutants.jsonl as they come; a second call goes on where the first was ended. The status is 1 if fewer
+than 85 % of those that are not listed as equivalent were killed, if more than 10 % are listed, or a survivor is not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import itertools
+import json
+import os
+import random
+import sys
+import time
+import tomllib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from tests.copied_tree import ROOT, copied_tree, run_tests, spoilt
+from tests.mutants.mutate import Mutant, compiles, mutants
+
+ROOMS = {
+    "drivers/can": ("tests/drivers/can", "tests/drivers/drives"),
+    "drivers/drives": ("tests/drivers/drives", "tests/drivers/can"),
+    "drivers/plc": ("tests/drivers/plc",),
+    "drivers/station": ("tests/drivers/station",),
+    "calibration/diagnosis": ("tests/calibration/diagnosis",),
+    "calibration/identification": ("tests/calibration/identification",),
+}
+SURVIVORS = Path(__file__).with_name("survivors.toml")
+KILLED_SHARE, EQUIVALENT_SHARE = 0.85, 0.10
+LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # a mutant may loop: it has this many times the time of the tests without it
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A mutant of a file. `key` is the same as long as the file's text is."""
+
+    file: str
+    text: str
+    mutant: Mutant
+
+    @property
+    def key(self) -> str:
+        """Of the file's contents and the change."""
+        m = self.mutant
+        return hashlib.sha256(f"{self.file}\0{self.text}\0{m.start}\0{m.end}\0{m.after}".encode()).hexdigest()[:16]
+
+    @property
+    def room(self) -> str:
+        """The package whose tests it has to meet."""
+        return next(room for room in ROOMS if self.file.startswith(f"{room}/"))
+
+    def __str__(self) -> str:
+        before, after = (" ".join(text.split()) for text in (self.mutant.before, self.mutant.after))
+        return f"{self.file}:{self.mutant.line} {self.mutant.where}: {before} -> {after}"
+
+
+def draw(number: int, seed: int) -> list[Drawn]:
+    """A sample of all mutants of the rooms, each as likely as any other."""
+    every = [
+        Drawn(str(path.relative_to(ROOT)), text, mutant)
+        for room in ROOMS
+        for path in sorted((ROOT / room).rglob("*.py"))
+        for text in [path.read_text(encoding="utf-8")]
+        for mutant in mutants(text)
+    ]
+    random.Random(seed).shuffle(every)
+    good = (drawn for drawn in every if compiles(drawn.mutant.apply(drawn.text)))
+    return list(itertools.islice(good, number))
+
+
+def main() -> int:
+    """Run what is missing of the sample and say what survived."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--number", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=12)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--out", type=Path, default=Path("runs/mutants"))
+    parser.add_argument("--fresh", action="store_true", help="forget former results")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    path = arguments.out / "mutants.jsonl"
+    if arguments.fresh:
+        path.unlink(missing_ok=True)
+    known = _read(path)
+    sample = draw(arguments.number, arguments.seed)
+    missing = [drawn for drawn in sample if drawn.key not in known]
+    print(f"{len(sample)} mutants, {len(sample) - len(missing)} tried before", flush=True)
+    with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
+        trees: SimpleQueue[Path] = SimpleQueue()
+        for _ in range(arguments.jobs):
+            trees.put(stack.enter_context(copied_tree()))
+        pool = stack.enter_context(ThreadPoolExecutor(arguments.jobs))
+        rooms = sorted({drawn.room for drawn in missing})
+        limits = dict(zip(rooms, pool.map(lambda room: _limit_s(trees, room), rooms), strict=True))
+        for result in pool.map(lambda drawn: _try(trees, drawn, limits[drawn.room]), missing):
+            known[result["key"]] = result
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+            print(f"{result['ran']:8} {result['seconds']:6.1f} s  {result['mutant']}", flush=True)
+    return _report([known[drawn.key] for drawn in sample], sample)
+
+
+def _report(results: Sequence[dict[str, Any]], sample: Sequence[Drawn]) -> int:
+    listed = {(e["file"], e["where"], e["before"], e["after"]): e for e in _survivors()}
+    equivalent, unlisted, survived = 0, 0, 0
+    for result, drawn in zip(results, sample, strict=True):
+        if result["ran"] != "green":
+            continue
+        survived += 1
+        mutant = drawn.mutant
+        entry = listed.get((drawn.file, mutant.where, mutant.before, mutant.after))
+        equivalent += entry is not None and entry["equivalent"]
+        unlisted += entry is None
+        print(f"survived ({entry['reason'] if entry else 'NOT LISTED'}): {drawn}")
+    share = (len(results) - survived) / max(len(results) - equivalent, 1)
+    print(
+        f"{len(results) - survived} of {len(results)} killed, {equivalent} survivors equivalent: {100.0 * share:.1f} % "
+        f"of the others, goal {100.0 * KILLED_SHARE:.0f} %; {unlisted} survivors not listed in {SURVIVORS.name}"
+    )
+    return int(share < KILLED_SHARE or equivalent > EQUIVALENT_SHARE * len(results) or unlisted > 0)
+
+
+def _survivors() -> list[dict[str, Any]]:
+    return list(tomllib.loads(SURVIVORS.read_text(encoding="utf-8")).get("survivor", []))
+
+
+def _read(path: Path) -> dict[str, dict[str, Any]]:
+    if not path.exists():
+        return {}
+    results = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+    return {result["key"]: result for result in results}
+
+
+def _limit_s(trees: SimpleQueue[Path], room: str) -> float:
+    """Time for a mutant of a room, from that of its tests without any. Raises RuntimeError unless they are green."""
+    tree = trees.get()
+    try:
+        began_s = time.monotonic()
+        ran, said = run_tests(tree, ROOMS[room], 1800.0)
+        if ran != "green":
+            raise RuntimeError(f"the tests of {room} are not green without any mutant: {said}")
+        return max(LEAST_LIMIT_S, SLOWER * (time.monotonic() - began_s))
+    finally:
+        trees.put(tree)
+
+
+def _try(trees: SimpleQueue[Path], drawn: Drawn, limit_s: float) -> dict[str, Any]:
+    tree = trees.get()
+    try:
+        began_s = time.monotonic()
+        with spoilt(tree / drawn.file, drawn.mutant.apply(drawn.text)):
+            ran, said = run_tests(tree, _nearest_first(tree, drawn), limit_s)
+        seconds = time.monotonic() - began_s
+    finally:
+        trees.put(tree)
+    return {"key": drawn.key, "mutant": str(drawn), "ran": ran, "said": said, "seconds": round(seconds, 1)}
+
+
+def _nearest_first(tree: Path, drawn: Drawn) -> list[str]:
+    """The files of a room's tests, those first that name the module: most mutants are found within seconds."""
+    files = [path for folder in ROOMS[drawn.room] for path in sorted((tree / folder).glob("test_*.py"))]
+    module = drawn.file.removesuffix(".py").replace("/", ".")
+    far = {path: module not in path.read_text(encoding="utf-8") for path in files}
+    return [str(path.relative_to(tree)) for path in sorted(files, key=lambda path: far[path])]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""What is changed, and what is left alone."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.copied_tree import ROOT
+from tests.mutants.mutate import mutants
+from tests.mutants.run import ROOMS, draw
+
+
+def changed(source):
+    return {mutant.apply(source) for mutant in mutants(source)}
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("x = a < b", {"x = (a <= b)", "x = (a >= b)"}),
+        ("x = a + b", {"x = (a - b)"}),
+        ("x = a and b", {"x = (a or b)"}),
+        ("x = not a", {"x = (a)"}),
+        ("x = -a", {"x = (a)"}),
+        ("x = 3", {"x = (4)"}),
+        ("x = 0.0", {"x = (1.0)"}),
+        ("x = True", {"x = (False)"}),
+        ("x += a", {"x -= a"}),
+        ("def f():\n    return a", {"def f():\n    return None"}),
+        ("def f():\n    go()", {"def f():\n    pass"}),
+        ("def f():\n    raise E('a' + b)", {"def f():\n    pass"}),
+        ("x = 'ä' + y", {"x = ('ä' - y)"}),
+        ("x = (a\n     == b)", {"x = ((a != b))"}),
+    ],
+)
+def test_one_place_is_changed_at_a_time(source, expected):
+    assert changed(source) == expected
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        '"""Text."""', "import a", "x: 'a < b' = y", "x = f'{a + 1}'", "def f(a: int | None = None) -> 'b' : ...",
+        "@d(1)\ndef f(): ...", "def f():\n    _log.info('%d', 1)", "__all__ = ['a'] + ['b']",
+        "def f():\n    return None",
+        "class A(B, c=1): ...",
+    ],
+)  # fmt: skip
+def test_what_is_no_behaviour_is_left_alone(source):
+    assert changed(source) <= {source.replace("...", "pass")}
+
+
+def test_every_mutant_of_the_code_is_a_change_in_its_place_only():
+    path = ROOT / "drivers" / "can" / "sdo.py"
+    text = path.read_text(encoding="utf-8")
+    every = mutants(text)
+    assert len(every) > 50
+    for mutant in every:
+        spoilt = mutant.apply(text)
+        assert spoilt != text
+        assert spoilt.startswith(text[: mutant.start])
+        assert spoilt.endswith(text[mutant.end :])
+
+
+def test_a_sample_is_the_same_for_the_same_seed_and_of_all_rooms():
+    first, other = draw(100, 12), draw(100, 13)
+    assert [drawn.key for drawn in first[:30]] == [drawn.key for drawn in draw(30, 12)]
+    assert {drawn.key for drawn in first} != {drawn.key for drawn in other}
+    assert {drawn.room for drawn in first} == set(ROOMS)

@@ -26,6 +26,10 @@ class ConnectionFailed(DeviceError):
     """The device cannot be reached, or the line to it is broken."""
 
 
+class OtherMaster(DeviceError):
+    """Somebody else commands devices that are ours."""
+
+
 class IdentityMismatch(DeviceError):
     """The device that answers, or its units, are not those configured."""
 
@@ -100,6 +104,10 @@ class NotSettled(DeviceError):
 
 class DriveFault(DeviceError):
     """A drive is in fault, or has left operation enabled."""
+
+
+class DrivesMoved(DeviceError):
+    """A drive was not where it stood when the visit began."""
 
 
 class NotReferenced(DriveFault):

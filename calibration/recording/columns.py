@@ -188,6 +188,9 @@ OPTIONAL_COLUMNS: tuple[Column, ...] = tuple(
     for column in (
         _count("edm_mode", "GeoCOM's number of the distance mode (2021), such as 2 for single standard."),
         _count("prism_type", "GeoCOM's number of the prism type (17009), such as 1 for mini."),
+        _count(
+            "replaces_visit", "The visit that this one was made in place of, whose readings are not used; -1 without."
+        ),
         _number("t_utc_s", "Unix time (UTC) in the middle of the measurement."),
     )
 )

@@ -79,6 +79,15 @@ def _moved_by_drives(
     return np.asarray(out @ station_frame(entry.position_m, entry.heading_rad).rotation.T)
 
 
+def replaced_readings(recording: Recording) -> NDArray[np.bool_]:
+    """Readings (n,) of visits that were given up and measured anew."""
+    if "replaces_visit" not in recording.columns:
+        return np.zeros(len(recording), dtype=bool)
+    replaced = recording["replaces_visit"]
+    of_a_pose = np.asarray(recording["phase"]) != "nests"
+    return of_a_pose & np.isin(recording["visit"], replaced[replaced >= 0.0])
+
+
 def reflector_indices(recording: Recording) -> NDArray[np.intp]:
     """Index (n,) of each reading's reflector in the machine file."""
     index = {smr.name: i for i, smr in enumerate(recording.machine.smrs)}

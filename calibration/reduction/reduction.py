@@ -20,7 +20,7 @@ from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import check_units
 from calibration.reduction.drift_filter import estimate_drift
-from calibration.reduction.grouped_readings import group_by_visit
+from calibration.reduction.grouped_readings import group_by_visit, replaced_readings
 from calibration.reduction.pose_filter import FilteredPoses, filter_poses
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
@@ -87,7 +87,9 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     check_units(recording.machine, _observations(recording, recording.positions_m, recording.covariances_m2)[0])
     dropped = {}
     usable = usable_readings(recording)
-    dropped["failed nest check"] = int(np.count_nonzero(~usable))
+    replaced = replaced_readings(recording)
+    dropped["visit measured anew"] = int(np.count_nonzero(replaced))
+    dropped["failed nest check"] = int(np.count_nonzero(~usable & ~replaced))
     flagged = usable & (recording["flags"] > 0.0)
     dropped["flagged by the station"] = int(np.count_nonzero(flagged))
     usable &= ~flagged
@@ -135,14 +137,14 @@ def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
 
 
 def usable_readings(recording: Recording, next_check: int | None = None) -> NDArray[np.bool_]:
-    """Readings that lie between two good nest checks (r,); those next to a failed closing check are not used.
+    """Readings (r,) that lie between two good nest checks, of visits that were not measured anew.
 
-    `nest_check` of a reading is the number of the last check before it; `next_check` is a future one that is assumed to
-    succeed. Without nests in the recording all readings are used.
+    Those next to a failed closing check are not used. `nest_check` of a reading is the number of the last check before
+    it; `next_check` is a future one that is assumed to succeed. Without nests in the recording all are used.
     """
     checks, shifts = nest_shift(recording)
     if checks.size == 0:
-        return np.ones(len(recording), dtype=bool)
+        return ~replaced_readings(recording)
     good = {int(c) for c, s in zip(checks, shifts, strict=True) if s <= recording.file.nest_limit_m}
     if next_check is not None:
         good.add(next_check)
@@ -150,7 +152,7 @@ def usable_readings(recording: Recording, next_check: int | None = None) -> NDAr
     is_nest = np.asarray(recording["phase"]) == "nests"
     opened = np.isin(number, list(good))
     closed = np.isin(number + 1, list(good))
-    return np.where(is_nest, opened, opened & closed)
+    return np.where(is_nest, opened, opened & closed) & ~replaced_readings(recording)
 
 
 def drop_unclosed_readings(recording: Recording) -> Recording:

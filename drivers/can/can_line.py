@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from types import TracebackType
 from typing import Self
 
 import can
 import canopen
 
-from drivers.errors import ConnectionFailed
+from drivers.can.other_master import master_frame
+from drivers.errors import ConnectionFailed, OtherMaster
 
 _log = logging.getLogger(__name__)
 logging.getLogger("canopen").addHandler(logging.NullHandler())
@@ -39,6 +40,10 @@ class CanLine:
         self.failed: str | None = None
         self.received = threading.Condition()
         self.seen_nodes: set[int] = set()
+        self.on_other_master: Callable[[str], None] = lambda _what: None
+        self._other_master: str | None = None
+        self._own_nodes: Collection[int] = ()
+        self._master_node_id = 0
         self.network = canopen.Network(bus)
         self._bus = bus
         self._closing = False
@@ -92,6 +97,24 @@ class CanLine:
                 "CAN line", self.name, self.failed, "check adapter, server and cable, then connect again"
             )
 
+    def watch_for_other_masters(self, nodes: Collection[int], master_node_id: int) -> None:
+        """From now on remember a frame of another master to these nodes, or in the name of `master_node_id`.
+
+        `on_other_master` is then called in the receiving thread, as a callback is.
+        """
+        self._master_node_id = master_node_id
+        self._own_nodes = tuple(nodes)
+
+    def require_only_master(self) -> None:
+        """Raise OtherMaster if another master has been heard. Not in `check`: a stop must go out all the same."""
+        if self._other_master is not None:
+            raise OtherMaster(
+                "CAN line",
+                self.name,
+                f"another master on CAN has sent {self._other_master}",
+                "disconnect it, then connect again",
+            )
+
     def mark_lost(self, error: Exception) -> None:
         """Mark the line as lost for this reason."""
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -124,6 +147,10 @@ class CanLine:
 
     def _hand_out(self, message: can.Message) -> None:
         cob_id = message.arbitration_id
+        if self._own_nodes and message.is_rx and self._other_master is None:  # an echo of our own frames is not meant
+            self._other_master = master_frame(cob_id, bytes(message.data), self._own_nodes, self._master_node_id)
+            if self._other_master is not None:
+                self.on_other_master(f"another master on CAN has sent {self._other_master}")
         if _HEARTBEAT < cob_id < _HEARTBEAT + 0x80:
             self.seen_nodes.add(cob_id - _HEARTBEAT)
         try:

@@ -247,6 +247,7 @@ class DriveGroup:
             drive.send_target(position_m)
 
     def _check_all(self, samples: list[DriveSample]) -> list[DriveSample]:
+        self.line.require_only_master()
         pairs = list(zip(self.drives, samples, strict=True))
         pairs.sort(
             key=lambda pair: (pair[1].state not in _FAULT_STATES, pair[0].messages.last_emergency() is None)

@@ -18,7 +18,7 @@ class GroupStop:
     """The quick stop of all drives of a group, from any thread; controlwords that move go through here.
 
     Once a stop is remembered no controlword is sent before `clear`. During `stopping_on_failure` an EMCY of one drive
-    stops all at once.
+    stops all at once, and a frame of another master does at any time.
     """
 
     def __init__(self, drives: Sequence[ServoDrive], line: CanLine) -> None:
@@ -29,6 +29,7 @@ class GroupStop:
         self._moving = False
         for drive in self._drives:
             drive.messages.on_emergency = partial(self._on_emergency, drive)
+        line.on_other_master = self._stop_at_once
 
     def stop(self, reason: str) -> None:
         """Send the quick stop twice, so that one lost frame does not matter, and remember the first reason.
@@ -53,7 +54,8 @@ class GroupStop:
         self.reason = None
 
     def raise_if_stopped(self) -> None:
-        """Raise DriveFault for the drive whose EMCY has stopped the present motion, or Stopped."""
+        """Raise OtherMaster, DriveFault for the drive whose EMCY has stopped the present motion, or Stopped."""
+        self._line.require_only_master()
         guilty = self._guilty
         if guilty is not None and self._moving:
             raise guilty.fault("its emergency has stopped all drives")
@@ -93,13 +95,19 @@ class GroupStop:
             self._moving = False
 
     def _on_emergency(self, drive: ServoDrive, emergency: Emergency) -> None:
+        if self._moving and emergency.is_error:
+            if self.reason is None:
+                self._guilty = drive
+            self._stop_at_once(f"{drive.name} ({drive.where}): {emergency}")
+
+    def _stop_at_once(self, reason: str) -> None:
         """Runs in the line's receiving thread: only remember the stop, then send it.
 
         Remembered first: a thread that polls the drives meanwhile must not send what would enable one of them again.
         """
-        if self._moving and emergency.is_error:
-            if self.reason is None:
-                self._guilty, self.reason = drive, f"{drive.name} ({drive.where}): {emergency}"
-            with self._command_lock, suppress(DeviceError):
-                for each in self._drives:
-                    each.quick_stop()
+        if self.reason is None:
+            self.reason = reason
+        with self._command_lock:
+            for drive in self._drives:
+                with suppress(DeviceError):
+                    drive.quick_stop()

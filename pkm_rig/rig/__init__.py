@@ -16,6 +16,8 @@ __all__ = [
     "runner",
     "schedule",
     "session_record",
+    "standstill",
     "station_air",
     "supervision",
+    "worker",
 ]

@@ -118,6 +118,11 @@ class Limits(Section):
     in_plane_u_m: float = Field(
         gt=0.0, default=15e-6, description="Predicted uncertainty of a tool position above which `check` complains."
     )
+    moved_m: float = Field(
+        gt=0.0,
+        default=2e-6,
+        description="Motion of a drive during a visit that ends the visit; it is measured anew once.",
+    )
     heartbeat_s: float = Field(
         gt=0.0, default=2.0, description="Age of a drive's heartbeat that is late; at twice that age all stop."
     )

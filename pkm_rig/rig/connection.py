@@ -80,6 +80,7 @@ def connect_rig(
         )  # fmt: skip
         line = CanLine(bus)
         stack.callback(line.close)
+        line.watch_for_other_masters([drive.node_id for drive in file.drives], file.can.master_node_id)
         drives = _servo_drives(file, machine, line, clock, rig_path=rig_path, guard_s=guard_s)
         for drive in drives:
             stack.callback(drive.close)

@@ -6,10 +6,7 @@ lends the campaign's turn on the rig clock.
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,9 +16,12 @@ from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.instruments import station_geometry
 from calibration.recording.columns import columns_of
+from drivers.errors import DrivesMoved
 from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
+from pkm_rig.rig.standstill import Standstill
+from pkm_rig.rig.worker import Worker, WorkStatus
 
 TARGET_TOLERANCE_M = 0.02
 INITIAL_TARGET_TOLERANCE_M = 0.06
@@ -31,79 +31,6 @@ SETTLED_ACROSS_M = 40e-6
 SETTLE_READINGS = 3
 SETTLE_LIMIT_S = 60.0
 POINTS_TO_FIT = 5
-
-
-class WorkStatus:
-    """Bluesky's Status of one job of the worker; names device and cause."""
-
-    def __init__(self, what: str) -> None:
-        self._reading_kind = what
-        self._done = threading.Event()
-        self._error: BaseException | None = None
-        self._lock = threading.Lock()
-        self._callbacks: list[Callable[[WorkStatus], None]] = []
-
-    @property
-    def done(self) -> bool:
-        """Whether the job has ended."""
-        return self._done.is_set()
-
-    @property
-    def success(self) -> bool:
-        """Whether it has ended well."""
-        return self.done and self._error is None
-
-    def exception(self, timeout: float | None = 0.0) -> BaseException | None:
-        """Why it failed."""
-        self._done.wait(timeout)
-        return self._error
-
-    def add_callback(self, callback: Callable[[WorkStatus], None]) -> None:
-        """Be called at the end, or at once if it has ended."""
-        with self._lock:
-            if not self.done:
-                self._callbacks.append(callback)
-                return
-        callback(self)
-
-    def finish(self, error: BaseException | None) -> None:
-        """End the job."""
-        with self._lock:
-            self._error = error
-            self._done.set()
-            callbacks, self._callbacks = self._callbacks, []
-        for callback in callbacks:
-            callback(self)
-
-    def __repr__(self) -> str:
-        state = "running" if not self.done else "done" if self._error is None else f"failed: {self._error}"
-        return f"<{self._reading_kind}: {state}>"
-
-
-class Worker:
-    """One thread that does the rig's work in order."""
-
-    def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="rig-worker")
-
-    def submit(self, what: str, work: Callable[[], None]) -> WorkStatus:
-        """Queue a job."""
-        status = WorkStatus(what)
-
-        def run() -> None:
-            try:
-                work()
-            except BaseException as error:
-                status.finish(error)
-            else:
-                status.finish(None)
-
-        self._pool.submit(run)
-        return status
-
-    def close(self) -> None:
-        """End the thread after the job in hand."""
-        self._pool.shutdown(wait=True)
 
 
 @dataclass
@@ -129,11 +56,15 @@ class PointingFrame:
 
 @dataclass
 class ReadingTags:
-    """Labels of the next reading; set by the plan's devices and stored with each reading."""
+    """Labels of the next reading; set by the plan's devices and stored with each reading.
+
+    `replaces_visit`: the visit that the present one is made in place of, -1 without one.
+    """
 
     phase: str = "repeatability"
     visit: PlannedVisit | None = None
     visit_number: int = -1
+    replaces_visit: int = -1
     nest_check: int = -1
     sequence: int = 0
     arrived_s: float = 0.0
@@ -209,7 +140,10 @@ class WaitDevice:
 
 
 class StationDevice:
-    """`set(smr)`, `trigger`, `read`: aim at a reflector by its predicted place, measure it, give the whole row."""
+    """`set(smr)`, `trigger`, `read`: aim at a reflector by its predicted place, measure it, give the whole row.
+
+    `moved` is set where a measurement found that the drives have moved since their visit began: there is no row then.
+    """
 
     name = "station"
     parent = None
@@ -219,6 +153,8 @@ class StationDevice:
         self._smr = ""
         self._row: dict[str, float | str] = {}
         self._stamp_s = 0.0
+        self.moved: DrivesMoved | None = None
+        self._standstill = Standstill(rig.drives.drives, rig.file.limits.moved_m)
 
     def set(self, smr: str) -> WorkStatus:
         """Choose the reflector and aim at it."""
@@ -285,15 +221,23 @@ class StationDevice:
         if on_floor:  # a stored nest reading certifies the station's settings for all readings since the previous one
             rig.station.require_settings()
         tags.fresh_arrival = False
+        state = rig.supervisor.state()
+        drives = rig.drives.sample()
+        self.moved = (
+            None
+            if on_floor or tags.visit is None
+            else self._standstill.check(tags.visit_number, tags.visit.drives_m, drives)
+        )
+        if self.moved is not None:
+            return
         mean = average(readings)
         hz, v, distance = (np.array([x]) for x in (mean.hz_rad, mean.v_rad, mean.slope_distance_m))
         position = station_geometry.polar_to_points(hz, v, distance)[0]
         self._require_target(mean)
         stated = rig.file.station.accuracy.to_station_accuracy()
         covariance = station_geometry.point_covariances(hz, v, distance, stated)[0] / mean.n
-        state = rig.supervisor.state()
         first = readings[0]
-        row = rig.rig_state_row(state)
+        row = rig.rig_state_row(state, drives)
         row |= self._visit_columns()
         row |= {
             "sequence": float(tags.sequence),
@@ -333,6 +277,7 @@ class StationDevice:
         columns: dict[str, float | str] = {n: float(t) for n, t in zip(names, target, strict=True)}
         columns |= {
             "visit": float(tags.visit_number),
+            "replaces_visit": float(tags.replaces_visit),
             "pose": -1.0 if visit is None else float(visit.pose),
             "pass": 0.0 if visit is None else float(visit.pass_),
             "speed_m_per_s": 0.0 if visit is None else visit.speed_m_per_s,

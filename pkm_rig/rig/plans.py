@@ -15,12 +15,14 @@ from bluesky.utils import Msg
 
 from calibration.base.arrays import Array
 from calibration.instruments.station_geometry import across_line_of_sight
+from drivers.errors import DrivesMoved
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block, PlannedVisit
 
 Plan = Generator[Msg, Any, Any]
+MEASURED_ANEW = "visit_measured_anew"
 _AIMED, _MEASURED = "aimed", "measured"  # groups of messages that are waited for
 
 
@@ -28,7 +30,8 @@ _AIMED, _MEASURED = "aimed", "measured"  # groups of messages that are waited fo
 class CampaignDevices:
     """The devices of one campaign and what the plans share.
 
-    `stored` holds (phase, pose, pass, SMR) of readings of an earlier run of the campaign, which are not taken again.
+    `note` keeps an event in the store. `stored` holds (phase, pose, pass, SMR) of readings of an earlier run of the
+    campaign, which are not taken again.
     """
 
     rig: Rig
@@ -38,6 +41,7 @@ class CampaignDevices:
     station: StationDevice
     wait: WaitDevice
     progress: Callable[[int, str], None]
+    note: Callable[[str, dict[str, Any]], None]
     first_nests: dict[str, Array]
     stored: set[tuple[str, int, int, str]] = field(default_factory=set)
 
@@ -101,16 +105,33 @@ def nest_check(devices: CampaignDevices) -> Plan:
 
 
 def _visit(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
+    """One visit; where the drives have moved during it, it is measured anew as a whole, once.
+
+    The readings of the visit that was given up stay in the store; those in place of them name it (`replaces_visit`).
+    """
     missing = [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in devices.stored]
     if not missing:
         return
+    try:
+        yield from _read_all(devices, visit, phase, missing)
+    except DrivesMoved as error:
+        tags = devices.tags
+        devices.note(MEASURED_ANEW, {"visit": tags.visit_number, "reason": str(error)})
+        tags.replaces_visit = tags.visit_number
+        try:
+            yield from _read_all(devices, visit, phase, missing)
+        finally:
+            tags.replaces_visit = -1
+
+
+def _read_all(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
     yield from bps.abs_set(devices.machine, visit, wait=True)
-    for smr in missing:
+    for smr in smrs:
         yield from _read(devices, phase, smr)
 
 
 def _read(devices: CampaignDevices, phase: str, smr: str) -> Plan:
-    """One reading, kept before anything else happens.
+    """One reading, kept before anything else happens. Raises DrivesMoved, without a reading.
 
     In bluesky's messages, not its plan stubs: each call of a stub records a stack, some 10,000 times a campaign.
     """
@@ -120,6 +141,8 @@ def _read(devices: CampaignDevices, phase: str, smr: str) -> Plan:
     yield Msg("wait", None, group=_AIMED)
     yield Msg("trigger", devices.station, group=_MEASURED)
     yield Msg("wait", None, group=_MEASURED)
+    if devices.station.moved is not None:
+        raise devices.station.moved
     yield Msg("create", None, name="primary")
     yield Msg("read", devices.station)
     yield Msg("save")

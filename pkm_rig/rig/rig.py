@@ -12,6 +12,7 @@ from calibration.base.frame import Frame, station_frame
 from calibration.compensation.tables import CompensationTable
 from calibration.machine.description import Machine
 from drivers.drives.drive_group import DriveGroup
+from drivers.drives.servo_drive import DriveSample
 from drivers.drives.table_bank import Activation, CompensationState, TableBank, activate_all
 from drivers.drives.table_image import TableImage, machine_id_of
 from drivers.errors import DeviceError, PlcError, TableError
@@ -235,10 +236,10 @@ class Rig:
         state = self.supervisor.state()
         return {name: state.temperatures_c[name] for name in self.machine.sensors.values()}
 
-    def rig_state_row(self, state: PlcState) -> dict[str, float | str]:
-        """Drives, air, temperatures and payload at this moment, as columns of a recording."""
+    def rig_state_row(self, state: PlcState, drives: Sequence[DriveSample]) -> dict[str, float | str]:
+        """Drives, air, temperatures and payload as columns of a recording."""
         row: dict[str, float | str] = {}
-        for sample, drive in zip(self.drives.sample(), self.file.drives, strict=True):
+        for sample, drive in zip(drives, self.file.drives, strict=True):
             row |= {
                 f"{drive.name}_commanded_m": sample.demand_m,
                 f"{drive.name}_actual_m": sample.position_m,

@@ -20,10 +20,11 @@ from calibration.recording.recording import Recording
 from calibration.reduction.reduction import CALIBRATION, usable_readings
 from drivers.errors import DeviceError, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
-from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, Worker
+from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.session_record import session
+from pkm_rig.rig.worker import Worker
 from pkm_rig.store.store import Store
 from pkm_rig.version import __version__
 
@@ -46,6 +47,7 @@ class Runner:
             station=StationDevice(rig, self._worker, tags),
             wait=WaitDevice(rig, self._worker),
             progress=progress,
+            note=lambda kind, data: store.add_event(campaign, kind, data),
             first_nests={},
         )
         self._engine = RunEngine({}, context_managers=[])

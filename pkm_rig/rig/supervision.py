@@ -177,6 +177,7 @@ class Supervisor:
 
     def _check(self) -> None:
         self.polls += 1
+        self._drives.line.require_only_master()
         state = self._plc.read()
         if self._loading:  # the drives are without power: whoever loads the platform may open the guard
             replace(state, interlocks={}).require_safe()

@@ -9,7 +9,8 @@ from drivers.station.atmosphere import atmospheric_ppm
 from mock_devices.faults import Fault, FaultPlan
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.connection import connect_rig
-from pkm_rig.rig.devices import ReadingTags, StationDevice, Worker
+from pkm_rig.rig.devices import ReadingTags, StationDevice
+from pkm_rig.rig.worker import Worker
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 

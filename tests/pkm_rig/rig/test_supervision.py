@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceError, InterlockOpen, StaleData
+from drivers.can.can_line import CanLine
+from drivers.errors import DeviceError, InterlockOpen, OtherMaster, StaleData
+from pkm_rig.rig.config import embedded_rig_path
+from pkm_rig.rig.connection import connect_rig
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 CENTRE = np.array([1.118, 1.118])
@@ -84,3 +90,25 @@ def test_compensation_goes_off_on_the_drive_that_can_still_be_reached(monkeypatc
         with pytest.raises(DeviceError):
             rig.switch_compensation(None)
         assert mock.drives[1].compensation.mode == 0
+
+
+def test_a_drive_that_another_master_moves_is_stopped_and_the_master_is_named():
+    file, machine = short_rig_file()
+    with (
+        embedded_mock_rig(file, embedded_rig_path()) as mock,
+        mock.clock.activity(),
+        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
+        CanLine(mock.bus_factory(), "foreign") as foreign,
+    ):
+        rig.enable()
+        foreign.send(0x601, struct.pack("<BHBi", 0x23, 0x607A, 0, 120_000_000))  # far from where it is
+        for controlword in (0x0F, 0x1F):
+            foreign.send(0x201, struct.pack("<H", controlword))
+        rig.clock.sleep_s(2.0)
+        assert isinstance(rig.supervisor.trip, OtherMaster)
+        assert "node 1" in str(rig.supervisor.trip)
+        assert rig.drives.stop_reason is not None
+        assert not any(drive.is_moving(rig.clock.now_s()) for drive in mock.mock.drives)
+        assert abs(mock.mock.drives[0].encoder_m(rig.clock.now_s()) - 1.118) < 1e-4  # before the next poll
+        with pytest.raises(OtherMaster):
+            rig.move(CENTRE, 0.1)

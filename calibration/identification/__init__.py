@@ -6,6 +6,7 @@ __all__ = [
     "estimators",
     "explanations",
     "fit",
+    "gate",
     "held_out",
     "leave_one_out",
     "linear_system",

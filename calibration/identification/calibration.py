@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.identification.estimators import identify
 from calibration.identification.fit import Estimator, Fit
+from calibration.identification.gate import gate_readings
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
+from calibration.identification.problem import LeastSquaresProblem
 from calibration.identification.remarks import remarks
 from calibration.identification.rigid.closure import MeasuredPoses
 from calibration.identification.rigid.models import RigidIdentification, fit_rigid_identifications
-from calibration.instruments.smr_positions import SmrPositions, StationModel
+from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.parameters import ParameterSet
@@ -24,6 +26,7 @@ from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_spread_poses
 from calibration.reduction.figures import free_axes
+from calibration.reduction.left_out import MODEL, LeftOutReading
 from calibration.reduction.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 from calibration.reduction.report_frame import ReportFrame
 
@@ -65,19 +68,45 @@ def identify_recording(
     recording: Recording, estimator: Estimator = "map", *, baselines: bool = True, robust: bool = False
 ) -> Calibration:
     """Identify a recording. Unknowns that it does not determine (stiffness with one payload) keep their prior."""
-    reduction = reduce(calibration_part(recording))
-    observations = reduction.calibration()
-    require_spread_poses(recording.machine, observations.visits.target_m)
-    smrs = tuple(sorted(set(observations.smr.tolist())))
-    accuracy = recording.file.station.accuracy.to_station_accuracy()
-    station = StationModel.from_accuracy(reduction.report.frame, smrs, accuracy)
-    station = replace(station, range_constant_u_m=reduction.range_constant_u_m)  # the certified length has tied it
+    part = calibration_part(recording)
     model = Model(
         ParameterSet.of(recording.machine),
         SystematicUncertainties.from_declared(recording.file.payloads, recording.machine),
     )
+    reduction = reduce(part)
+    require_spread_poses(recording.machine, reduction.calibration().visits.target_m)
+    if wrong := _wrong_readings(model, reduction):
+        reduction = reduce(part, wrong=wrong)
+    observations = reduction.calibration()
+    require_spread_poses(recording.machine, observations.visits.target_m)
+    station = _station(reduction, observations)
     fit = identify(model, observations.visits, [SmrPositions(observations, station)], estimator, robust=robust)
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
+
+
+def _station(reduction: Reduction, observations: ReflectorObservations) -> StationModel:
+    smrs = tuple(sorted(set(observations.smr.tolist())))
+    accuracy = reduction.recording.file.station.accuracy.to_station_accuracy()
+    station = StationModel.from_accuracy(reduction.report.frame, smrs, accuracy)
+    return replace(station, range_constant_u_m=reduction.range_constant_u_m)  # the certified length has tied it
+
+
+def _wrong_readings(model: Model, reduction: Reduction) -> tuple[LeftOutReading, ...]:
+    """Readings of the calibration, the pose filter's refused ones too, that do not fit what the others say."""
+    visits = reduction.info.phase == CALIBRATION
+    uid = reduction.uid[visits[reduction.offered.visit]]
+    offered = reduction.offered.of_visits(visits)
+    readings = SmrPositions(offered, _station(reduction, offered))
+    on_platform = np.array([smr.on == "platform" for smr in model.machine.smrs])[offered.smr]
+    gated = gate_readings(LeastSquaresProblem(model, offered.visits, [readings]), [on_platform.astype(np.intp)])[0]
+    wrong = np.flatnonzero(~gated.keep)
+    size_m = np.linalg.norm(np.linalg.solve(readings.whiten[wrong], gated.deviation[wrong, :, None]), axis=(1, 2))
+    return tuple(
+        LeftOutReading(
+            str(uid[i]), model.machine.smrs[offered.smr[i]].name, float(m), "m", float(gated.sigmas[i]), MODEL
+        )
+        for i, m in zip(wrong, size_m, strict=True)
+    )
 
 
 def _baselines(reduction: Reduction, station: StationModel) -> tuple[RigidIdentification, ...]:
@@ -136,4 +165,5 @@ def identified_summary(identified: Calibration) -> dict[str, Any]:
         "range_constant_m": identified.reduction.range_constant_m,
         "u_range_constant_m": identified.reduction.range_constant_u_m,
         "dropped": identified.reduction.dropped,
+        "left_out": [reading.as_dict() for reading in identified.reduction.left_out],
     }

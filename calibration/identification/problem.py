@@ -77,6 +77,16 @@ class _Block:
     local: NDArray[np.intp]
 
 
+@dataclass(frozen=True)
+class ReadingDerivatives:
+    """Some readings (rows) of one instrument: whitened residuals (r, w) and their derivatives (r, w, u)."""
+
+    instrument: int
+    rows: NDArray[np.intp]
+    residual: Array
+    jacobian: Array
+
+
 @dataclass
 class LeastSquaresProblem:
     """Readings of visits under a model.
@@ -144,14 +154,8 @@ class LeastSquaresProblem:
         if self._last is not None and np.array_equal(self._last[0], z):
             return self._last[1]
         folding = QrAccumulator(self.layout.size)
-        for index, _, compared in self._compare_blocks(z, derivatives=True):
-            jacobian, residual = compared.by_model, compared.residual
-            if not np.all(np.isfinite(residual)):
-                raise InputError("identification: a reading or its deviation is not a finite number; repair the data")
-            if self.layout.size > len(self.model):
-                jacobian = np.zeros((*residual.shape, self.layout.size))
-                jacobian[:, :, : len(self.model)] = compared.by_model
-                jacobian[:, :, self.layout.instrument_slices[index]] = compared.by_own
+        for block in self.derivatives(z):
+            jacobian, residual = block.jacobian, block.residual
             if self.robust:
                 weight = self._weights(residual)
                 jacobian = jacobian * weight[:, None, None]
@@ -160,6 +164,18 @@ class LeastSquaresProblem:
         system = folding.result(self.layout.sigma)
         self._last = (z.copy(), system)
         return system
+
+    def derivatives(self, z: Array) -> Iterator[ReadingDerivatives]:
+        """Readings block by block, linearised at z with respect to the unknowns in SI units."""
+        for index, rows, compared in self._compare_blocks(z, derivatives=True):
+            jacobian, residual = compared.by_model, compared.residual
+            if not np.all(np.isfinite(residual)):
+                raise InputError("identification: a reading or its deviation is not a finite number; repair the data")
+            if self.layout.size > len(self.model):
+                jacobian = np.zeros((*residual.shape, self.layout.size))
+                jacobian[:, :, : len(self.model)] = compared.by_model
+                jacobian[:, :, self.layout.instrument_slices[index]] = compared.by_own
+            yield ReadingDerivatives(index, rows, residual, jacobian)
 
     def residuals(self, z: Array) -> list[Array]:
         """Whitened residuals (r, w) of each instrument's readings, in the order of its readings."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
 from calibration.recording.header import AccuracyEntry
-from calibration.reduction.innovation import innovation_gate, nis
 
 FIRST_DRIFT_SD = 1.0e-8  # m and rad: drift is counted from the first nest reading
 FIRST_NEST_SD_M = 1.0e-3
@@ -22,12 +21,10 @@ class DriftEstimate:
     """Small rigid motion of the station's frame at some times (t,), since the first nest reading.
 
     state (t, 6): translation in m and rotation vector in rad about the station; covariance (t, 6, 6).
-    rejected: rows of the nest readings that the gate refused.
     """
 
     state: Array
     covariance: Array
-    rejected: NDArray[np.intp]
 
     def remove(self, points_m: Array, covariances_m2: Array) -> tuple[Array, Array]:
         """Points (t, 3) without drift, the drift's covariance added to theirs."""
@@ -79,7 +76,6 @@ def estimate_drift(
     kf.P = np.diag([FIRST_DRIFT_SD**2] * 6 + [FIRST_NEST_SD_M**2] * (size - 6))
     kf.F = np.eye(size)
     states, covariances, process = [], [], []
-    rejected = []
     last = t_s[0]
     for k in order:
         kf.Q = walk * abs(times[k] - last) + 1e-22 * np.eye(size)
@@ -88,15 +84,11 @@ def estimate_drift(
         kf.predict()
         if k < len(t_s):
             kf.H = design[k]
-            error = position_m[k] - first[row[k]]
-            if nis(kf, error, covariance_m2[k]) <= innovation_gate(3):
-                kf.update(error, R=covariance_m2[k])
-            else:
-                rejected.append(k)
+            kf.update(position_m[k] - first[row[k]], R=covariance_m2[k])
         states.append(kf.x.copy())
         covariances.append(kf.P.copy())
     x, p, _, _ = kf.rts_smoother(np.array(states), np.array(covariances), Qs=np.array(process))
     place = np.empty(len(times), dtype=np.intp)
     place[order] = np.arange(len(times))
     requested = place[len(t_s) :]
-    return DriftEstimate(x[requested, :6], p[requested, :6, :6], np.array(rejected, dtype=np.intp))
+    return DriftEstimate(x[requested, :6], p[requested, :6, :6])

@@ -1,8 +1,8 @@
 """From a recording to observations and measured poses: a pure function of the stored readings.
 
-In this order: nest checks that failed take their readings out; the certified length ties the range constant;
-the station's drift is followed through the nests; frame and mounting are fitted at zero payload; the pose
-filter gates outliers and turns reflectors into poses.
+In this order: wrong readings of nests are left out; nest checks that failed take their readings out; the certified
+length ties the range constant; the station's drift is followed through the nests; frame and mounting are fitted at zero
+payload; the pose filter turns reflectors into poses and leaves wrong ones out.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import check_units
 from calibration.reduction.drift_filter import estimate_drift
 from calibration.reduction.grouped_readings import group_by_visit, replaced_readings
+from calibration.reduction.left_out import MODEL, NEST, VISIT, LeftOutReading
+from calibration.reduction.nest_gate import gate_nests
 from calibration.reduction.pose_filter import FilteredPoses, filter_poses
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 
@@ -45,8 +47,9 @@ class VisitInfo:
 class Reduction:
     """A reduced recording: the input of every later analysis.
 
-    observations: accepted readings of all visits (nests left out). dropped: counts of readings left out, by cause.
-    range_constant_m, range_constant_u_m: subtracted from the ranges, with its standard uncertainty.
+    observations: accepted readings of all visits (nests left out); offered: with those that the pose filter refused,
+    uid (r,) their names. dropped: counts of readings left out, by cause; left_out: the wrong ones. range_constant_m,
+    range_constant_u_m: subtracted from the ranges, with its standard uncertainty.
     """
 
     recording: Recording
@@ -56,7 +59,10 @@ class Reduction:
     poses: FilteredPoses
     range_constant_m: float
     range_constant_u_m: float
+    offered: ReflectorObservations
+    uid: NDArray[np.str_]
     dropped: dict[str, int]
+    left_out: tuple[LeftOutReading, ...]
 
     def rows(self, phase: str, payload: int | None = None) -> NDArray[np.bool_]:
         """Visits of a phase (and payload) that have a measured pose."""
@@ -78,13 +84,18 @@ def nominal_frame(recording: Recording) -> Frame:
     return station_frame(entry.position_m, entry.heading_rad)
 
 
-def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
-    """Reduce a recording. Raises InputError, in one line, if that is impossible.
+def reduce(recording: Recording, basis: Reduction | None = None, wrong: tuple[LeftOutReading, ...] = ()) -> Reduction:
+    """Reduce a recording without the readings that do not fit the model (wrong). InputError if it is impossible.
 
-    With a `basis` (the reduction that was identified) its range constant and report frame are kept: figures before
-    and after are stated in one frame.
+    With a `basis` (the reduction that was identified) its range constant, its report frame and what it left out by the
+    model are kept: figures before and after are stated in one frame.
     """
     check_units(recording.machine, _observations(recording, recording.positions_m, recording.covariances_m2)[0])
+    if basis is not None:
+        wrong = tuple(reading for reading in basis.left_out if reading.reason == MODEL)
+    if wrong:
+        recording = recording.take(~np.isin(np.asarray(recording["uid"]), [reading.name for reading in wrong]))
+    recording, wrong_nests = gate_nests(recording)
     dropped = {}
     usable = usable_readings(recording)
     replaced = replaced_readings(recording)
@@ -97,15 +108,26 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
     constant, constant_u = (
         _range_constant(recording) if basis is None else (basis.range_constant_m, basis.range_constant_u_m)
     )
-    position, covariance, refused = _remove_drift(recording, constant)
-    dropped["nest outlier"] = refused
+    position, covariance = _remove_drift(recording, constant)
     observations, info = _observations(recording, position, covariance)
+    uid = np.asarray(recording["uid"])[_of_poses(recording)].astype(str)
     zero = (info.phase == CALIBRATION) & (observations.visits.payload_kg == 0.0)
     if not np.any(zero):
         raise InputError(f"recording {recording.file.campaign}: no calibration readings without payload")
     report = basis.report if basis else _robust_frame(recording, observations.of_visits(zero))
     poses = filter_poses(report, observations)
-    dropped["innovation gate"] = int(np.count_nonzero(~poses.accepted))
+    refused = tuple(
+        LeftOutReading(
+            str(uid[i]),
+            recording.machine.smrs[observations.smr[i]].name,
+            float(poses.size_m[i]),
+            "m",
+            float(poses.sigmas[i]),
+            VISIT,
+        )
+        for i in np.flatnonzero(~poses.accepted)
+    )
+    dropped |= {NEST: len(wrong_nests), VISIT: len(refused), MODEL: len(wrong)}
     return Reduction(
         recording=recording,
         observations=observations.take(poses.accepted),
@@ -114,13 +136,16 @@ def reduce(recording: Recording, basis: Reduction | None = None) -> Reduction:
         poses=poses,
         range_constant_m=constant,
         range_constant_u_m=constant_u,
+        offered=observations,
+        uid=uid,
         dropped=dropped,
+        left_out=(*wrong, *wrong_nests, *refused),
     )
 
 
 def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
     """Nest checks (c,) and the largest shift of a nest across the line of sight since the first check (c,), in m."""
-    nests = recording.rows("nests")
+    nests = gate_nests(recording.rows("nests"))[0]
     checks = np.unique(nests["nest_check"]).astype(int)
     first: dict[str, Array] = {}
     shifts = np.zeros(len(checks))
@@ -194,27 +219,30 @@ def _range_constant(recording: Recording) -> tuple[float, float]:
     return station_geometry.range_constant(mean[0], mean[1], cov[0], cov[1], length.to_certified_length(), prior)
 
 
-def _remove_drift(recording: Recording, constant: float) -> tuple[Array, Array, int]:
+def _remove_drift(recording: Recording, constant: float) -> tuple[Array, Array]:
     raw = recording.positions_m
     position = raw - constant * raw / np.linalg.norm(raw, axis=1)[:, None]
     covariance = recording.covariances_m2
     is_nest = np.asarray(recording["phase"]) == "nests"
     if not np.any(is_nest):
-        return position, covariance, 0
+        return position, covariance
     t = recording["t_rig_s"]
     rows = np.flatnonzero(is_nest)
     rows = rows[np.argsort(t[rows], kind="stable")]
     _, nest = np.unique(np.asarray(recording["smr"])[rows], return_inverse=True)
     accuracy = recording.file.station.accuracy
     drift = estimate_drift(t[rows], nest, position[rows], covariance[rows], accuracy, t)
-    position, covariance = drift.remove(position, covariance)
-    return position, covariance, len(drift.rejected)
+    return drift.remove(position, covariance)
+
+
+def _of_poses(recording: Recording) -> NDArray[np.intp]:
+    """Rows of the readings that were made at a pose."""
+    return np.flatnonzero(np.isin(np.asarray(recording["phase"]), (CALIBRATION, "repeatability", *VERIFICATIONS)))
 
 
 def _observations(recording: Recording, position: Array, covariance: Array) -> tuple[ReflectorObservations, VisitInfo]:
     """Readings of poses, grouped by visit."""
-    phase = np.asarray(recording["phase"])
-    rows = np.flatnonzero(np.isin(phase, (CALIBRATION, "repeatability", *VERIFICATIONS)))
+    phase, rows = np.asarray(recording["phase"]), _of_poses(recording)
     if rows.size == 0:
         raise InputError(f"recording {recording.file.campaign}: no poses in it")
     grouped = group_by_visit(recording, rows, position, covariance)

@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.stats import chi2
 
 from calibration.recording.header import AccuracyEntry
 from calibration.reduction.drift_filter import estimate_drift
-from calibration.reduction.innovation import innovation_gate
 
 STATED = AccuracyEntry(angle_sd_rad=2.4e-6, range_sd_m=1e-4, range_constant_u_m=1e-4, range_scale_u=1e-6)
 NESTS = np.array([[-0.8, 3.1, -1.4], [0.8, 3.1, -1.4]])
@@ -28,11 +26,10 @@ def walk(seed, checks=40, noise_m=5e-6):
 
 
 def test_drift_is_followed_within_its_covariance():
-    squares, count, rejected = 0.0, 0, 0
+    squares, count = 0.0, 0
     for seed in range(20):
         t, times, nest, position, covariance, state = walk(seed)
         drift = estimate_drift(times, nest, position, covariance, STATED, t + 1e-3)
-        rejected += drift.rejected.size
         points = np.tile([0.1, 3.1, 0.0], (len(t), 1))
         wanted = state[:, :3] + np.cross(state[:, 3:], points)
         cleaned, added = drift.remove(points + wanted, np.zeros((len(t), 3, 3)))
@@ -40,20 +37,8 @@ def test_drift_is_followed_within_its_covariance():
         for k in (len(t) // 2, len(t) - 1):
             squares += float(error[k] @ np.linalg.solve(added[k], error[k]))
             count += 3
-    assert rejected <= 3  # of 1600, each with a chance of 1 in 10 000
     low, high = chi2.ppf([1e-3, 1 - 1e-3], count) / count
     assert low < squares / count < high
-
-
-def test_a_wild_nest_reading_is_gated_and_does_no_harm():
-    t, times, nest, position, covariance, _ = walk(3)
-    clean = estimate_drift(times, nest, position, covariance, STATED, t)
-    spoilt = position.copy()
-    spoilt[31] += [3e-4, 0.0, 0.0]
-    drift = estimate_drift(times, nest, spoilt, covariance, STATED, t)
-    assert drift.rejected.tolist() == [31]
-    shift = np.abs(drift.state - clean.state)
-    assert shift[:, :3].max() < 10e-6
 
 
 def test_later_nest_readings_do_not_move_the_frame_of_earlier_ones():
@@ -63,7 +48,3 @@ def test_later_nest_readings_do_not_move_the_frame_of_earlier_ones():
     whole = estimate_drift(times, nest, position, covariance, STATED, early)
     part = estimate_drift(times[:half], nest[:half], position[:half], covariance[:half], STATED, early)
     assert np.abs(whole.state - part.state)[:, :3].max() < 3e-6
-
-
-def test_gate_is_the_quantile_of_chi_square():
-    assert innovation_gate(3) == pytest.approx(21.108, abs=1e-3)

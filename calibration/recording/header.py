@@ -88,6 +88,7 @@ class RecordingFile(Section):
     )
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1, description="What was mounted, by number from 0 (none).")
     nuisance: DisturbanceLevels = Field(default=DisturbanceLevels(), description="Declared levels of disturbances.")
+    simulated: bool = Field(default=False, description="Whether a device that it was measured with was simulated.")
     extra_columns: dict[str, str] = Field(
         default_factory=dict,
         description="Further columns of the readings and what they are: part sensors, registers of the PLC. "
@@ -102,11 +103,12 @@ class RecordingFile(Section):
         return columns_of(self.drives, self.sensors, self.extra_columns)
 
     @model_serializer(mode="wrap")
-    def _without_empty_extra_columns(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Versions that do not know `extra_columns` can still read recordings without any."""
+    def _without_later_keys(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Version 0.1, which does not know these keys, can still read recordings that need none of them."""
         data: dict[str, Any] = serialise(self)
-        if not self.extra_columns:
-            data.pop("extra_columns", None)
+        for key in ("extra_columns", "simulated"):
+            if not data.get(key):
+                data.pop(key, None)
         return data
 
     @model_validator(mode="after")

@@ -70,6 +70,11 @@ class DriveIdentity:
     revision: int
     serial: int
 
+    @property
+    def simulated(self) -> bool:
+        """Whether the serial number says so: its three high bytes are "SIM" (docs/reference/devices.md)."""
+        return self.serial >> 8 == int.from_bytes(b"SIM", "big")
+
 
 @dataclass(frozen=True)
 class Emergency:

@@ -12,6 +12,7 @@ from typing import Literal
 from drivers.errors import InterlockOpen, PlcError, StaleData
 
 CHANGING = 0xFFFF
+SIMULATED = int.from_bytes(b"SI", "big")  # what the register `simulated` of a PLC holds that is none
 _MOST_WORDS = 125
 
 RegisterType = Literal["u16", "i16", "u32", "i32", "f32"]
@@ -112,7 +113,8 @@ class RegisterMap:
     """Addresses of all registers. Commands (sequence, command, argument) are three in a row, the answer two.
 
     `interlocks_inverted` holds the complement of `interlocks`, so that a stuck bit is detected; `master_heartbeat` is
-    where ours is written, `master_seen` is 1 while the PLC sees it; None where the PLC has none. `readings` are further
+    where ours is written, `master_seen` is 1 while the PLC sees it, `simulated` holds SIMULATED in a simulated PLC;
+    None where the PLC has none. `readings` are further
     analogue values by name: they are read in the same request, checked for range and age like the others, and stand
     in `PlcState.readings`:
 
@@ -140,6 +142,7 @@ class RegisterMap:
     master_seen: int | None = 36
     sequence: int = 31
     sequence_taken: int = 34
+    simulated: int | None = None
     readings: Mapping[str, ReadingRegister] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -171,7 +174,7 @@ class RegisterMap:
         return {**temperatures, "air pressure": self.pressure_hpa, "humidity": self.humidity_percent}
 
     def _single(self) -> list[int]:
-        optional = [self.interlocks_inverted, self.master_seen]
+        optional = [self.interlocks_inverted, self.master_seen, self.simulated]
         return [self.heartbeat, self.interlocks, self.payload, *(a for a in optional if a is not None)]
 
     def _addresses(self) -> list[int]:
@@ -197,6 +200,7 @@ class PlcState:
     t_host_s: float
     where: str = ""
     master_seen: bool = True
+    simulated: bool = False
     readings: Mapping[str, float] = field(default_factory=dict)
 
     def open_interlocks(self) -> list[str]:
@@ -267,7 +271,7 @@ def decode(
             f"interlocks 0x{bits:04X} and their complement 0x{word(inverted):04X} do not agree: a bit is stuck",
             "check the PLC's inputs and its program",
         )
-    master_seen_address = registers.master_seen
+    master_seen_address, simulated_address = registers.master_seen, registers.simulated
     return PlcState(
         heartbeat=word(registers.heartbeat),
         heartbeat_fresh=fresh,
@@ -280,5 +284,6 @@ def decode(
         t_host_s=times_s[1],
         where=where,
         master_seen=master_seen_address is None or word(master_seen_address) == 1,
+        simulated=simulated_address is not None and word(simulated_address) == SIMULATED,
         readings={name: number(name) for name in registers.readings},
     )

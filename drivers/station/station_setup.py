@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -31,6 +32,11 @@ class StationIdentity:
     serial: int
     firmware: tuple[int, int, int]
     geocom: tuple[int, int, int]
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the name says so: by the word MOCK or SIMULATED (docs/reference/devices.md)."""
+        return any(word in ("MOCK", "SIMULATED") for word in re.split(r"[^A-Z0-9]+", self.name.upper()))
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Motion, SetPoint
 
 _NOTIFIER_CYCLE_S = 0.05
+SIMULATED_SERIAL = int.from_bytes(b"SIM\0", "big")  # by its identity it is no real drive
 _RPDO_LENGTH_ERROR = 0x8210
 _OVER_CURRENT = 0x2310
 _PARAMETERS = range(0x1400, 0x1C00)  # what 0x1010 keeps
@@ -77,7 +78,7 @@ class DriveServer:
             absolute=axis.absolute_encoder,
         )
         self._node = DriveNode(node_id, self._on_stored, faults)
-        self._node.data_store = {0x1018: {4: (1000 + node_id).to_bytes(4, "little")}}
+        self._node.data_store = {0x1018: {4: (SIMULATED_SERIAL + node_id).to_bytes(4, "little")}}
         self._node.data_store[0x1401] = {1: (0x280 + axis.partner_node_id).to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]

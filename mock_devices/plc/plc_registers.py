@@ -17,6 +17,7 @@ GOOD_INTERLOCKS = 0b1111
 DONE, REFUSED, IN_PROGRESS = 0, 1, 2
 
 _HEARTBEAT_PERIOD_S = 0.1
+_SIMULATED_AT, _SIMULATED = 18, int.from_bytes(b"SI", "big")
 _MASTER_HEARTBEAT, _SEQUENCE, _MASTER_SEEN = 30, 31, 36
 _REQUEST_PAYLOAD = 1
 _FLOATS_AT = 4
@@ -83,6 +84,7 @@ class PlcState:
             words[1] = self._interlocks
             words[2] = self._plant.payload if self._cancel is None else CHANGING
             words[3] = self._interlocks ^ 0xFFFF
+            words[_SIMULATED_AT] = _SIMULATED
             words[_MASTER_HEARTBEAT] = self._master_beat
             words[_SEQUENCE : _SEQUENCE + 5] = [*self._command, self._taken, self._result]
             words[_MASTER_SEEN] = int(t_s - self._master_seen_s <= self._master_limit_s)

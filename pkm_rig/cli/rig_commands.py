@@ -85,7 +85,13 @@ def measure(
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
         campaign = measure(connected_rig, store, print_message, progress, resume)
-    print_result(json, {"campaign": campaign}, f"campaign {campaign}", f"next: pkm-rig identify {campaign} --out {out}")
+        simulated = store.header(campaign).simulated
+    print_result(
+        json,
+        {"campaign": campaign, "simulated": simulated},
+        f"campaign {campaign}",
+        f"next: pkm-rig identify {campaign} --out {out}",
+    )
 
 
 def verify(
@@ -151,13 +157,15 @@ def interim_test(rig: RigOption, json: JsonOption = False) -> None:
     from pkm_rig.jobs.interim import run_interim_test
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.interim_text import interim_test_json, print_interim_test
-    from pkm_rig.report.terminal import print_json
+    from pkm_rig.report.terminal import print_json, print_simulated
 
     with open_rig(rig) as connected_rig:
         test_result = run_interim_test(connected_rig)
+        simulated = bool(connected_rig.simulated_devices)
     if json:
-        print_json(interim_test_json(test_result))
+        print_json(interim_test_json(test_result, simulated=simulated))
     else:
+        print_simulated(simulated)
         print_interim_test(test_result)
     if not test_result.passed:
         raise CampaignRefused(f"interim test: {test_result.failures[0]}; have the station checked before measuring")

@@ -28,7 +28,7 @@ def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> N
 
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What happened to a campaign."""
-    from pkm_rig.report.terminal import print_json, results
+    from pkm_rig.report.terminal import print_json, print_simulated, results
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
@@ -37,10 +37,12 @@ def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: 
     if json:
         print_json({
             "campaign": campaign,
+            "simulated": recording.file.simulated,
             "readings": len(recording),
             "events": [{"created": e.created, "kind": e.kind, "data": e.data} for e in events],
         })  # fmt: skip
         return
+    print_simulated(recording.file.simulated)
     results.print(f"{campaign}: {len(recording)} readings")
     for event in events:
         plan = event.data.get("plan") or ""
@@ -79,7 +81,8 @@ def export_campaign(
     with open_existing_store(out) as store:
         recording = store.recording(campaign)
     write_folder(recording, folder)
-    result = {"campaign": campaign, "folder": str(folder), "readings": len(recording)}
+    simulated = recording.file.simulated
+    result = {"campaign": campaign, "simulated": simulated, "folder": str(folder), "readings": len(recording)}
     print_result(json, result, f"{len(recording)} readings: {folder}")
 
 
@@ -117,4 +120,5 @@ def _import_recording(source: Path, out: Path, json: bool) -> None:
     with open_store(out) as store:
         store.add_recording(recording)
     name, count = recording.file.campaign, len(recording)
-    print_result(json, {"campaign": name, "readings": count}, f"campaign {name}: {count} readings")
+    result = {"campaign": name, "simulated": recording.file.simulated, "readings": count}
+    print_result(json, result, f"campaign {name}: {count} readings")

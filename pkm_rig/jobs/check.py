@@ -14,6 +14,8 @@ def check_devices(rig: Rig) -> dict[str, Any]:
     state = rig.supervisor.state()
     identity = rig.station.identity
     return {
+        "simulated": bool(rig.simulated_devices),
+        "simulated_devices": list(rig.simulated_devices),
         "station": None if identity is None else {"name": identity.name, "serial": identity.serial},
         "drives": {
             drive.name: {

@@ -37,6 +37,7 @@ def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[
         largest[drive] = float(np.max(np.abs(table.correction_m[a])))
     return {
         "campaign": recording.file.campaign,
+        "simulated": recording.file.simulated,
         "payload_kg": table.conditions.payload_kg,
         "temperatures_c": temperatures,
         "largest_correction_m": largest,

@@ -55,7 +55,9 @@ def run_diagnosis(
             folder,
         )
         result = diagnosis_json(diagnosis, files)
-        result["pictures"] = diagnosis_pictures.save(diagnosis_pictures.draw_all(diagnosis, readings.machine), folder)
+        result["simulated"] = readings.file.simulated
+        figures = diagnosis_pictures.draw_all(diagnosis, readings.machine)
+        result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=readings.file.simulated)
         if twin_and_score is not None:
             twin, score = twin_and_score
             twin_folder = out / readings.file.campaign / TWIN_FOLDER

@@ -30,6 +30,7 @@ def home_drives(rig: Rig, *, again: bool = False) -> dict[str, Any]:
             for drive, homing, position_m in zip(rig.drives.drives, homings, positions_m, strict=True)
         },
         "compensation_switched_off": any(homings),
+        "simulated": bool(rig.simulated_devices),
     }
 
 

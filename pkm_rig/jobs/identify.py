@@ -26,6 +26,7 @@ def identify_with_checks(
     held_out, bound = held_out_error(identification, chosen, robust=robust)
     return {
         "calibration": recording.file.campaign,
+        "simulated": recording.file.simulated,
         **identified_summary(identification),
         "held_out": held_out,
         "bound": bound,

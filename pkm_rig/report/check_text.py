@@ -9,6 +9,8 @@ from pkm_rig.report.terminal import results
 
 def print_check(check_result: dict[str, Any]) -> None:
     """Identities, capabilities, interlocks and whether a campaign may start."""
+    if check_result["simulated_devices"]:
+        results.print(f"simulated: {', '.join(check_result['simulated_devices'])}")
     station = check_result["station"]
     results.print(
         "station: not known" if station is None else f"station: {station['name']}, serial {station['serial']}"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from calibration.base.arrays import Array
 from calibration.diagnosis.result import Diagnosis, VisitGaps
 from calibration.machine.description import Machine
-from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, round_scale
+from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, round_scale, save_png
 
 PANELS, BINS, LEAST_IN_BIN, LEAST_SHARE = 4, 12, 3, 0.02
 MAX_VALUES_AS_TICKS = 4  # values of a coordinate that are written out at the axis
@@ -41,12 +41,15 @@ def draw_all(diagnosis: Diagnosis, machine: Machine) -> dict[str, Figure]:
     return out
 
 
-def save(figures: Mapping[str, Figure], folder: Path) -> dict[str, str]:
-    """Write figures as PNG files into a folder that is there; name to path. Raises OSError."""
+def save(figures: Mapping[str, Figure], folder: Path, *, simulated: bool) -> dict[str, str]:
+    """Write figures as PNG files into a folder that is there; name to path; `simulated` as for `save_png`.
+
+    Raises OSError.
+    """
     paths = {}
     for name, figure in figures.items():
         path = folder / f"{name}.png"
-        figure.savefig(path, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+        save_png(figure, path, simulated=simulated)
         paths[name] = str(path)
     return paths
 

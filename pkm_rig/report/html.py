@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,7 @@ def report_html(outcome: CampaignOutcome) -> str:
     environment.filters["sized"] = lambda quantity: with_symbols(diagnosis_text.format_quantity(quantity))
     environment.filters["urad"] = lambda rad: f"{rad * 1e6:.1f}"
     recording = outcome.reduction.recording
+    uri = partial(pictures.data_uri, simulated=outcome.simulated)
     sections = [_payload_section(outcome, verified) for verified in outcome.verified]
     return environment.get_template("report.html").render(
         outcome=outcome,
@@ -62,9 +64,9 @@ def report_html(outcome: CampaignOutcome) -> str:
         unobserved=list(observability_of(outcome.calibration.fit).sentences),
         correlations=_correlations(outcome.calibration.fit),
         pictures={
-            "conditions": pictures.data_uri(pictures.conditions(outcome.reduction)),
-            "residuals": pictures.data_uri(pictures.residuals(outcome.calibration)),
-            "parameters": pictures.data_uri(pictures.parameter_plot(outcome.calibration)),
+            "conditions": uri(pictures.conditions(outcome.reduction)),
+            "residuals": uri(pictures.residuals(outcome.calibration)),
+            "parameters": uri(pictures.parameter_plot(outcome.calibration)),
         },
         fit=outcome.calibration.fit,
         diagnosis_line=with_symbols(diagnosis_text.diagnosis_line(outcome.diagnosis)),
@@ -87,19 +89,20 @@ def _payload_section(outcome: CampaignOutcome, verified: VerificationResult) -> 
     visits = outcome.reduction.observations.visits.take(rows)
     predicted = predict_poses(outcome.calibration.fit, outcome.reduction.report, visits)
     title = f"payload: {name}"
+    uri = partial(pictures.data_uri, simulated=outcome.simulated)
     return {
         "verified": verified,
         "name": name,
         "rows": model_rows(verified),
         "remark": comparison_remark(verified),
-        "map": pictures.data_uri(pictures.error_maps(maps, f"Predicted error of the tool point, {title}")),
+        "map": uri(pictures.error_maps(maps, f"Predicted error of the tool point, {title}")),
         "u_map_um": float(np.sqrt(np.mean(maps.u_m**2))) * 1e6,
-        "scatter": pictures.data_uri(
+        "scatter": uri(
             pictures.verification_scatter(
                 outcome.reduction, verified.payload, f"Measured at the verification poses, {title}"
             )
         ),
-        "orientation": pictures.data_uri(pictures.orientation_plot(outcome.reduction, predicted, verified.payload)),
+        "orientation": uri(pictures.orientation_plot(outcome.reduction, predicted, verified.payload)),
         "largest_correction_um": float(np.max(np.abs(written.table.correction_m))) * 1e6,
         "temperature_c": written.table.temperature_c,
         "drives": written.drives,
@@ -115,7 +118,7 @@ def _diagnosis(outcome: CampaignOutcome) -> dict[str, Any] | None:
     return {
         "result": diagnosis,
         "shares": diagnosis_json.largest_shares(diagnosis),
-        "pictures": [pictures.data_uri(figure) for figure in images.values()],
+        "pictures": [pictures.data_uri(figure, simulated=outcome.simulated) for figure in images.values()],
         "next": candidates[0] if candidates else None,
     }
 

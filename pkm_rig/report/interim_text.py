@@ -8,10 +8,11 @@ from drivers.station.interim_test import InterimTest
 from pkm_rig.report.terminal import results
 
 
-def interim_test_json(result: InterimTest) -> dict[str, Any]:
+def interim_test_json(result: InterimTest, *, simulated: bool) -> dict[str, Any]:
     """The result for programs."""
     return {
         "station_serial": result.serial,
+        "simulated": simulated,
         "passed": result.passed,
         "two_face": {e.nest: {"across_rad": e.across_rad, "up_rad": e.up_rad} for e in result.two_face},
         "distances": [

@@ -29,6 +29,7 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
     last = outcome.verified[-1]
     return {
         "campaign": outcome.campaign,
+        "simulated": outcome.simulated,
         "accepted": outcome.accepted,
         "decision": outcome.decision,
         "before": pool_figures([v.before for v in outcome.verified]),

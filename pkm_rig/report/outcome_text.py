@@ -10,12 +10,13 @@ from rich.table import Table
 from calibration.base.rounding import round_result
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures
 from pkm_rig.report.diagnosis_text import diagnosis_line
-from pkm_rig.report.terminal import results
+from pkm_rig.report.terminal import print_simulated, results
 from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
 
 
 def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
     """The short table, the comparison, the verdict and where the report is."""
+    print_simulated(outcome.simulated)
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     table.add_column("position / um (U, k = 2)", justify="right")

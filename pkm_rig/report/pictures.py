@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+from pathlib import Path
+from typing import IO
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,10 +19,17 @@ from calibration.reduction.reduction import CALIBRATION, Reduction, nest_shift
 BEFORE, AFTER, NEUTRAL = "#b0413e", "#2a6f97", "#5c677d"
 
 
-def data_uri(figure: Figure) -> str:
-    """A figure as a PNG data URI."""
+def save_png(figure: Figure, file: IO[bytes] | Path, *, simulated: bool) -> None:
+    """Write a figure as PNG, with SIMULATED across it if it does not come from a machine. Raises OSError."""
+    if simulated:
+        figure.text(0.5, 0.5, "SIMULATED", ha="center", va="center", rotation=20, fontsize=44, color="0.5", alpha=0.3)
+    figure.savefig(file, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+
+
+def data_uri(figure: Figure, *, simulated: bool) -> str:
+    """A figure as a PNG data URI; `simulated` as for `save_png`."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+    save_png(figure, stream, simulated=simulated)
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 

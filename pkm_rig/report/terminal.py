@@ -42,6 +42,15 @@ messages = PeopleConsole(stderr=True, highlight=False)
 results = PeopleConsole(highlight=False)
 
 
+SIMULATED = "SIMULATED: by simulated devices, not on a machine"
+
+
+def print_simulated(simulated: bool) -> None:
+    """A line for people before a result that does not come from a machine."""
+    if simulated:
+        results.print(SIMULATED, style="bold")
+
+
 def print_json(result: dict[str, Any]) -> None:
     """One machine-readable object on stdout."""
     print(json.dumps(result, allow_nan=False))
@@ -52,6 +61,7 @@ def print_result(as_json: bool, result: dict[str, Any], *parts: RenderableType) 
     if as_json:
         print_json(result)
         return
+    print_simulated(result.get("simulated", False))
     for part in parts:
         results.print(part, soft_wrap=True)
 
@@ -61,6 +71,7 @@ def print_either(as_json: bool, result: dict[str, Any], print_for_people: Callab
     if as_json:
         print_json(result)
     else:
+        print_simulated(result.get("simulated", False))
         print_for_people(result)
 
 

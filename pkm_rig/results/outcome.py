@@ -74,3 +74,8 @@ class CampaignOutcome:
     def accepted(self) -> bool:
         """Whether the tables stay."""
         return self.decision == "accepted"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a device of the campaign was simulated."""
+        return self.reduction.recording.file.simulated

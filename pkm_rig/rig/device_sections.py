@@ -142,7 +142,7 @@ class PlcConnection(Section):
     reply_timeout_s: float = Field(
         gt=0.0, default=0.5, description="Longest wait for a reply; a failed read is repeated once on a new connection."
     )
-    without: tuple[Literal["interlocks_inverted", "master_heartbeat", "master_seen"], ...] = Field(
+    without: tuple[Literal["interlocks_inverted", "master_heartbeat", "master_seen", "simulated"], ...] = Field(
         default=(), description="Registers of the default map that the PLC does not have."
     )
     registers: dict[str, RegisterEntry] = Field(default_factory=dict, description="Changes to the default map.")

@@ -14,6 +14,7 @@ from pkm_rig.rig.device_sections import PlcConnection, ReadingEntry, RegisterEnt
 
 _MEASURED = ("pressure_hpa", "humidity_percent")
 _TEMPERATURE = "_temperature_c"
+SIMULATED_AT = 18
 
 
 def plc_line(plc: PlcConnection, rig_path: Path) -> ModbusLine:
@@ -61,9 +62,19 @@ def register_map(plc: PlcConnection) -> RegisterMap:
         if plc.interlocks:
             changed["interlock_bits"] = dict(plc.interlocks)
         changed["readings"] = {entry.name: _reading_register(entry) for entry in plc.readings}
-        return replace(default, temperatures_c=temperatures, **changed)
+        return _with_simulated(replace(default, temperatures_c=temperatures, **changed), plc)
     except ValueError as error:
         raise InputError(f"rig file: plc: {error}") from error
+
+
+def _with_simulated(registers: RegisterMap, plc: PlcConnection) -> RegisterMap:
+    """The map with the register that says that a PLC is simulated, also where the rig file does not name it.
+
+    Its default place costs nothing where it lies between others, all of which are read at once.
+    """
+    asked = "simulated" in plc.registers or "simulated" in plc.without
+    between = registers.first <= SIMULATED_AT < registers.first + registers.count
+    return registers if asked or not between else replace(registers, simulated=SIMULATED_AT)
 
 
 def _reading_register(entry: ReadingEntry) -> ReadingRegister:

@@ -72,6 +72,14 @@ class Rig:
             poll_period_s=self._poll_period_s,
         )
 
+    @property
+    def simulated_devices(self) -> tuple[str, ...]:
+        """Names of the devices that say by their identity that they are simulated."""
+        station, drives = self.station, self.drives.drives
+        out = [station.name] if station.identity is not None and station.identity.simulated else []
+        out += [f"drive {drive.name}" for drive in drives if drive.identity is not None and drive.identity.simulated]
+        return (*out, *([self.plc.name] if self.supervisor.state().simulated else []))
+
     # --- motion
 
     def enable(self) -> None:

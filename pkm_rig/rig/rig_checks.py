@@ -11,6 +11,7 @@ from calibration.machine.description import Machine
 from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.rig.config import RigFile
 from pkm_rig.rig.rig import Rig
+from pkm_rig.store.store import Store
 
 
 def check_rig(rig: Rig) -> list[str]:
@@ -29,6 +30,24 @@ def check_rig(rig: Rig) -> list[str]:
                 f"drive {drive.name}: its software limits are narrower than travel_m of the machine file; adjust one"
             )
     return problems
+
+
+def require_same_kind(rig: Rig, store: Store, campaign: str) -> None:
+    """Raise InputError if a campaign of real devices would go on with simulated ones, or the other way round.
+
+    Version 0.1 did not say it of its campaigns: there the name of the mock's station does.
+    """
+    simulated = store.header(campaign).simulated
+    settings = store.events(campaign, "settings")
+    if settings and not simulated:
+        simulated = ((settings[0].data.get("station") or {}).get("name") or "").startswith("MOCK")
+    devices = rig.simulated_devices
+    if bool(devices) != simulated:
+        what = f"{', '.join(devices)} are simulated" if devices else "none of these devices is simulated"
+        raise InputError(
+            f"campaign {campaign}: measured with {'simulated' if simulated else 'real'} devices, and {what}; "
+            "go on with the rig that it was begun on"
+        )
 
 
 def require_table_banks(rig: Rig) -> None:

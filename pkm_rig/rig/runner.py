@@ -220,4 +220,5 @@ def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
         nest_limit_m=file.campaign.nest_limit_m,
         payloads=file.payloads,
         nuisance=file.nuisance,
+        simulated=bool(rig.simulated_devices),
     )

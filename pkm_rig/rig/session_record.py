@@ -11,6 +11,7 @@ from calibration.base.errors import InputError
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.rig_checks import require_same_kind
 from pkm_rig.store.sessions import BEGUN, ENDED, Moment, last_moment, next_number
 from pkm_rig.store.store import Store
 
@@ -28,8 +29,10 @@ def session(
 ) -> Iterator[int]:
     """Record the begin and the end of a session; its number.
 
-    Raises InputError if the rig's clock lies before the campaign's end: times would overlap.
+    Raises InputError if the rig's clock lies before the campaign's end, for times would overlap, and for simulated
+    devices where the campaign's were real.
     """
+    require_same_kind(rig, store, campaign)
     after = last_moment(store, campaign)
     if after is not None:
         _require_later(rig, after, campaign)

@@ -165,6 +165,14 @@ class Store:
         with self._reading() as connection:
             return connection.execute(query).first() is not None
 
+    def header(self, campaign: str) -> RecordingFile:
+        """What a campaign was measured with; InputError if it is unknown."""
+        with self._reading() as connection:
+            row = connection.execute(sa.select(campaigns.c.description).where(campaigns.c.id == campaign)).first()
+        if row is None:
+            raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
+        return RecordingFile.model_validate_json(row.description)
+
     def recording(self, campaign: str) -> Recording:
         """All readings of a campaign; InputError if it is unknown or has none."""
         with self._reading() as connection:

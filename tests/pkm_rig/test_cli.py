@@ -169,6 +169,8 @@ def test_embedded_names_the_rig_of_the_demo(run, tmp_path, monkeypatch):
         json.loads(run("check", "--rig", rig, "--json").stdout) for rig in ("embedded", embedded_rig_path())
     )
     assert named == by_path
+    assert named["simulated_devices"] == ["mock station", "drive left", "drive right", "PLC"]
+    assert run("check", "--rig", "embedded").stdout.startswith("SIMULATED")
     assert "check the path" in last_line(run("check", "--rig", "./embedded/rig.toml"))
 
 

@@ -105,7 +105,7 @@ def test_parameters_are_lost_at_a_restart_unless_stored(master, drive, clock):
     assert sdo[0x1800][2].raw == 5
     drive.power_cycle()
     assert sdo[0x1800][2].raw == 1
-    assert sdo[0x1018][4].raw == 1001
+    assert sdo[0x1018][4].raw == 0x53494D01
 
 
 def test_a_pdo_by_its_event_timer(master, clock):

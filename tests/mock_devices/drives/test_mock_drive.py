@@ -116,13 +116,13 @@ def abort_code(call):
 def test_identity_units_and_limits_are_those_of_the_documents(sdo, master):
     assert sdo[0x1000].raw == 0x00020192
     assert sdo[0x1008].raw == "PKM mock drive"
-    assert [sdo[0x1018][i].raw for i in (1, 2, 4)] == [0x504B, 0x402, 1001]
+    assert [sdo[0x1018][i].raw for i in (1, 2, 4)] == [0x504B, 0x402, 0x53494D01]
     assert [sdo[0x608F][i].raw for i in (1, 2)] == [1_000_000, 1]
     assert [sdo[0x6091][i].raw for i in (1, 2)] == [1, 1]
     assert [sdo[0x6092][i].raw for i in (1, 2)] == [10_000, 1]
     assert [sdo[0x607D][i].raw for i in (1, 2)] == [32_000_000, 170_000_000]
     assert sdo[0x6502].raw == 0xA1  # profile position, homing and cyclic synchronous position
-    assert master.nodes[2].sdo[0x1018][4].raw == 1002
+    assert master.nodes[2].sdo[0x1018][4].raw == 0x53494D02
 
 
 def test_it_starts_switched_off_with_compensation_off_and_payload_unknown(sdo):

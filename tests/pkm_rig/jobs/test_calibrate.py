@@ -21,7 +21,7 @@ from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.html import write_report
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.outcome_json import outcome_json
-from pkm_rig.report.outcome_text import short_table
+from pkm_rig.report.outcome_text import print_outcome, short_table
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
@@ -114,6 +114,17 @@ def test_a_diagnosis_that_fails_costs_one_line(run):
     assert outcome_json(failed, None)["diagnosis"] == {"failure": "too few readings"}
     write_report(failed, out / "failed.html")
     assert "diagnosis: too few readings" in (out / "failed.html").read_text(encoding="utf-8")
+
+
+def test_a_campaign_on_the_mock_says_that_it_is_simulated(run, capsys):
+    outcome, store, out, *_ = run
+    assert store.recording(outcome.campaign).file.simulated
+    assert outcome_json(outcome, None)["simulated"]
+    assert identify_with_checks(store.recording(outcome.campaign), "map")["simulated"]
+    print_outcome(outcome, None)
+    assert capsys.readouterr().out.startswith("SIMULATED")
+    write_report(outcome, out / "simulated.html")
+    assert "SIMULATED: by simulated devices" in (out / "simulated.html").read_text(encoding="utf-8")
 
 
 def test_report_is_one_file_without_outside_requests(run):

@@ -113,7 +113,7 @@ def test_a_probability_never_reads_as_certain():
 @pytest.mark.parametrize("kind", EXAMPLES)
 def test_pictures_are_drawn_of_every_verdict(kind, machine, tmp_path):
     result = EXAMPLES[kind]()
-    paths = diagnosis_pictures.save(diagnosis_pictures.draw_all(result, machine), tmp_path)
+    paths = diagnosis_pictures.save(diagnosis_pictures.draw_all(result, machine), tmp_path, simulated=False)
     assert set(paths) == {"error-map", "coordinates", "time-line"} | ({"spectrum"} if result.spectra else set())
     for path in paths.values():
         with open(path, "rb") as stream:

@@ -129,7 +129,7 @@ def diagnose(recording: Recording, effects: tuple[str | Path, ...] = ()) -> Diag
     from calibration.diagnosis.diagnose import diagnose
     from calibration.effects.catalogue import load_catalogue
     from calibration.identification.calibration import calibration_part
-    from calibration.reduction.reduction import drop_unclosed_readings
+    from calibration.reduction.nest_checks import drop_unclosed_readings
 
     readings = drop_unclosed_readings(calibration_part(recording))
     return diagnose(readings, load_catalogue(tuple(Path(path) for path in effects)))

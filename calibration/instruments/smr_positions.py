@@ -27,8 +27,8 @@ REFRACTION_U_PER_M = 5e-7  # half a kelvin per metre across the line of sight
 class ReflectorObservations:
     """Reflector positions measured during visits, one row a reading (r).
 
-    visit (r,): row of `visits`; smr (r,): index in the machine file; position_m (r, 3) in the station's
-    frame; covariance_m2 (r, 3, 3).
+    visit (r,): row of `visits`; smr (r,): index in the machine file; position_m (r, 3) in the frame of the station's
+    first set-up; covariance_m2 (r, 3, 3); setup (r,): row of the set-ups, None with one.
     """
 
     visits: Visits
@@ -36,6 +36,7 @@ class ReflectorObservations:
     smr: NDArray[np.intp]
     position_m: Array
     covariance_m2: Array
+    setup: NDArray[np.intp] | None = None
 
     def __len__(self) -> int:
         return len(self.visit)
@@ -43,20 +44,20 @@ class ReflectorObservations:
     def take(self, rows: RowSelection) -> ReflectorObservations:
         """Some of the readings, of the same visits."""
         return ReflectorObservations(
-            self.visits, self.visit[rows], self.smr[rows], self.position_m[rows], self.covariance_m2[rows]
+            self.visits,
+            self.visit[rows],
+            self.smr[rows],
+            self.position_m[rows],
+            self.covariance_m2[rows],
+            None if self.setup is None else self.setup[rows],
         )
 
     def of_visits(self, keep: NDArray[np.bool_]) -> ReflectorObservations:
         """The readings of the visits that are kept."""
         new_row = np.cumsum(keep) - 1
         rows = keep[self.visit]
-        return ReflectorObservations(
-            self.visits.take(np.flatnonzero(keep)),
-            new_row[self.visit[rows]],
-            self.smr[rows],
-            self.position_m[rows],
-            self.covariance_m2[rows],
-        )
+        some = self.take(rows)
+        return replace(some, visits=self.visits.take(np.flatnonzero(keep)), visit=new_row[some.visit])
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,14 @@ class DriftEstimate:
     """Small rigid motion of the station's frame at some times (t,), since the first nest reading.
 
     state (t, 6): translation in m and rotation vector in rad about the station; covariance (t, 6, 6).
+    nests_m (k, 3): the nests' places in the frame of the first reading, in the order of their numbers;
+    nest_covariance_m2 (3 k, 3 k).
     """
 
     state: Array
     covariance: Array
+    nests_m: Array
+    nest_covariance_m2: Array
 
     def remove(self, points_m: Array, covariances_m2: Array) -> tuple[Array, Array]:
         """Points (t, 3) without drift, the drift's covariance added to theirs."""
@@ -91,4 +95,9 @@ def estimate_drift(
     place = np.empty(len(times), dtype=np.intp)
     place[order] = np.arange(len(times))
     requested = place[len(t_s) :]
-    return DriftEstimate(x[requested, :6], p[requested, :6, :6])
+    return DriftEstimate(
+        state=x[requested, :6],
+        covariance=p[requested, :6, :6],
+        nests_m=first + x[-1, 6:].reshape(-1, 3),
+        nest_covariance_m2=p[-1, 6:, 6:],
+    )

@@ -29,14 +29,18 @@ class GroupedReadings:
 
 
 def group_by_visit(
-    recording: Recording, rows: NDArray[np.intp], position_m: Array, covariance_m2: Array
+    recording: Recording,
+    rows: NDArray[np.intp],
+    position_m: Array,
+    covariance_m2: Array,
+    setup: NDArray[np.intp] | None = None,
 ) -> GroupedReadings:
     """The readings at some rows (r,), by visit in ascending order; several of one reflector in a visit are kept apart.
 
-    position_m (n, 3) and covariance_m2 (n, 3, 3): of all rows, in the station's frame. A visit has the target and
-    payload of its first reading, and the mean drives and part temperatures of all its readings. Drives may move a
-    little between the readings of a visit: each position is that at the visit's drives, moved there by the nominal
-    machine.
+    position_m (n, 3), covariance_m2 (n, 3, 3), in the station's frame, and setup (n,): of all rows. A visit has the
+    target and payload of its first reading, and the mean drives and part temperatures of all its readings. Drives may
+    move a little between the readings of a visit: each position is that at the visit's drives, moved there by the
+    nominal machine.
     """
     _, first, visit = np.unique(recording["visit"][rows], return_index=True, return_inverse=True)
     visit, heads = visit.astype(np.intp), rows[first]
@@ -51,7 +55,8 @@ def group_by_visit(
     )
     smr = reflector_indices(recording)[rows]
     position = position_m[rows] - _moved_by_drives(recording, visits, visit, smr, drives)
-    return GroupedReadings(ReflectorObservations(visits, visit, smr, position, covariance_m2[rows]), heads)
+    seen_from = np.zeros(len(rows), dtype=np.intp) if setup is None else setup[rows]
+    return GroupedReadings(ReflectorObservations(visits, visit, smr, position, covariance_m2[rows], seen_from), heads)
 
 
 def _moved_by_drives(

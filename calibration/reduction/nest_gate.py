@@ -75,7 +75,7 @@ def wrong_nest_readings(readings: NestReadings, accuracy: AccuracyEntry) -> Wron
     """Readings beyond the gate, the worst first, while another nest of their check speaks for the station.
 
     If all nests of a check are off, or a nest from one check to the next alike, the station or the nest has moved: such
-    readings stay, for the nest check to fail (`reduction.usable_readings`).
+    readings stay, for the nest check to fail (`nest_checks.usable_readings`).
     """
     n = len(readings)
     covariance = _covariance(readings, accuracy)

@@ -14,7 +14,7 @@ from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.identification.calibration import calibration_part
 from calibration.recording.recording import Recording
-from calibration.reduction.reduction import drop_unclosed_readings
+from calibration.reduction.nest_checks import drop_unclosed_readings
 from pkm_rig.jobs.campaign_file import write_campaign_files
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import additions_by_gain, diagnosis_json, gap_json

@@ -14,7 +14,8 @@ from calibration.base.arrays import Array
 from calibration.compensation.error_map import ErrorMap
 from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import free_axes
-from calibration.reduction.reduction import CALIBRATION, Reduction, nest_shift
+from calibration.reduction.nest_checks import nest_shift
+from calibration.reduction.reduction import CALIBRATION, Reduction
 
 BEFORE, AFTER, NEUTRAL = "#b0413e", "#2a6f97", "#5c677d"
 

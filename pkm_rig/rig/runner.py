@@ -17,7 +17,8 @@ from bluesky import RunEngine
 
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
-from calibration.reduction.reduction import CALIBRATION, usable_readings
+from calibration.reduction.nest_checks import usable_readings
+from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DeviceError, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice

@@ -14,7 +14,7 @@ from calibration.effects.catalogue import load_catalogue
 from calibration.identification.calibration import calibration_part, identify_recording
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
-from calibration.reduction.reduction import drop_unclosed_readings
+from calibration.reduction.nest_checks import drop_unclosed_readings
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.rig.config import load_rig
 from pkm_rig.store.store import STORE_NAME, open_store

@@ -11,7 +11,8 @@ from calibration.base.errors import InputError
 from calibration.identification.calibration import identify_recording
 from calibration.identification.model_comparison import model_comparison
 from calibration.reduction.figures import noise_floor
-from calibration.reduction.reduction import drop_unclosed_readings, nest_shift, reduce, usable_readings
+from calibration.reduction.nest_checks import drop_unclosed_readings, nest_shift, usable_readings
+from calibration.reduction.reduction import reduce
 from tests.pkm_rig.plant_recording import plant_of, record
 
 SIZE = {"calibration_poses": 24, "nest_every_visits": 6}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.reduction.reduction import usable_readings
+from calibration.reduction.nest_checks import usable_readings
 from drivers.errors import DeviceError
 from pkm_rig.jobs.added_visits import is_same_rig
 from pkm_rig.jobs.measure import measure

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from calibration.reduction.reduction import usable_readings
+from calibration.reduction.nest_checks import usable_readings
 from drivers.drives.servo_drive import DriveSample
 from drivers.errors import DrivesMoved
 from pkm_rig.rig.plans import MEASURED_ANEW, visits

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study withheld bench faults deliberate-errors mutants peers latency overhead clean
+.PHONY: demo test lint demo-check rig-study withheld bench faults kill-sweep deliberate-errors mutants peers latency overhead clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -20,6 +20,11 @@ lint: $(VENV)/dev.stamp
 # Every fault at every operation of a short campaign, one table; ends after an hour and goes on where it was ended.
 faults: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.faults.sweep $(FAULTS)
+
+# Host, mock devices and single drives killed in short campaigns that are then taken up again; devices that fall silent.
+# Stopped, it goes on. CHAINS=2 for a first look, ONLY=silent for the devices that fall silent.
+kill-sweep: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.kill_sweep.run $(if $(CHAINS),--chains $(CHAINS)) $(if $(ONLY),--only $(ONLY))
 
 # Errors that somebody might make (tests/deliberate_errors/errors.toml), each in a copy of the tree: the tests must find it.
 deliberate-errors: $(VENV)/dev.stamp

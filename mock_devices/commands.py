@@ -72,6 +72,8 @@ def _status(mock: MockRig, words: list[str]) -> str:
     if words:
         raise ValueError(USAGE["status"])
     t_s = mock.plant.clock.now_s()
+    for drive in mock.drives:
+        drive.with_axis(lambda axis: axis.refresh())
     drives = {
         drive.axis_name: {
             "moving": drive.is_moving(t_s),

@@ -24,7 +24,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from tests.copied_tree import ROOT, copied_tree, run_tests, spoilt
+from tests.copied_tree import ROOT, copied_tree, nearest_first, run_tests, spoilt
 from tests.mutants.mutate import Mutant, compiles, mutants
 
 ROOMS = {
@@ -159,19 +159,11 @@ def _try(trees: SimpleQueue[Path], drawn: Drawn, limit_s: float) -> dict[str, An
     try:
         began_s = time.monotonic()
         with spoilt(tree / drawn.file, drawn.mutant.apply(drawn.text)):
-            ran, said = run_tests(tree, _nearest_first(tree, drawn), limit_s)
+            ran, said = run_tests(tree, nearest_first(tree, ROOMS[drawn.room], drawn.file), limit_s)
         seconds = time.monotonic() - began_s
     finally:
         trees.put(tree)
     return {"key": drawn.key, "mutant": str(drawn), "ran": ran, "said": said, "seconds": round(seconds, 1)}
-
-
-def _nearest_first(tree: Path, drawn: Drawn) -> list[str]:
-    """The files of a room's tests, those first that name the module: most mutants are found within seconds."""
-    files = [path for folder in ROOMS[drawn.room] for path in sorted((tree / folder).glob("test_*.py"))]
-    module = drawn.file.removesuffix(".py").replace("/", ".")
-    far = {path: module not in path.read_text(encoding="utf-8") for path in files}
-    return [str(path.relative_to(tree)) for path in sorted(files, key=lambda path: far[path])]
 
 
 if __name__ == "__main__":

@@ -1,0 +1,1 @@
+"""What survives when the host, the mock devices or one drive are killed in the middle of a campaign."""

@@ -23,7 +23,8 @@ from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.plans import visits
 from pkm_rig.rig.runner import describe_campaign, open_runner
 from pkm_rig.rig.schedule import Block, calibration_blocks
-from pkm_rig.store.store import Store, now_text
+from pkm_rig.store.append import now_text
+from pkm_rig.store.store import Store
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 LIMIT = 0.02

@@ -13,7 +13,7 @@ import typer
 
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError
-from pkm_rig.cli import analysis_commands, mock_command, rig_commands, store_commands
+from pkm_rig.cli import analysis_commands, mock_command, record_commands, rig_commands, store_commands
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.report.terminal import messages
 from pkm_rig.version import __version__
@@ -37,6 +37,10 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "report": store_commands.report,
     "export": store_commands.export_campaign,
     "import": store_commands.import_folder,
+    "audit": record_commands.audit,
+    "backup": record_commands.backup,
+    "archive": record_commands.archive,
+    "delete": record_commands.delete,
 }
 
 app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)

@@ -9,21 +9,35 @@ import typer
 
 from calibration.base.errors import InputError
 from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument
+from pkm_rig.errors import StoreError
 
 
-def list_campaigns(out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+def list_campaigns(
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    removed: Annotated[bool, typer.Option("--removed", help="campaigns that were deleted or archived")] = False,
+) -> None:
     """What is in the store."""
+    from pkm_rig.report.record_text import removed_line
     from pkm_rig.report.terminal import print_json, results
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
-        rows = store.campaigns()
+        rows, gone = store.campaigns(), store.removed()
     if json:
-        keys = ("campaign", "created", "rig", "readings", "last_event")
-        print_json({"campaigns": [dict(zip(keys, row, strict=True)) for row in rows]})
+        print_json({"campaigns": [row._asdict() for row in rows], "removed": [one._asdict() for one in gone]})
+    elif removed:
+        for one in gone:
+            results.print(removed_line(one), soft_wrap=True, markup=False)
     else:
         for row in rows:
-            results.print("  ".join(str(part) for part in row), soft_wrap=True)
+            parts = (row.campaign, row.created, row.rig, row.readings, "DAMAGED" if row.damage else row.last_event)
+            results.print("  ".join(str(part) for part in parts), soft_wrap=True, markup=False)
+        if gone:
+            results.print(f"{len(gone)} removed: pkm-rig list --removed --out {out}", soft_wrap=True, markup=False)
+    damaged = [row.damage for row in rows if row.damage]
+    if damaged:
+        raise StoreError(damaged[0])
 
 
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
@@ -32,21 +46,24 @@ def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: 
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
-        recording = store.recording(campaign)
-        events = store.events(campaign)
+        simulated, head = store.header(campaign).simulated, store.head(campaign)
+        readings, events = store.count_readings(campaign), store.events(campaign)
     if json:
         print_json({
             "campaign": campaign,
-            "simulated": recording.file.simulated,
-            "readings": len(recording),
+            "simulated": simulated,
+            "readings": readings,
+            "head": head or None,
             "events": [{"created": e.created, "kind": e.kind, "data": e.data} for e in events],
         })  # fmt: skip
         return
-    print_simulated(recording.file.simulated)
-    results.print(f"{campaign}: {len(recording)} readings")
+    print_simulated(simulated)
+    chained = f"head {head}" if head else "not chained"
+    results.print(f"{campaign}: {readings} readings, {chained}", soft_wrap=True, markup=False)
     for event in events:
         plan = event.data.get("plan") or ""
-        results.print(f"{event.created}  {event.kind}  {plan} {event.data.get('reason', '')}".rstrip())
+        line = f"{event.created}  {event.kind}  {plan} {event.data.get('reason', '')}".rstrip()
+        results.print(line, soft_wrap=True, markup=False)
 
 
 def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:

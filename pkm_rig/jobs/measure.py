@@ -14,7 +14,8 @@ from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import check_rig
 from pkm_rig.rig.runner import Runner, describe_campaign, new_campaign_id, open_runner, settings_event
 from pkm_rig.rig.schedule import Block, calibration_blocks
-from pkm_rig.store.store import Store, now_text
+from pkm_rig.store.append import now_text
+from pkm_rig.store.store import Store
 
 
 def measure(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: str | None = None) -> str:

@@ -15,5 +15,6 @@ __all__ = [
     "outcome_text",
     "pictures",
     "plan_text",
+    "record_text",
     "terminal",
 ]

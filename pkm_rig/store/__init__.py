@@ -1,3 +1,17 @@
 """The record of all campaigns of a folder: an append-only database with a schema version and a hash chain."""
 
-__all__ = ["chain", "connections", "migrate", "migrations", "schema", "sessions", "store"]
+__all__ = [
+    "append",
+    "audit",
+    "chain",
+    "connections",
+    "copies",
+    "lock",
+    "migrate",
+    "migrations",
+    "removal",
+    "schema",
+    "sessions",
+    "store",
+    "stored_rows",
+]

@@ -11,7 +11,8 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from calibration.base.errors import InputError
-from pkm_rig.store.connections import writer
+from pkm_rig.errors import StoreError
+from pkm_rig.store.connections import engine_of, in_memory, open_for_reading, writer
 from pkm_rig.store.schema import REVISION
 
 BASELINE = "0001"  # of version 0.1, which did not write its revision down
@@ -27,6 +28,8 @@ def revision_of(connection: sa.Connection, path: Path) -> str:
         return NEW
     if "alembic_version" in tables:
         revision = str(connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar())
+        if not revision.isdigit():
+            raise StoreError(f"store {path}: damaged (it does not say its schema); restore it from a backup")
         if revision > REVISION:
             raise InputError(
                 f"store {path}: written by a newer version of pkm-rig (schema {revision}, here {REVISION}); "
@@ -55,16 +58,40 @@ def bring_up_to_date(engine: sa.Engine, path: Path) -> None:
         migrate(connection, revision)
 
 
+def engine_for_reading(path: Path) -> sa.Engine:
+    """Of a file that is there, left as it is: an older schema is migrated in memory.
+
+    Raises InputError if the file is empty or a newer version wrote it.
+    """
+    source = open_for_reading(path)
+    engine = engine_of(source)
+    with engine.connect() as connection:
+        revision = revision_of(connection, path)
+    if revision == REVISION:
+        return engine
+    if revision == NEW:
+        raise InputError(f"store {path}: empty; nothing was stored in it")
+    engine = engine_of(in_memory(source))
+    source.close()
+    with writer(engine).begin() as connection:
+        migrate(connection, revision)
+    return engine
+
+
 def migrate(connection: sa.Connection, revision: str, to: str = "head") -> None:
     """Take the steps from a revision to another, within the transaction that the connection has begun."""
     from alembic import command  # noqa: PLC0415 - a store that is up to date opens without it
     from alembic.config import Config  # noqa: PLC0415
+    from alembic.util.exc import CommandError  # noqa: PLC0415
 
     config = Config(attributes={"connection": connection})
     config.set_main_option("script_location", str(Path(__file__).with_name("migrations")))
-    if revision == BASELINE:
-        command.stamp(config, BASELINE)
-    command.upgrade(config, to)
+    try:
+        if revision == BASELINE:
+            command.stamp(config, BASELINE)
+        command.upgrade(config, to)
+    except CommandError as error:
+        raise StoreError(f"the store's schema {revision} is damaged: {error}; restore it from a backup") from error
 
 
 def _copy(path: Path, copy: Path) -> None:

@@ -19,6 +19,7 @@ campaigns = sa.Table(
     sa.Column("created", sa.String, nullable=False),
     sa.Column("description", sa.Text, nullable=False),
     sa.Column("machine", sa.Text, nullable=False),
+    sa.Column("chain", sa.String),
 )
 readings = sa.Table(
     "readings",
@@ -66,7 +67,7 @@ removed_campaigns = sa.Table(
     sa.Column("campaign", sa.String, primary_key=True),
     sa.Column("created", sa.String, nullable=False),
     sa.Column("readings", sa.Integer, nullable=False),
-    sa.Column("position", sa.Integer, nullable=False),
+    sa.Column("rows", sa.Integer, nullable=False),
     sa.Column("head", sa.String),
     sa.Column("removed", sa.String, nullable=False),
     sa.Column("who", sa.String, nullable=False),

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from calibration.recording.recording import Recording
-from pkm_rig.store.store import Store, StoredEvent
+from pkm_rig.store.store import Store
+from pkm_rig.store.stored_rows import StoredEvent
 
 BEGUN, ENDED = "session_begun", "session_ended"
 

@@ -6,13 +6,11 @@ a campaign form one hash chain (`chain`); campaigns of version 0.1 have none.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+import sqlite3
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
@@ -23,49 +21,60 @@ from calibration.recording.folder import read_folder
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from pkm_rig.errors import StoreError
-from pkm_rig.store.chain import canonical, event_link, genesis, reading_link
+from pkm_rig.store.append import append_campaign, append_event, append_readings, head_of, now_text
+from pkm_rig.store.chain import canonical
 from pkm_rig.store.connections import engine_for_writing, writer
-from pkm_rig.store.migrate import bring_up_to_date
-from pkm_rig.store.schema import campaigns, events, heads, readings, table_changes
+from pkm_rig.store.lock import Lock
+from pkm_rig.store.migrate import bring_up_to_date, engine_for_reading
+from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns, table_changes
+from pkm_rig.store.stored_rows import (
+    CampaignRows,
+    RemovedCampaign,
+    StoredCampaign,
+    StoredEvent,
+    StoredTableChange,
+    read_campaign,
+    read_removed,
+    read_table_change,
+    stored_text,
+)
 
 STORE_NAME = "pkm-rig.sqlite"
 
 
-@dataclass(frozen=True)
-class StoredEvent:
-    """Something that happened to a campaign: started, stopped, identified, activated, verified ..."""
+class CampaignSummary(NamedTuple):
+    """A campaign in a list; where `damage` says something, the rest is what could be read."""
 
-    created: str
-    kind: str
-    data: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class StoredTableChange:
-    """One step of a change of the tables in a rig's drives, of a campaign or by hand."""
-
-    id: int
+    campaign: str
     created: str
     rig: str
-    machine: str
-    campaign: str | None
-    change: str
-    kind: str
-    data: dict[str, Any]
+    readings: int
+    last_event: str
+    damage: str = ""
 
 
 class Store:
     """The record in one file. Safe to use from several threads."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, read_only: bool = False) -> None:
+        """Open the file. To write, it is made if it is not there, and an older one is migrated.
+
+        `read_only` it must be there, and is left as it is. Raises InputError and StoreError.
+        """
         self.path = path
+        self._lock: Lock | None = None
         try:
+            if read_only:
+                with self._errors():
+                    self._engine = engine_for_reading(path)
+                return
             path.parent.mkdir(parents=True, exist_ok=True)
             self._engine = engine_for_writing(path)
             with self._errors():
                 bring_up_to_date(self._engine, path)
         except OSError as error:
-            raise InputError(f"store {path}: {error.strerror}; choose a place that can be written") from error
+            advice = "check the path" if read_only else "choose a place that can be written"
+            raise InputError(f"store {path}: {error.strerror}; {advice}") from error
 
     def limit_pages(self, pages: int) -> None:
         """Let the file grow to so many pages of 4096 bytes at most: a quota, and a way to try a full disk."""
@@ -73,46 +82,53 @@ class Store:
             connection.exec_driver_sql(f"PRAGMA max_page_count={pages}")
 
     def close(self) -> None:
-        """Close all connections."""
+        """Close all connections and let others have the store."""
         self._engine.dispose()
+        if self._lock is not None:
+            self._lock.release()
+
+    def hold(self, command: str) -> None:
+        """Keep other campaigns out until the store is closed; again does nothing.
+
+        Raises StoreError, naming it, if another command has the store. Reading needs no permission.
+        """
+        if self._lock is None:
+            self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}", command)
 
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
-        with self._writing() as connection:
-            self._insert_campaign(connection, file, machine_text)
+        with self.writing() as connection:
+            self._add_campaign(connection, file, machine_text)
 
-    def _insert_campaign(self, connection: sa.Connection, file: RecordingFile, machine_text: str) -> None:
-        name, description = file.campaign, file.model_dump(mode="json")
-        if connection.execute(sa.select(campaigns.c.id).where(campaigns.c.id == name)).first():
-            raise InputError(f"store {self.path}: campaign '{name}' is there already")
-        connection.execute(
-            campaigns.insert().values(
-                id=name, created=file.created, description=canonical(description), machine=machine_text
-            )
-        )
-        start = genesis(name, file.created, description, machine_text)
-        connection.execute(heads.insert().values(campaign=name, position=0, chain=start))
+    def _add_campaign(self, connection: sa.Connection, file: RecordingFile, machine_text: str) -> None:
+        if connection.execute(sa.select(heads).where(heads.c.campaign == file.campaign)).first():
+            raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
+        gone = removed_campaigns.c
+        was = connection.execute(sa.select(gone.removed).where(gone.campaign == file.campaign)).scalar()
+        if was is not None:
+            raise InputError(f"store {self.path}: campaign '{file.campaign}' was removed on {was}; give it another id")
+        append_campaign(connection, file, machine_text)
 
     def add_reading(self, campaign: str, uid: str, sequence: int, data: Mapping[str, float | str]) -> None:
         """Insert one reading, durable when this returns. NaN and infinities are refused."""
-        with self._writing() as connection:
-            _append_readings(connection, campaign, [(uid, sequence, dict(data))])
+        with self.writing() as connection:
+            append_readings(connection, campaign, [(uid, sequence, dict(data))])
 
     def add_event(self, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
         """Insert something that happened."""
-        with self._writing() as connection:
-            _append_event(connection, campaign, kind, dict(data))
+        with self.writing() as connection:
+            append_event(connection, campaign, kind, dict(data))
 
     def head(self, campaign: str) -> str:
         """The campaign's last chain value, which stands for all of its content; empty if it is not chained."""
-        with self._reading() as connection:
-            return _head(connection, campaign)[1] or ""
+        with self.reading() as connection:
+            return head_of(connection, campaign)[1] or ""
 
     def add_table_change(
         self, *, rig: str, machine: str, campaign: str | None, change: str, kind: str, data: Mapping[str, Any]
     ) -> None:
         """Insert a step of a change of the tables in the drives, durable when this returns; `change` is its id."""
-        with self._writing() as connection:
+        with self.writing() as connection:
             connection.execute(
                 table_changes.insert().values(
                     created=now_text(),
@@ -130,78 +146,113 @@ class Store:
         query = sa.select(table_changes).order_by(table_changes.c.id)
         if rig is not None:
             query = query.where(table_changes.c.rig == rig)
-        with self._reading() as connection:
-            return [
-                StoredTableChange(r.id, r.created, r.rig, r.machine, r.campaign, r.change, r.kind, json.loads(r.data))
-                for r in connection.execute(query)
-            ]
+        with self.reading() as connection:
+            return [read_table_change(row, f"store {self.path}") for row in connection.execute(query)]
 
-    def campaigns(self) -> list[tuple[str, str, str, int, str]]:
-        """(id, created, rig, number of readings, last event) of all campaigns, oldest first."""
-        out = []
-        with self._reading() as connection:
-            for row in connection.execute(sa.select(campaigns).order_by(campaigns.c.created)):
-                count = connection.execute(
-                    sa.select(sa.func.count()).select_from(readings).where(readings.c.campaign == row.id)
-                ).scalar_one()
-                last = connection.execute(
-                    sa.select(events.c.kind).where(events.c.campaign == row.id).order_by(events.c.position.desc())
-                ).first()
-                rig = json.loads(row.description)["rig"]
-                out.append((row.id, row.created, rig, int(count), last.kind if last else ""))
-        return out
+    def campaigns(self) -> list[CampaignSummary]:
+        """All campaigns, oldest first; a damaged one says so and does not hide the others."""
+        with self.reading() as connection:
+            ids = connection.execute(sa.select(campaigns.c.id).order_by(campaigns.c.created)).scalars().all()
+        return [self._summary(campaign) for campaign in ids]
+
+    def _summary(self, campaign: object) -> CampaignSummary:
+        where = f"store {self.path}: campaign {campaign!r:.120}"
+        name, created, rig, count, last_event, damage = repr(campaign), "", "", 0, "", ""
+        try:
+            name = stored_text(campaign, where)
+            with self.reading() as connection:
+                count = _count(connection, name)
+                query = sa.select(events.c.kind).where(events.c.campaign == name).order_by(events.c.position.desc())
+                last = connection.execute(query.limit(1)).first()
+                last_event = "" if last is None else stored_text(last.kind, f"{where}, last event")
+                head = self._campaign(connection, name)
+                created, rig = head.created, stored_text(head.description.get("rig"), f"{where}, rig")
+        except StoreError as error:
+            damage = str(error)
+        return CampaignSummary(name, created, rig, count, last_event, damage)
+
+    def removed(self) -> list[RemovedCampaign]:
+        """What stays of campaigns that were removed, in the order of their removal."""
+        query = sa.select(removed_campaigns).order_by(removed_campaigns.c.removed)
+        with self.reading() as connection:
+            return [read_removed(row, f"store {self.path}") for row in connection.execute(query)]
 
     def events(self, campaign: str, kind: str | None = None) -> list[StoredEvent]:
         """What happened to a campaign, oldest first."""
         query = sa.select(events).where(events.c.campaign == campaign).order_by(events.c.position)
         if kind is not None:
             query = query.where(events.c.kind == kind)
-        with self._reading() as connection:
-            return [StoredEvent(r.created, r.kind, json.loads(r.data)) for r in connection.execute(query)]
+        with self.reading() as connection:
+            rows = self._rows(connection, campaign)
+            return [rows.event(row) for row in connection.execute(query)]
+
+    def count_readings(self, campaign: str) -> int:
+        """How many readings a campaign has, 0 if there is no such campaign."""
+        with self.reading() as connection:
+            return _count(connection, campaign)
 
     def has_readings(self, campaign: str) -> bool:
         """Whether anything was measured in a campaign."""
-        query = sa.select(readings.c.uid).where(readings.c.campaign == campaign).limit(1)
-        with self._reading() as connection:
-            return connection.execute(query).first() is not None
+        return self.count_readings(campaign) > 0
 
     def header(self, campaign: str) -> RecordingFile:
         """What a campaign was measured with; InputError if it is unknown."""
-        with self._reading() as connection:
-            row = connection.execute(sa.select(campaigns.c.description).where(campaigns.c.id == campaign)).first()
-        if row is None:
-            raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
-        return RecordingFile.model_validate_json(row.description)
+        with self.reading() as connection, self._damage(campaign):
+            return RecordingFile.model_validate(self._campaign(connection, campaign).description)
 
     def recording(self, campaign: str) -> Recording:
-        """All readings of a campaign; InputError if it is unknown or has none."""
-        with self._reading() as connection:
-            head = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
-            if head is None:
-                raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
-            rows = connection.execute(
-                sa.select(readings.c.data).where(readings.c.campaign == campaign).order_by(readings.c.sequence)
-            ).all()
-        file = RecordingFile.model_validate_json(head.description)
-        machine = parse_machine(head.machine, f"machine of campaign {campaign}")
-        return make_recording(file, machine, [json.loads(row.data) for row in rows])
+        """All readings of a campaign; InputError if it is unknown or has none, StoreError if one is damaged."""
+        query = sa.select(readings).where(readings.c.campaign == campaign).order_by(readings.c.sequence)
+        with self.reading() as connection:
+            head = self._campaign(connection, campaign)
+            rows = self._rows(connection, campaign)
+            data = [rows.reading(row).data for row in connection.execute(query)]
+        with self._damage(campaign):
+            file = RecordingFile.model_validate(head.description)
+            return make_recording(file, parse_machine(head.machine, f"machine of campaign {campaign}"), data)
+
+    @contextmanager
+    def _damage(self, campaign: str) -> Iterator[None]:
+        """What the values of a campaign that is not chained may cause, in one line."""
+        try:
+            yield
+        except InputError:
+            raise
+        except (ValueError, TypeError, OverflowError) as error:
+            raise StoreError(
+                f"store {self.path}: campaign '{campaign}' is damaged ({error}); restore the store from a backup"
+            ) from error
+
+    def _campaign(self, connection: sa.Connection, campaign: str) -> StoredCampaign:
+        row = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
+        if row is None:
+            raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
+        return read_campaign(row, f"store {self.path}")
+
+    def _rows(self, connection: sa.Connection, campaign: str) -> CampaignRows:
+        start = sa.select(sa.literal(0).label("position"), campaigns.c.chain).where(campaigns.c.id == campaign)
+        parts = [sa.select(t.c.position, t.c.chain).where(t.c.campaign == campaign) for t in (readings, events)]
+        chains = {row.position: row.chain for row in connection.execute(start.union_all(*parts))}
+        return CampaignRows(f"store {self.path}", campaign, chains)
 
     def add_recording(self, recording: Recording) -> None:
         """Import a recording as a campaign, all or nothing."""
         campaign = recording.file.campaign
         rows = [recording.row(i) for i in range(len(recording))]
-        with self._writing() as connection:
-            self._insert_campaign(connection, recording.file, recording.machine.text)
-            _append_readings(connection, campaign, [(str(row["uid"]), int(row["sequence"]), row) for row in rows])
-            _append_event(connection, campaign, "imported", {"readings": len(rows)})
+        with self.writing() as connection:
+            self._add_campaign(connection, recording.file, recording.machine.text)
+            append_readings(connection, campaign, [(str(row["uid"]), int(row["sequence"]), row) for row in rows])
+            append_event(connection, campaign, "imported", {"readings": len(rows)})
 
     @contextmanager
-    def _writing(self) -> Iterator[sa.Connection]:
+    def writing(self) -> Iterator[sa.Connection]:
+        """A transaction that writes; nobody else does meanwhile. SQLite's errors come in one line."""
         with self._errors(), writer(self._engine).begin() as connection:
             yield connection
 
     @contextmanager
-    def _reading(self) -> Iterator[sa.Connection]:
+    def reading(self) -> Iterator[sa.Connection]:
+        """A connection that sees the store at one moment. SQLite's errors come in one line."""
         with self._errors(), self._engine.connect() as connection:
             yield connection
 
@@ -212,7 +263,9 @@ class Store:
             yield
         except IntegrityError as error:
             raise InputError(f"store {self.path}: {error.orig}; a reading's uid must be unique") from error
-        except SQLAlchemyError as error:
+        except UnicodeError as error:
+            raise InputError(f"store {self.path}: a name that is not Unicode; check it") from error
+        except (SQLAlchemyError, sqlite3.Error) as error:
             cause = str(getattr(error, "orig", None) or error)
             if "not a database" in cause:
                 raise InputError(f"store {self.path}: {cause}; choose another folder") from error
@@ -220,55 +273,23 @@ class Store:
             raise StoreError(f"store {self.path}: {cause}{advice}") from error
 
 
-def _head(connection: sa.Connection, campaign: str) -> tuple[int, str | None]:
-    """Number and chain value of a campaign's last row."""
-    head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign)).first()
-    if head is None:
-        raise InputError(f"no campaign '{campaign}'; `pkm-rig list` shows what is there")
-    return head.position, head.chain
+def _count(connection: sa.Connection, campaign: str) -> int:
+    count = sa.select(sa.func.count()).select_from(readings).where(readings.c.campaign == campaign)
+    return int(connection.execute(count).scalar_one())
 
 
-def _set_head(connection: sa.Connection, campaign: str, position: int, chain: str | None) -> None:
-    connection.execute(heads.update().where(heads.c.campaign == campaign).values(position=position, chain=chain))
-
-
-def _append_readings(
-    connection: sa.Connection, campaign: str, new: Sequence[tuple[str, int, Mapping[str, float | str]]]
-) -> None:
-    """Add readings (uid, sequence, data) to the end of a campaign and of its chain."""
-    position, chain = _head(connection, campaign)
-    rows = []
-    for uid, sequence, data in new:
-        position += 1
-        if chain is not None:
-            chain = reading_link(chain, campaign, position, uid, sequence, data)
-        rows.append(
-            {"campaign": campaign, "position": position, "uid": uid, "sequence": sequence}
-            | {"data": canonical(data), "chain": chain}
-        )
-    connection.execute(readings.insert(), rows)
-    _set_head(connection, campaign, position, chain)
-
-
-def _append_event(connection: sa.Connection, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
-    """Add an event to the end of a campaign and of its chain."""
-    position, chain = _head(connection, campaign)
-    position, created = position + 1, now_text()
-    if chain is not None:
-        chain = event_link(chain, campaign, position, created, kind, data)
-    connection.execute(
-        events.insert().values(
-            campaign=campaign, position=position, created=created, kind=kind, data=canonical(data), chain=chain
-        )
-    )
-    _set_head(connection, campaign, position, chain)
+def store_path(out: Path) -> Path:
+    """The store in a folder; a file is a store itself: a backup or an archive."""
+    return out if out.is_file() else out / STORE_NAME
 
 
 @contextmanager
-def open_store(out: Path) -> Iterator[Store]:
-    """The store in a folder, created if it does not exist."""
-    store = Store(out / STORE_NAME)
+def open_store(out: Path, campaign_lock: str | None = None) -> Iterator[Store]:
+    """The store in a folder, created if it does not exist; `campaign_lock`: held by the command of that name."""
+    store = Store(store_path(out))
     try:
+        if campaign_lock is not None:
+            store.hold(campaign_lock)
         yield store
     finally:
         store.close()
@@ -276,10 +297,22 @@ def open_store(out: Path) -> Iterator[Store]:
 
 @contextmanager
 def open_existing_store(out: Path) -> Iterator[Store]:
-    """The store in a folder; InputError, and nothing created, if there is none."""
-    if not (out / STORE_NAME).is_file():
+    """The store in a folder, for reading; InputError, and nothing created, if there is none."""
+    if not store_path(out).is_file():
         raise InputError(f"there is no store in {out}; give --out")
-    with open_store(out) as store:
+    store = Store(store_path(out), read_only=True)
+    try:
+        yield store
+    finally:
+        store.close()
+
+
+@contextmanager
+def require_store(out: Path, command: str) -> Iterator[Store]:
+    """The store in a folder, held for a command that writes; InputError, and nothing created, if there is none."""
+    if not store_path(out).is_file():
+        raise InputError(f"there is no store in {out}; give --out")
+    with open_store(out, command) as store:
         yield store
 
 
@@ -288,12 +321,7 @@ def find_recording(name: str, out: Path) -> Recording:
     folder = Path(name)
     if folder.is_dir():
         return read_folder(folder)
-    if not (out / STORE_NAME).is_file():
+    if not store_path(out).is_file():
         raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
-    with open_store(out) as store:
+    with open_existing_store(out) as store:
         return store.recording(name)
-
-
-def now_text() -> str:
-    """Now in UTC, ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -23,7 +23,8 @@ from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.runner import describe_campaign, open_runner
 from pkm_rig.rig.schedule import Block, calibration_blocks
 from pkm_rig.rig.supervision import Supervisor
-from pkm_rig.store.store import Store, now_text
+from pkm_rig.store.append import now_text
+from pkm_rig.store.store import Store
 from pkm_rig.virtual.mock_rig import Embedded, embedded_mock_rig
 
 CAMPAIGN = "short"

@@ -13,11 +13,12 @@ KEPT = {"campaigns": "id", "readings": "campaign", "events": "campaign"}  # and 
 
 
 def upgrade() -> None:
-    """Copy readings and events into tables with a position and a chain value; older rows have no chain value."""
+    """Copy readings and events into tables with a position and a chain value; older campaigns have no chain values."""
     for table in KEPT:
         for verb in ("update", "delete"):
             op.execute(f"DROP TRIGGER keep_{table}_{verb}")
     op.drop_index("ix_events_campaign", "events")
+    op.add_column("campaigns", sa.Column("chain", sa.String))
     op.rename_table("readings", "former_readings")
     op.rename_table("events", "former_events")
     _make_tables()
@@ -84,7 +85,7 @@ def _make_tables() -> None:
         sa.Column("campaign", sa.String, primary_key=True),
         sa.Column("created", sa.String, nullable=False),
         sa.Column("readings", sa.Integer, nullable=False),
-        sa.Column("position", sa.Integer, nullable=False),
+        sa.Column("rows", sa.Integer, nullable=False),
         sa.Column("head", sa.String),
         sa.Column("removed", sa.String, nullable=False),
         sa.Column("who", sa.String, nullable=False),

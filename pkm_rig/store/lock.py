@@ -1,0 +1,71 @@
+"""Locks between processes: `flock` on a file that stays, so the kernel frees it however its owner ends.
+
+The file says who has it; what a former owner left in it counts only while the lock is held.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import getpass
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pkm_rig.errors import StoreError
+
+
+class Lock:
+    """A lock that is held until it is released, or until the process ends."""
+
+    def __init__(self, path: Path, what: str, command: str) -> None:
+        """Take it. StoreError, naming its owner, if another process or another object of this one has it."""
+        self._file = _open(path, what)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = _owner(self._file)
+            os.close(self._file)
+            raise StoreError(f"{what} is in use by {owner}; wait until it has ended, or end it") from None
+        except OSError as error:
+            os.close(self._file)
+            raise StoreError(f"{what}: {path} cannot be locked: {error.strerror}; choose another place") from error
+        os.ftruncate(self._file, 0)
+        mine = {"command": command, "pid": os.getpid(), "user": user_name(), "since": f"{datetime.now(UTC):%F %T} UTC"}
+        os.pwrite(self._file, json.dumps(mine).encode(), 0)
+
+    def release(self) -> None:
+        """Let others have it; again does nothing."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+def user_name() -> str:
+    """Who runs this process."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user without a name, as in containers
+        return f"user {os.getuid()}"
+
+
+def _open(path: Path, what: str) -> int:
+    """The file, for all users of the computer; one that another user made is not made again."""
+    try:
+        try:
+            return os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+        except FileNotFoundError:
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            os.fchmod(file, 0o666)
+            return file
+    except OSError as error:
+        raise StoreError(f"{what}: {path} cannot be opened: {error.strerror}; choose another place") from error
+
+
+def _owner(file: int) -> str:
+    """Who says in the file that he has it."""
+    try:
+        owner = json.loads(os.pread(file, 1000, 0))
+        return f"pkm-rig {owner['command']}, process {owner['pid']} of {owner['user']} since {owner['since']}"
+    except (ValueError, KeyError, TypeError):
+        return "another process"

@@ -40,6 +40,9 @@ FAULTS: dict[str, FaultKind] = {
     "tracker-busy": FaultKind("tracker", _CALL, "the station says that it is busy"),
     "can-lost-frame": FaultKind("can", _FRAME, "a frame is lost"),
     "can-bus-off": FaultKind("can", _FRAME, "the host's controller goes bus off", lasting=True),
+    "can-other-master": FaultKind(
+        "can", "frame that the host sends", "another master sends the first drive 0.1 m away"
+    ),
     "can-peer-dead": FaultKind("can", _FRAME, "the peer of the bus is gone without a word", lasting=True),
     "sdo-abort": FaultKind("can", _REQUEST, "the transfer is aborted with 0x06060000"),
     "sdo-toggle": FaultKind("can", "segment or answer of an SDO server", "the toggle bit is wrong"),
@@ -50,6 +53,7 @@ FAULTS: dict[str, FaultKind] = {
     "modbus-transaction": FaultKind("modbus", _MODBUS, "the answer carries another transaction id"),
     "modbus-short": FaultKind("modbus", _MODBUS, "half of the answer is missing"),
     "modbus-reset": FaultKind("modbus", _MODBUS, "the connection is reset"),
+    "modbus-other-client": FaultKind("modbus", _MODBUS, "another client writes a heartbeat and a command"),
     "modbus-stuck-coil": FaultKind("modbus", _MODBUS, "the guard opens and its bit goes on reading good", lasting=True),
     "modbus-stale-heartbeat": FaultKind("modbus", _MODBUS, "heartbeat and values stand still", lasting=True),
     "time-step": FaultKind("time", "wait of the host", "the clock jumps ten seconds ahead", lasting=True),

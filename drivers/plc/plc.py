@@ -17,8 +17,9 @@ from pymodbus import ModbusException
 from pymodbus.client.base import ModbusBaseClient
 
 from drivers.clock import HostClock, RigClock
-from drivers.errors import ConnectionFailed, NoAnswer, PlcError, StaleData
+from drivers.errors import ConnectionFailed, NoAnswer, OtherMaster, PlcError, StaleData
 from drivers.plc.modbus_line import ModbusLine, make_client
+from drivers.plc.own_words import OwnWords
 from drivers.plc.plc_registers import PlcState, RegisterMap, decode
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # failures are raised as our own errors
@@ -79,6 +80,8 @@ class Plc:
         self._heartbeat: int | None = None
         self._changed_s = -math.inf
         self._last_words: dict[str, tuple[tuple[int, ...], float]] = {}
+        self._believed: PlcState | None = None
+        self._own_words = OwnWords(self.map)
 
     def connect(self) -> PlcState:
         """Open the connection and wait until the heartbeat moves; returns the first fresh state.
@@ -87,11 +90,13 @@ class Plc:
         """
         self.close()
         self._loop = asyncio.new_event_loop()
+        self._loop.set_exception_handler(lambda _loop, _context: None)  # a spoilt frame: its request gets no answer
         self._thread = threading.Thread(target=self._loop.run_forever, name=f"{self.name} I/O", daemon=True)
         self._thread.start()
         self._heartbeat, self._changed_s = None, -math.inf
         self._beaten_s, self._connected_s = -math.inf, self._clock.now_s()
         self._last_words = {}
+        self._believed, self._own_words = None, OwnWords(self.map)
         try:
             return self._wait_for_heartbeat()
         except BaseException:
@@ -114,25 +119,46 @@ class Plc:
     def read(self) -> PlcState:
         """All values in one block read.
 
-        While the heartbeat stands still `heartbeat_fresh` is False and every interlock reads open.
-        Raises NoAnswer, ConnectionFailed, PlcError for a value outside its validity and StaleData for one that is old.
+        While the heartbeat stands still `heartbeat_fresh` is False and every interlock reads open. Where the payload is
+        another one than before, or a value has jumped, the block is read again at once and must say either; an
+        interlock counts as open if it was in one of the two. Raises NoAnswer, ConnectionFailed, PlcError for a value
+        outside its validity or read differently, OtherMaster, and StaleData for a value that is old.
         """
         with self._lock:
-            begin_s, begin_rig_s = time.monotonic(), self._clock.now_s()
-            words = self._read_block()
-            t_host_s = 0.5 * (begin_s + time.monotonic())
-            now_s = self._clock.now_s()
-            heartbeat = words[self.map.heartbeat - self.map.first]
-            if self._heartbeat is not None and heartbeat != self._heartbeat:
-                self._changed_s = now_s
-            self._heartbeat = heartbeat
-            fresh = 0.0 <= now_s - self._changed_s <= self._heartbeat_limit_s
-            times = (0.5 * (begin_rig_s + now_s), t_host_s)
-            state = decode(self.map, words, fresh, times, self.name, self.where)
-            self._refuse_old_values(words, now_s)
-            if now_s - self._connected_s <= self._heartbeat_limit_s:  # it has had no time to see us yet
-                state = replace(state, master_seen=True)
+            before = self._believed
+            state, foreign = self._decoded(self._read_block)
+            jump = None if before is None else self.map.jump(before, state)
+            alive = before is not None and state.heartbeat != before.heartbeat  # else it may still show an old beat
+            if jump is not None or (foreign is not None and alive):
+                first = state
+                state, foreign = self._decoded(lambda: self._read_words(self.map.first, self.map.count))
+                if foreign is not None:
+                    raise OtherMaster(self.name, self.where, foreign, "disconnect it, then connect again")
+                jump = self.map.jump(first, state)
+                if jump is not None and (before is None or self.map.jump(before, state) is not None):
+                    raise self._error(f"two reads at once differ: {jump}", "check the line to the PLC")
+                both = {name: good and first.interlocks[name] for name, good in state.interlocks.items()}
+                state = replace(state, interlocks=both)
+            self._believed = state
             return state
+
+    def _decoded(self, read: Callable[[], list[int]]) -> tuple[PlcState, str | None]:
+        """One block as a state, and what in it another client has written."""
+        begin_s, begin_rig_s = time.monotonic(), self._clock.now_s()
+        words = read()
+        t_host_s = 0.5 * (begin_s + time.monotonic())
+        now_s = self._clock.now_s()
+        heartbeat = words[self.map.heartbeat - self.map.first]
+        if self._heartbeat is not None and heartbeat != self._heartbeat:
+            self._changed_s = now_s
+        self._heartbeat = heartbeat
+        fresh = 0.0 <= now_s - self._changed_s <= self._heartbeat_limit_s
+        times = (0.5 * (begin_rig_s + now_s), t_host_s)
+        state = decode(self.map, words, fresh, times, self.name, self.where)
+        self._refuse_old_values(words, now_s)
+        if now_s - self._connected_s <= self._heartbeat_limit_s:  # it has had no time to see us yet
+            state = replace(state, master_seen=True)
+        return state, self._own_words.foreign(words)
 
     def _read_block(self) -> list[int]:
         now_s, beats = self._clock.now_s(), self.map.master_heartbeat is not None
@@ -140,6 +166,7 @@ class Plc:
             return self._read_words(self.map.first, self.map.count)
         self._beaten_s = now_s
         self._beat = (self._beat + 1) & 0xFFFF
+        self._own_words.beat(self._beat)
         return self._read_words(self.map.first, self.map.count, beat=self._beat)
 
     def _refuse_old_values(self, words: list[int], now_s: float) -> None:
@@ -172,6 +199,7 @@ class Plc:
         with self._lock:
             taken, _ = self._read_words(self.map.sequence_taken, 2)
             sequence = (taken + 1) & 0xFFFF
+            self._own_words.command(taken, sequence)
             self._write_command([sequence, _REQUEST_PAYLOAD, number])
         end_s = self._clock.now_s() + limit_s
         while not self._is_done(sequence, number):

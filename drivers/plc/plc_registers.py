@@ -14,6 +14,7 @@ from drivers.errors import InterlockOpen, PlcError, StaleData
 CHANGING = 0xFFFF
 SIMULATED = int.from_bytes(b"SI", "big")  # what the register `simulated` of a PLC holds that is none
 _MOST_WORDS = 125
+_JUMP = 0.01
 
 RegisterType = Literal["u16", "i16", "u32", "i32", "f32"]
 WordOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
@@ -169,6 +170,16 @@ class RegisterMap:
         """All measured values by name."""
         return {**self._map_values(), **self.readings}
 
+    def jump(self, before: PlcState, now: PlcState) -> str | None:
+        """What differs by more than a hundredth of its range between two readings of the PLC, and the payload."""
+        if now.payload != before.payload:
+            return f"payload {before.payload} and {now.payload}"
+        old, new = before.values(), now.values()
+        for name, register in self.values.items():
+            if not abs(new[name] - old[name]) <= _JUMP * (register.high - register.low):
+                return f"{name} {old[name]:g} and {new[name]:g}"
+        return None
+
     def _map_values(self) -> dict[str, Register]:
         temperatures = {f"{name} temperature": register for name, register in self.temperatures_c.items()}
         return {**temperatures, "air pressure": self.pressure_hpa, "humidity": self.humidity_percent}
@@ -202,6 +213,12 @@ class PlcState:
     master_seen: bool = True
     simulated: bool = False
     readings: Mapping[str, float] = field(default_factory=dict)
+
+    def values(self) -> dict[str, float]:
+        """All measured values, by the names and in the units of the register map."""
+        temperatures = {f"{name} temperature": value for name, value in self.temperatures_c.items()}
+        own = {**temperatures, "air pressure": self.pressure_hpa, "humidity": 100.0 * self.humidity}
+        return {**own, **self.readings}
 
     def open_interlocks(self) -> list[str]:
         """Names of the interlocks that are not good."""

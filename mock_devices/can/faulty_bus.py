@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import struct
 import threading
+from collections import deque
 
 import can
 
 from mock_devices.faults import FaultPlan
+
+# To node 1: a target (0x607A), then enable operation and a new set-point, relative to where it is.
+_MOVE_FIRST_DRIVE = (
+    (0x601, struct.pack("<BHBi", 0x23, 0x607A, 0, 10_000_000)),
+    (0x201, struct.pack("<H", 0x000F)),
+    (0x201, struct.pack("<H", 0x005F)),
+)
 
 
 class FaultyBus(can.BusABC):
@@ -20,6 +29,7 @@ class FaultyBus(can.BusABC):
         self._faults = faults
         self._lock = threading.Lock()
         self._left = False
+        self._foreign: deque[can.Message] = deque()
         self.channel_info = bus.channel_info
         super().__init__(channel=str(bus.channel_info))
 
@@ -28,10 +38,13 @@ class FaultyBus(can.BusABC):
         self._check()
         if self._passes():
             self._bus.send(msg, timeout)
+        self._send_as_another()
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Receive a frame. Raises can.CanOperationError at bus off."""
         self._check()
+        if self._foreign:
+            return self._foreign.popleft()
         message = self._bus.recv(timeout)
         if message is None or not self._passes():
             return None
@@ -48,6 +61,14 @@ class FaultyBus(can.BusABC):
             left, self._left = self._left, True
         if not left:
             self._bus.shutdown()
+
+    def _send_as_another(self) -> None:
+        """What another master sends goes to the drives, and to the host as well."""
+        if self._faults.strikes("can-other-master"):
+            for identifier, data in _MOVE_FIRST_DRIVE:
+                frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
+                self._bus.send(frame)
+                self._foreign.append(frame)
 
     def _check(self) -> None:
         if self._faults.lasts("can-bus-off"):

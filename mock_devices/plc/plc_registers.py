@@ -19,6 +19,7 @@ DONE, REFUSED, IN_PROGRESS = 0, 1, 2
 _HEARTBEAT_PERIOD_S = 0.1
 _SIMULATED_AT, _SIMULATED = 18, int.from_bytes(b"SI", "big")
 _MASTER_HEARTBEAT, _SEQUENCE, _MASTER_SEEN = 30, 31, 36
+_FOREIGN = 0x5A5A
 _REQUEST_PAYLOAD = 1
 _FLOATS_AT = 4
 _GUARD_BIT = 0
@@ -70,6 +71,8 @@ class PlcState:
             self._frozen = self._frozen or self.registers()
             return list(self._frozen)
         self._frozen = None
+        if self._faults.strikes("modbus-other-client"):
+            self.write(_MASTER_HEARTBEAT, [self._master_beat ^ _FOREIGN, self._taken ^ _FOREIGN, _FOREIGN, 0])
         words = self.registers()
         if self._faults.strikes("modbus-stuck-coil"):
             words[3] |= 1 << _GUARD_BIT  # the guard is open; the bit that should say so stays good

@@ -13,6 +13,7 @@ OPERATIONS = {
     **dict.fromkeys((name for name, kind in FAULTS.items() if kind.site == "serial"), 66),
     **dict.fromkeys((name for name, kind in FAULTS.items() if kind.site == "modbus"), 113),
     **dict.fromkeys(("can-lost-frame", "can-bus-off", "can-peer-dead"), 1336),
+    "can-other-master": 650,
     "tracker-beam-break": 14,
     "tracker-no-target": 10,
     "tracker-wrong-nest": 10,

@@ -33,13 +33,14 @@ def block(heartbeat: int, payload: int = 0, taken: int = 0, result: int = 0) -> 
 
 # Requests and answers without what frames them: our heartbeat goes in front of the block, the command once.
 SCRIPT = [
-    ("17 0000 0025 001E 0001 02 0001", b"\x17\x4a" + block(7)),
-    ("03 0000 0025", b"\x03\x4a" + block(8)),
+    ("17 0000 0025 001E 0001 02 0001", b"\x17\x4a" + block(7, taken=5)),
+    ("03 0000 0025", b"\x03\x4a" + block(8, taken=5)),
     ("03 0022 0002", bytes.fromhex("03 04 0005 0000")),
     ("10 001F 0003 06 0006 0001 0002", bytes.fromhex("10 001F 0003")),
     ("03 0022 0002", bytes.fromhex("03 04 0006 0002")),
     ("03 0022 0002", bytes.fromhex("03 04 0006 0000")),
     ("03 0000 0025", b"\x03\x4a" + block(9, payload=2, taken=6)),
+    ("03 0000 0025", b"\x03\x4a" + block(9, payload=2, taken=6)),  # another payload must be read twice
 ]
 
 

@@ -1,0 +1,90 @@
+"""Every bit of an answer of the PLC turned over, at every position, on TCP and on RTU.
+
+RTU has a checksum. Modbus TCP has none: what its header, the complement of the interlocks, the validity of values and
+the second look at whatever jumps leave undetected is in docs/reference/devices.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.errors import DeviceError
+from drivers.plc.modbus_line import ModbusLine, RtuLine, TcpLine
+from drivers.plc.plc import Plc, PlcTiming
+from drivers.plc.plc_registers import PlcState
+from tests.drivers.plc.memory_plc import MemoryPlc
+from tests.drivers.scripted import CountingClock
+
+GUARD_S = 0.002  # host time; answers are there at once, and what a flip hid is waited for in vain
+LINES: list[ModbusLine] = [TcpLine("memory"), RtuLine("memory", parity="N")]
+
+
+@pytest.fixture
+def memory() -> MemoryPlc:
+    return MemoryPlc()
+
+
+@pytest.fixture(params=LINES, ids=["tcp", "rtu"])
+def plc(request: pytest.FixtureRequest, memory: MemoryPlc, monkeypatch: pytest.MonkeyPatch) -> Iterator[Plc]:
+    monkeypatch.setattr("drivers.plc.plc.make_client", memory.client)
+    timing = PlcTiming(reply_timeout_s=GUARD_S, heartbeat_limit_s=1e6, beat_period_s=1e6)
+    plc = Plc(request.param, clock=CountingClock(), timing=timing)
+    plc.connect()
+    yield plc
+    plc.close()
+
+
+def _flips(memory: MemoryPlc) -> Iterator[tuple[int, int]]:
+    for at in range(len(memory.answers[-1])):
+        for bit in range(8):
+            yield at, bit
+
+
+def _unlike(plc: Plc, good: PlcState, state: PlcState) -> str | None:
+    if state.interlocks != good.interlocks or state.payload != good.payload or not state.heartbeat_fresh:
+        return f"{state}"
+    return plc.map.jump(good, state)
+
+
+def test_a_bit_of_a_block_is_read_again_refused_or_within_a_hundredth_of_the_range(memory: MemoryPlc, plc: Plc) -> None:
+    memory.words[1], memory.words[3] = 0x000E, 0xFFF1  # the guard is open, and never reads closed
+    good, right, wrong = plc.read(), 0, []
+    for at, bit in _flips(memory):
+        plc.read()
+        memory.flip = at, bit
+        try:
+            state = plc.read()
+        except DeviceError:
+            state = plc.read()
+        unlike = _unlike(plc, good, state)
+        if unlike is not None:
+            wrong.append(f"byte {at}, bit {bit}: {unlike}")
+        else:
+            right += 1
+    assert wrong == []
+    assert right > 600
+
+
+@pytest.mark.parametrize("exchange", range(3))
+def test_a_payload_is_requested_once_whichever_bit_is_spoilt(memory: MemoryPlc, plc: Plc, exchange: int) -> None:
+    """The number of the last command, the answer to ours, its result; a block is above."""
+    before, wrong = len(memory.answers), []
+    plc.request_payload(1)
+    length = len(memory.answers[before + exchange])
+    for at in range(length):
+        for bit in range(8):
+            memory.skip, memory.flip, commands = exchange, (at, bit), memory.commands
+            number = 3 - memory.words[2]
+            try:
+                state = plc.request_payload(number, limit_s=0.5)
+            except DeviceError:
+                memory.flip, memory.skip = None, 0
+                plc.read()
+            else:
+                if state.payload != number or memory.words[2] != number:
+                    wrong.append(f"byte {at}, bit {bit}: payload {state.payload}")
+            if memory.commands > commands + 1:
+                wrong.append(f"byte {at}, bit {bit}: {memory.commands - commands} commands")
+    assert wrong == []

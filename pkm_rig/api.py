@@ -57,7 +57,7 @@ def connect(
     """
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.rig.config import rig_path
-    from pkm_rig.store.sessions import last_moment
+    from pkm_rig.rig.session_record import last_moment
 
     after = last_moment(*goes_on) if goes_on else None
     with open_rig(rig_path(rig_file), real_time=real_time, seed=seed, homing=homing, after=after) as rig:

@@ -22,7 +22,7 @@ SHORTEST_WAVE_S = 1500.0
 
 
 def disturbance_columns(
-    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels, accuracy: AccuracyEntry
+    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels, accuracy: AccuracyEntry, nest_limit_m: float
 ) -> tuple[Array, tuple[str, ...]]:
     """Columns (n, 3, k), whitened by (n, 3, 3), each times its standard deviation, and their names."""
     channels, context, machine = Channels(observed), observed.context, observed.machine
@@ -39,8 +39,11 @@ def disturbance_columns(
     walk = random_walk_basis(
         context.elapsed_s / HOUR_S, WALK_TERMS if levels.drift_m < LARGE_DRIFT_M else LARGE_DRIFT_TERMS
     )
+    steps = (context.t_s[:, None] >= np.array(context.breaks_s)).astype(np.float64)
     for name in channels.station_channels():
-        add(name, walk * _drift_per_sqrt_h(name.rsplit(".", 1)[1], levels, accuracy), "drift")
+        axis = name.rsplit(".", 1)[1]
+        add(name, walk * _drift_per_sqrt_h(axis, levels, accuracy), "drift")
+        add(name, steps * (nest_limit_m / DRIFT_LEVER_M if axis.startswith("r") else nest_limit_m), "break")
     if levels.reseat_m > 0.0:
         numbers = np.unique(context.exchanges)[1:]
         after_exchange = (context.exchanges[:, None] == numbers).astype(np.float64) * levels.reseat_m

@@ -90,7 +90,7 @@ def linearise_recording(recording: Recording) -> LinearModel:
     by_unknowns, residual = _all_readings(observed, whiten, unknowns, point)
     by_nests, nest_names = _nest_columns(observed, whiten)
     by_disturbances, disturbance_names = disturbance_columns(
-        observed, whiten, recording.file.nuisance, recording.file.station.accuracy
+        observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
     q = _inverse_covariance_factor(columns)

@@ -14,6 +14,9 @@ from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_p
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Contributions, Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
+from calibration.effects.context import TimelessContext, TimeUnknown
+
+TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,11 @@ def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEf
 
 def detectable_effects(inputs: EffectInputs, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
     """The effects that the campaign can show; for the others, by name, the reason why not."""
-    reasons = {effect.name: effect.untested(inputs) for effect in catalogue.effects}
+    timeless = _without_time(inputs) if inputs.context.breaks_s else None
+    reasons = {
+        effect.name: TIME_UNKNOWN if timeless and _asks_for_time(effect, timeless) else effect.untested(inputs)
+        for effect in catalogue.effects
+    }
     detectable = [effect for effect in catalogue.effects if reasons[effect.name] is None]
     return detectable, {name: reason for name, reason in reasons.items() if reason is not None}
 
@@ -220,3 +227,22 @@ def _refit_causes(
     for cause in refitted:
         likelihoods.append(include_cause(likelihoods[-1], cause))
     return refitted, likelihoods
+
+
+def _without_time(inputs: EffectInputs) -> EffectInputs:
+    def onsets(_channels: Sequence[str]) -> Sequence[tuple[float, float]]:
+        raise TimeUnknown
+
+    return replace(inputs, context=TimelessContext.of(inputs.context), onsets=onsets)
+
+
+def _asks_for_time(effect: Effect, timeless: EffectInputs) -> bool:
+    """Whether an effect is a function of the time that passes between readings, its curves included."""
+    try:
+        for place in range(len(effect.places(timeless.machine))):
+            effect.forms(timeless, place)
+            for curve in effect.curves(timeless, place):
+                curve.tangent(curve.starts[0])
+    except TimeUnknown:
+        return True
+    return False

@@ -6,7 +6,7 @@ One row per reading (n), d drives. Effects are functions of this context and of 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.effects.former_names import former_name
 from calibration.recording.recording import Recording
+from calibration.recording.sessions import breaks_s
 
 LAG_GRID = 400  # points in time at which the temperature of a part is integrated
 # Fields with one row per reading; they are also keys of a twin's file.
@@ -48,7 +49,7 @@ class ReadingContext:
     velocity_m_per_s, torque (n, d): drive coordinates, side of the last approach (+1 from below), torque over rated
     torque; speed_m_per_s (n,): of the approach; dwell_s (n,): since the target was reached; payload_kg (n,),
     payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; temperatures_c: by sensor,
-    (n,) each; start_s: rig time at the campaign's start.
+    (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed.
     """
 
     history: ArrivalHistory
@@ -65,6 +66,7 @@ class ReadingContext:
     exchanges: Array
     temperatures_c: Mapping[str, Array]
     start_s: float
+    breaks_s: tuple[float, ...] = field(default=(), kw_only=True)
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -142,7 +144,29 @@ def context_of_recording(recording: Recording) -> ReadingContext:
         exchanges=exchanges,
         temperatures_c={"air": recording["air_temperature_c"], **recording.temperatures_c()},
         start_s=float(t.min()),
+        breaks_s=breaks_s(recording),
     )
+
+
+class TimeUnknown(Exception):
+    """An effect asked for a time that the recording does not know."""
+
+
+class TimelessContext(ReadingContext):
+    """A context of readings whose times do not follow one another: whoever asks for rig time gets TimeUnknown."""
+
+    @classmethod
+    def of(cls, context: ReadingContext) -> TimelessContext:
+        """The same readings."""
+        return cls(**{f.name: getattr(context, f.name) for f in fields(context)})
+
+    def __len__(self) -> int:
+        return len(self.dwell_s)
+
+    def __getattribute__(self, name: str) -> Any:
+        if name == "t_s":  # whatever is computed from it asks for it
+            raise TimeUnknown
+        return super().__getattribute__(name)
 
 
 def clip_to_campaign(campaign: ReadingContext, context: ReadingContext) -> ReadingContext:

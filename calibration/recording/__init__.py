@@ -9,4 +9,5 @@ __all__ = [
     "measurement_folder",
     "measurement_header",
     "recording",
+    "sessions",
 ]

@@ -21,6 +21,7 @@ from calibration.machine.description import parse_machine
 from calibration.recording.columns import Column
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
+from calibration.recording.sessions import falls_of_time, sessions_from_sequence
 
 MAX_ROWS = 200_000
 MAX_CSV_BYTES = 300_000_000
@@ -51,8 +52,11 @@ def write_folder(recording: Recording, folder: Path) -> None:
             os.fsync(stream.fileno())
 
 
-def read_folder(folder: Path) -> Recording:
-    """Read and check a recording folder. Raises InputError, in one line, if it is invalid."""
+def read_folder(folder: Path, *, by_sequence: bool = False) -> Recording:
+    """Read and check a recording folder. Raises InputError, in one line, if it is invalid.
+
+    Rig time must rise with the sequence; `by_sequence`, each fall begins a session, an unknown time after the last one.
+    """
     file = parse_toml(read_text(folder / "recording.toml"), RecordingFile, str(folder / "recording.toml"))
     machine = parse_machine(read_text(folder / "machine.toml"), str(folder / "machine.toml"))
     path = folder / "readings.csv"
@@ -60,9 +64,18 @@ def read_folder(folder: Path) -> Recording:
         if path.stat().st_size > MAX_CSV_BYTES:
             raise InputError(f"{path}: larger than {MAX_CSV_BYTES} bytes")
         with path.open(encoding="utf-8", newline="") as stream:
-            return make_recording(file, machine, _parse_rows(stream, path, file))
+            recording = make_recording(file, machine, _parse_rows(stream, path, file))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
+    if by_sequence:
+        return sessions_from_sequence(recording)
+    falls = falls_of_time(recording)
+    if falls.size:
+        raise InputError(
+            f"{path}: row {falls[0] + 1}: t_rig_s falls, though sequence rises; if another session began there, "
+            "give --sessions-from-sequence"
+        )
+    return recording
 
 
 def _parse_rows(stream: io.TextIOBase, path: Path, file: RecordingFile) -> list[dict[str, float | str]]:

@@ -71,6 +71,24 @@ class DisturbanceLevels(Section):
     temperature_k: float = Field(ge=0.0, default=0.0, description="Slow variation of a part about its sensor.")
 
 
+class SessionEntry(Section):
+    """One process' work on the campaign."""
+
+    number: int = Field(ge=1, description="From 1.")
+    command: str = Field(default="", description="Command that measured.")
+    why: str = Field(default="", description="How it ended: finished, interrupted, refused, failed or killed.")
+    first_sequence: int = Field(description="Number of its first reading.")
+    begin_rig_s: float = Field(description="Rig time at its begin.")
+    end_rig_s: float = Field(description="Rig time at its end.")
+    begin_utc_s: float | None = Field(default=None, description="Unix time at its begin, where it is known.")
+    end_utc_s: float | None = Field(default=None, description="Unix time at its end, where it is known.")
+    time: Literal["measured", "repaired", "unknown"] = Field(
+        default="measured",
+        description="The time since the session before: `measured`, `repaired` where rig time had begun anew, or "
+        "`unknown`; no effect of time is then used across it.",
+    )
+
+
 class RecordingFile(Section):
     """The header of a recording: the rig, its station and payloads, and the stated accuracies."""
 
@@ -94,6 +112,9 @@ class RecordingFile(Section):
         description="Further columns of the readings and what they are: part sensors, registers of the PLC. "
         "A name ends in its unit.",
     )
+    sessions: tuple[SessionEntry, ...] = Field(
+        default=(), max_length=10_000, description="The processes that measured, in order."
+    )
     columns: dict[str, str] = Field(
         default_factory=dict, description="Notes on columns of your own that are not read, by their names."
     )
@@ -106,7 +127,7 @@ class RecordingFile(Section):
     def _without_later_keys(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Version 0.1, which does not know these keys, can still read recordings that need none of them."""
         data: dict[str, Any] = serialise(self)
-        for key in ("extra_columns", "simulated"):
+        for key in ("extra_columns", "simulated", "sessions"):
             if not data.get(key):
                 data.pop(key, None)
         return data

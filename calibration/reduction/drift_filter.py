@@ -17,6 +17,23 @@ FIRST_NEST_SD_M = 1.0e-3
 
 
 @dataclass(frozen=True)
+class Breaks:
+    """Rig times before which an unknown time passed: the frame may have moved by `shift_m` in any direction there, and
+    turned by as much at `distance_m`, that of the nests.
+    """
+
+    at_s: tuple[float, ...]
+    shift_m: float
+    distance_m: float
+
+    def covariance(self, from_s: float, to_s: float) -> Array:
+        """Covariance (6, 6) of the breaks between two times, the later one included."""
+        count = sum(from_s < t <= to_s for t in self.at_s)
+        turn_rad = self.shift_m / self.distance_m
+        return np.diag([count * self.shift_m**2] * 3 + [count * turn_rad**2] * 3)
+
+
+@dataclass(frozen=True)
 class DriftEstimate:
     """Small rigid motion of the station's frame at some times (t,), since the first nest reading.
 
@@ -53,14 +70,16 @@ def estimate_drift(
     covariance_m2: Array,
     accuracy: AccuracyEntry,
     at_s: Array,
+    breaks: Breaks | None = None,
 ) -> DriftEstimate:
     """Follow the frame through the nests and smooth (Rauch-Tung-Striebel).
 
     t_s (n,) ascending; nest (n,): which nest; position_m (n, 3), covariance_m2 (n, 3, 3); at_s (t,): times
     of the requested estimates. The drift is a random walk with the station's stated strength, zero at the
     first reading; the nests' positions are unknown and part of the state, so that the gauge is explicit and later
-    readings do not shift the frame of earlier ones.
+    readings do not shift the frame of earlier ones. Over a break the frame may have moved as far as nest checks allow.
     """
+    breaks = breaks or Breaks((), 0.0, 1.0)
     which, row = np.unique(nest, return_inverse=True)
     first = np.stack([position_m[nest == w][0] for w in which])
     size = 6 + 3 * len(which)
@@ -83,6 +102,7 @@ def estimate_drift(
     last = t_s[0]
     for k in order:
         kf.Q = walk * abs(times[k] - last) + 1e-22 * np.eye(size)
+        kf.Q[:6, :6] += breaks.covariance(last, times[k])
         last = times[k]
         process.append(kf.Q)
         kf.predict()

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.recording.recording import Recording
+from calibration.recording.sessions import breaks_s
 from calibration.reduction.common_points import NESTS, NestEstimate
-from calibration.reduction.drift_filter import DriftEstimate, estimate_drift
+from calibration.reduction.drift_filter import Breaks, DriftEstimate, estimate_drift
 
 
 @dataclass(frozen=True)
@@ -49,5 +50,7 @@ def _drift(
     rows = on_nest[np.argsort(t[on_nest], kind="stable")]
     names, nest = np.unique(np.asarray(part["smr"])[rows], return_inverse=True)
     accuracy = part.file.station.accuracy
-    drift = estimate_drift(t[rows], nest, position_m[rows], covariance_m2[rows], accuracy, t)
+    distance_m = float(np.mean(np.linalg.norm(position_m[rows], axis=1)))
+    breaks = Breaks(breaks_s(part), part.file.nest_limit_m, distance_m)
+    drift = estimate_drift(t[rows], nest, position_m[rows], covariance_m2[rows], accuracy, t, breaks)
     return tuple(names.tolist()), drift

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, rig_path
+from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, SequenceOption, rig_path
 
 
 def identify(
@@ -18,19 +18,21 @@ def identify(
     estimator: Annotated[str, typer.Option(help="map, least_squares, tikhonov, l_curve or truncated_svd")] = "map",
     robust: Annotated[bool, typer.Option("--robust", help="tolerate outliers (Huber's loss); recordings only")] = False,
     monte_carlo: Annotated[int, typer.Option(help="draws of a Monte Carlo check; recordings only")] = 0,
+    by_sequence: SequenceOption = False,
 ) -> None:
     """Identify a recording or a measurement folder: parameters with uncertainty, held-out error, bound."""
     from pkm_rig.jobs.identify import identify_with_checks
     from pkm_rig.jobs.measured_machine import find_measurement_folder, identify_measurements
     from pkm_rig.report.identified_text import print_identification
     from pkm_rig.report.measured_text import print_measurements
-    from pkm_rig.report.terminal import print_either
+    from pkm_rig.report.terminal import print_either, say_repaired
     from pkm_rig.store.store import find_recording
 
     measurements = find_measurement_folder(campaign, out)
     if measurements is None:
-        recording = find_recording(campaign, out)
-        result = identify_with_checks(recording, estimator, robust=robust, draws=monte_carlo)
+        recording = find_recording(campaign, out, by_sequence=by_sequence)
+        repaired = say_repaired(recording)
+        result = identify_with_checks(recording, estimator, robust=robust, draws=monte_carlo) | repaired
         print_either(json, result, print_identification)
         return
     if robust or monte_carlo:
@@ -47,20 +49,23 @@ def diagnose(
         list[Path] | None,
         typer.Option(help="Python file with your own effects (docs/explanation/diagnosis.md); again for more"),
     ] = None,
+    by_sequence: SequenceOption = False,
 ) -> None:
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
     from pkm_rig.jobs.diagnose import run_diagnosis
     from pkm_rig.jobs.measured_machine import find_measurement_folder
     from pkm_rig.report.diagnosis_text import describe_diagnosis
-    from pkm_rig.report.terminal import print_result
+    from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
     if find_measurement_folder(campaign, out) is not None:
         raise InputError(
             f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/reference/recording.md)"
         )
-    diagnosis, result = run_diagnosis(find_recording(campaign, out), out, effects or (), add=add)
-    print_result(json, result, describe_diagnosis(diagnosis, result))
+    recording = find_recording(campaign, out, by_sequence=by_sequence)
+    repaired = say_repaired(recording)
+    diagnosis, result = run_diagnosis(recording, out, effects or (), add=add)
+    print_result(json, result | repaired, describe_diagnosis(diagnosis, result))
 
 
 def poses(
@@ -92,11 +97,13 @@ def compensate(
     payload: Annotated[int, typer.Option(help="number of the payload in the rig's list")] = 0,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
+    by_sequence: SequenceOption = False,
 ) -> None:
     """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
     from pkm_rig.jobs.compensate import compensate_recording
-    from pkm_rig.report.terminal import print_result
+    from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
-    tables = compensate_recording(find_recording(campaign, out), payload, out)
+    recording = find_recording(campaign, out, by_sequence=by_sequence)
+    tables = say_repaired(recording) | compensate_recording(recording, payload, out)
     print_result(json, tables, f"tables: {tables['folder']}")

@@ -22,3 +22,10 @@ OutOption = Annotated[Path, typer.Option("--out", help="folder of the store and 
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 CampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store, or a recording folder")]
 StoredCampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store")]
+SequenceOption = Annotated[
+    bool,
+    typer.Option(
+        "--sessions-from-sequence",
+        help="a folder whose rig time falls: another session began there; no effect of time is used across it",
+    ),
+]

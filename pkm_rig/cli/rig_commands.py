@@ -71,7 +71,7 @@ def measure(
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.config import load_rig, with_visits
     from pkm_rig.rig.schedule import calibration_blocks
-    from pkm_rig.store.sessions import last_moment
+    from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_store
 
     if campaign_file is not None:  # errors are reported before any device is touched
@@ -106,7 +106,7 @@ def verify(
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message, progress_bar
     from pkm_rig.rig.capabilities import Need
-    from pkm_rig.store.sessions import last_moment
+    from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_existing_store, open_store
 
     with open_existing_store(out) as store:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument
+from pkm_rig.cli.options import JsonOption, OutOption, SequenceOption, StoredCampaignArgument
 from pkm_rig.errors import StoreError
 
 
@@ -42,24 +42,33 @@ def list_campaigns(
 
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
     """What happened to a campaign."""
-    from pkm_rig.report.terminal import print_json, print_simulated, results
+    from pkm_rig.report.terminal import print_json, print_simulated, results, say_repaired
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         simulated, head = store.header(campaign).simulated, store.head(campaign)
         readings, events = store.count_readings(campaign), store.events(campaign)
+        recording = store.recording(campaign) if readings else None
+    sessions = () if recording is None else recording.file.sessions
     if json:
         print_json({
             "campaign": campaign,
             "simulated": simulated,
             "readings": readings,
             "head": head or None,
+            **({} if recording is None else say_repaired(recording)),
+            "sessions": [s.model_dump(mode="json") for s in sessions],
             "events": [{"created": e.created, "kind": e.kind, "data": e.data} for e in events],
         })  # fmt: skip
         return
     print_simulated(simulated)
     chained = f"head {head}" if head else "not chained"
     results.print(f"{campaign}: {readings} readings, {chained}", soft_wrap=True, markup=False)
+    if recording is not None:
+        say_repaired(recording)
+    for s in sessions:
+        span = f"rig time {s.begin_rig_s:.0f} to {s.end_rig_s:.0f} s"
+        results.print(f"session {s.number}  {s.command}  {span}  {s.why}".rstrip(), soft_wrap=True, markup=False)
     for event in events:
         plan = event.data.get("plan") or ""
         line = f"{event.created}  {event.kind}  {plan} {event.data.get('reason', '')}".rstrip()
@@ -92,14 +101,16 @@ def export_campaign(
 ) -> None:
     """Write a campaign as a recording folder (docs/reference/recording.md)."""
     from calibration.recording.folder import write_folder
-    from pkm_rig.report.terminal import print_result
+    from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         recording = store.recording(campaign)
+    repaired = say_repaired(recording)
     write_folder(recording, folder)
     simulated = recording.file.simulated
     result = {"campaign": campaign, "simulated": simulated, "folder": str(folder), "readings": len(recording)}
+    result |= repaired
     print_result(json, result, f"{len(recording)} readings: {folder}")
 
 
@@ -108,6 +119,7 @@ def import_folder(
     folder: Annotated[Path | None, typer.Argument(help="new measurement folder, of a printer.cfg only")] = None,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
+    by_sequence: SequenceOption = False,
 ) -> None:
     """Read a recording into the store or a printer.cfg into a measurement folder (docs/reference/measurements.md)."""
     if not source.exists():
@@ -117,7 +129,7 @@ def import_folder(
     elif folder is not None:
         raise InputError(f"{source}: not a file; a second folder is only for what a printer.cfg holds")
     else:
-        _import_recording(source, out, json)
+        _import_recording(source, out, json, by_sequence=by_sequence)
 
 
 def _import_printer(source: Path, folder: Path, json: bool) -> None:
@@ -128,14 +140,15 @@ def _import_printer(source: Path, folder: Path, json: bool) -> None:
     print_result(json, result, f"{result['readings']} readings: {folder}", f"next: pkm-rig identify {folder}")
 
 
-def _import_recording(source: Path, out: Path, json: bool) -> None:
+def _import_recording(source: Path, out: Path, json: bool, *, by_sequence: bool) -> None:
     from calibration.recording.folder import read_folder
-    from pkm_rig.report.terminal import print_result
+    from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import open_store
 
-    recording = read_folder(source)
+    recording = read_folder(source, by_sequence=by_sequence)
+    repaired = say_repaired(recording)
     with open_store(out) as store:
         store.add_recording(recording)
     name, count = recording.file.campaign, len(recording)
-    result = {"campaign": name, "simulated": recording.file.simulated, "readings": count}
+    result = {"campaign": name, "simulated": recording.file.simulated, "readings": count} | repaired
     print_result(json, result, f"campaign {name}: {count} readings")

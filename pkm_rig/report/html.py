@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from calibration.compensation.error_map import error_map
 from calibration.identification.fit import Fit
 from calibration.identification.observability import observability_of
 from calibration.identification.prediction import predict_poses
+from calibration.recording.header import SessionEntry
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report import diagnosis_json, diagnosis_pictures, diagnosis_text, pictures
 from pkm_rig.report.notation import plain_number, with_symbols
@@ -127,6 +129,8 @@ def _conditions(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     recording = outcome.reduction.recording
     hours = (recording["t_rig_s"].max() - recording["t_rig_s"].min()) / 3600.0
     rows = [("duration (rig time)", f"{hours:.2f} h")]
+    for session in recording.file.sessions:
+        rows.append((f"session {session.number}", _session(session)))
     for name, values in (("air", recording["air_temperature_c"]), *recording.temperatures_c().items()):
         rows.append((f"temperature, {name}", f"{values.min():.2f} to {values.max():.2f} °C"))
     rows.append(("air pressure", f"{recording['pressure_hpa'].mean():.1f} hPa"))
@@ -141,6 +145,15 @@ def _conditions(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     for cause, count in outcome.reduction.dropped.items():
         rows.append((f"readings left out: {cause}", str(count)))
     return rows
+
+
+def _session(session: SessionEntry) -> str:
+    parts = [session.command, f"{session.begin_rig_s / 3600.0:.2f} to {session.end_rig_s / 3600.0:.2f} h", session.why]
+    if session.begin_utc_s is not None:
+        parts.append(f"begun {datetime.fromtimestamp(session.begin_utc_s, UTC):%Y-%m-%d %H:%M} UTC")
+    if session.time != "measured":
+        parts.append(f"time before it {session.time}")
+    return ", ".join(part for part in parts if part)
 
 
 def _parameters(fit: Fit) -> list[dict[str, Any]]:

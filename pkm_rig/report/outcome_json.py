@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.recording.sessions import repaired_text
 from calibration.reduction.figures import Figures
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.results.outcome import CampaignOutcome
@@ -26,7 +27,8 @@ def pool_figures(several: list[Figures]) -> dict[str, float]:
 
 def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any]:
     """The result of `calibrate` and `verify`."""
-    last = outcome.verified[-1]
+    last, recording = outcome.verified[-1], outcome.reduction.recording
+    repaired = repaired_text(recording)
     return {
         "campaign": outcome.campaign,
         "simulated": outcome.simulated,
@@ -54,4 +56,6 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
             for v in outcome.verified
         ],
         "diagnosis": diagnosis_attempt_json(outcome.diagnosis),
+        "sessions": [session.model_dump(mode="json") for session in recording.file.sessions],
+        **({} if repaired is None else {"repaired": repaired}),
     }

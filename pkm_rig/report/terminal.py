@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
@@ -21,6 +21,9 @@ from rich.text import Text
 
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.results.callbacks import Progress as ReportProgress
+
+if TYPE_CHECKING:
+    from calibration.recording.recording import Recording
 
 
 class PeopleConsole(Console):
@@ -78,6 +81,17 @@ def print_either(as_json: bool, result: dict[str, Any], print_for_people: Callab
 def print_message(line: str) -> None:
     """A line on stderr."""
     messages.print(line, markup=False, soft_wrap=True)
+
+
+def say_repaired(recording: Recording) -> dict[str, str]:
+    """Say on stderr if the times of a recording are not those that were measured; the same for a JSON result."""
+    from calibration.recording.sessions import repaired_text  # noqa: PLC0415
+
+    text = repaired_text(recording)
+    if text is None:
+        return {}
+    print_message(text)
+    return {"repaired": text}
 
 
 @contextmanager

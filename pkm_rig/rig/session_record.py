@@ -12,7 +12,8 @@ from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import require_same_kind
-from pkm_rig.store.sessions import BEGUN, ENDED, Moment, last_moment, next_number
+from pkm_rig.store import sessions
+from pkm_rig.store.sessions import BEGUN, ENDED, Moment
 from pkm_rig.store.store import Store
 
 WAIT_S = 60.0  # by which the rig's clock may lie behind the campaign: it is waited for
@@ -36,7 +37,7 @@ def session(
     after = last_moment(store, campaign)
     if after is not None:
         _require_later(rig, after, campaign)
-    number = next_number(store, campaign)
+    number = 1 + max((int(e.data["session"]) for e in store.events(campaign, BEGUN)), default=0)
     scale = rig.clock.time_scale if isinstance(rig.clock, ScaledClock) else None
 
     def now() -> dict[str, float]:
@@ -60,6 +61,12 @@ def session(
             )
         raise
     store.add_event(campaign, ENDED, {"session": number, **now(), "why": "finished"})
+
+
+def last_moment(store: Store, campaign: str) -> Moment | None:
+    """Where a campaign ended, on both clocks; None if it has not begun."""
+    recording = store.recording(campaign) if store.has_readings(campaign) else None
+    return sessions.last_moment(recording, store.events(campaign))
 
 
 def _require_later(rig: Rig, after: Moment, campaign: str) -> None:

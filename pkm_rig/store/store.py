@@ -27,6 +27,7 @@ from pkm_rig.store.connections import engine_for_writing, writer
 from pkm_rig.store.lock import Lock
 from pkm_rig.store.migrate import bring_up_to_date, engine_for_reading
 from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns, table_changes
+from pkm_rig.store.sessions import with_sessions
 from pkm_rig.store.stored_rows import (
     CampaignRows,
     RemovedCampaign,
@@ -209,7 +210,8 @@ class Store:
             data = [rows.reading(row).data for row in connection.execute(query)]
         with self._damage(campaign):
             file = RecordingFile.model_validate(head.description)
-            return make_recording(file, parse_machine(head.machine, f"machine of campaign {campaign}"), data)
+            recording = make_recording(file, parse_machine(head.machine, f"machine of campaign {campaign}"), data)
+            return with_sessions(recording, self.events(campaign))
 
     @contextmanager
     def _damage(self, campaign: str) -> Iterator[None]:
@@ -316,11 +318,14 @@ def require_store(out: Path, command: str) -> Iterator[Store]:
         yield store
 
 
-def find_recording(name: str, out: Path) -> Recording:
-    """A recording by its folder, or by its campaign id in the store; InputError if it is neither."""
+def find_recording(name: str, out: Path, *, by_sequence: bool = False) -> Recording:
+    """A recording by its folder, or by its campaign id in the store; InputError if it is neither.
+
+    `by_sequence`: in a folder, each fall of rig time begins a session.
+    """
     folder = Path(name)
     if folder.is_dir():
-        return read_folder(folder)
+        return read_folder(folder, by_sequence=by_sequence)
     if not store_path(out).is_file():
         raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
     with open_existing_store(out) as store:

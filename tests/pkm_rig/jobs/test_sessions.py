@@ -10,8 +10,8 @@ import pytest
 from calibration.base.errors import InputError
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.clock import ScaledClock
-from pkm_rig.rig.session_record import session
-from pkm_rig.store.sessions import Moment, last_moment
+from pkm_rig.rig.session_record import last_moment, session
+from pkm_rig.store.sessions import Moment
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 

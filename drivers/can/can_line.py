@@ -64,6 +64,10 @@ class CanLine:
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame at once. Raises ConnectionFailed."""
         self.check()
+        self.send_anyway(cob_id, data)
+
+    def send_anyway(self, cob_id: int, data: bytes) -> None:
+        """The same on a line that counts as lost: a stop is tried in any case. Raises ConnectionFailed."""
         try:
             self.network.send_message(cob_id, data)
         except (can.CanError, OSError, RuntimeError, ValueError) as error:

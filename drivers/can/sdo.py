@@ -108,6 +108,14 @@ class SdoAccess:
             )
         return int(struct.unpack(entry.format, data[:size])[0])
 
+    def read_twice(self, entry: DriveObject) -> int:
+        """Read a setting that nothing else would find wrong: it must be the same both times."""
+        first, second = self.read(entry), self.read(entry)
+        if first != second:
+            what = f"it was read twice, as {first} and {second}"
+            raise ProtocolError(self._device, self._where(entry), what, "check the bus and repeat")
+        return first
+
     def write(self, entry: DriveObject, value: int) -> None:
         """Write an integer object. Raises ValueError if it does not fit."""
         try:
@@ -146,11 +154,18 @@ class SdoAccess:
 
     def _upload(self, entry: DriveObject) -> bytes:
         if entry.format or not self._blocks:
-            return bytes(self._client.upload(entry.index, entry.sub))
+            return self._upload_by_segments(entry)
         return self._by_block(
-            lambda: self._block.upload(entry.index, entry.sub, MOST_BYTES),
-            lambda: bytes(self._client.upload(entry.index, entry.sub)),
+            lambda: self._block.upload(entry.index, entry.sub, MOST_BYTES), lambda: self._upload_by_segments(entry)
         )
+
+    def _upload_by_segments(self, entry: DriveObject) -> bytes:
+        """The library's upload, which does not compare lengths."""
+        with self._client.open(entry.index, entry.sub, buffering=0) as stream:  # type: ignore[no-untyped-call]
+            size, data = stream.size, bytes(stream.read())
+        if size not in (None, len(data)):
+            raise ProtocolBroken(f"{len(data)} bytes received, {size} were announced")
+        return data
 
     def _download(self, entry: DriveObject, data: bytes) -> None:
         if entry.format or not self._blocks or not data:

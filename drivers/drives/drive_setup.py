@@ -107,7 +107,7 @@ class DriveSetup:
     def is_referenced(self) -> bool:
         """Whether the drive reports that its position is referenced; True for makes that cannot lose it."""
         entry, mask = self.profile.referenced, self.profile.referenced_mask
-        return entry is None or self.sdo.read(entry) & mask == mask
+        return entry is None or self.sdo.read_twice(entry) & mask == mask
 
     def watch_master(self, master_node_id: int, limit_ms: int) -> None:
         """Have the drive stop by itself when the master's heartbeat stays away; no effect if the make cannot."""

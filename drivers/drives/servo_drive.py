@@ -108,8 +108,8 @@ class ServoDrive:
         if self._master_node_id is not None:
             setup.watch_master(self._master_node_id, min(self._timeouts.master_lost_ms, 0xFFFF))
         self.set_mode(cia402.PROFILE_POSITION)
-        self.rated_torque_n_m = self.sdo.read(objects.RATED_TORQUE) * 1e-3
-        self.target_m = self.sdo.read(objects.TARGET_POSITION) * self.metres_per_increment
+        self.rated_torque_n_m = self.sdo.read_twice(objects.RATED_TORQUE) * 1e-3
+        self.target_m = self.sdo.read_twice(objects.TARGET_POSITION) * self.metres_per_increment
         self._profile.clear()
         self.messages.nmt_state = None
         self.line.send_nmt(NMT_START, self.node_id)
@@ -169,7 +169,7 @@ class ServoDrive:
         return self.sdo.read(objects.POSITION_ACTUAL) * self.metres_per_increment
 
     def _read_limits(self) -> None:
-        low, high = self.sdo.read(objects.LIMIT_LOW), self.sdo.read(objects.LIMIT_HIGH)
+        low, high = self.sdo.read_twice(objects.LIMIT_LOW), self.sdo.read_twice(objects.LIMIT_HIGH)
         if low < high:
             self.limits_m = (low * self.metres_per_increment, high * self.metres_per_increment)
 
@@ -222,7 +222,7 @@ class ServoDrive:
 
     def quick_stop(self) -> None:
         """Stop on the quick stop ramp, at once and without waiting for anything."""
-        self.send_controlword(cia402.QUICK_STOP)
+        self.line.send_anyway(0x200 + self.node_id, struct.pack("<H", cia402.QUICK_STOP))
 
     def fault_reset(self) -> None:
         """Acknowledge a fault; nothing happens without one. Raises DriveFault if it stays."""

@@ -90,7 +90,7 @@ class TableBank:
 
     def state(self) -> CompensationState:
         """The content of the banks, and which one is active."""
-        read = self.drive.sdo.read
+        read = self.drive.sdo.read_twice
         payload_g = read(self.objects.payload)
         return CompensationState(
             on=read(self.objects.mode) == 1,
@@ -152,7 +152,7 @@ class TableBank:
 
     def confirm(self, number: int, crc: int, generation: int) -> None:
         """Raise TableError unless this very table is active."""
-        read = self.drive.sdo.read
+        read = self.drive.sdo.read_twice
         active = (read(self.objects.active), read(self.objects.crc), read(self.objects.generation))
         if active != (number, crc, generation):
             raise self._error(
@@ -178,7 +178,7 @@ class TableBank:
         return self.objects.banks[number - 1]
 
     def _bank(self, number: int) -> Bank:
-        read = self.drive.sdo.read
+        read = self.drive.sdo.read_twice
         status = read(self._objects_of(number).status)
         return Bank(
             number=number,

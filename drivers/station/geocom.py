@@ -29,7 +29,7 @@ from geocompy.geo.mot import GeoComMOT
 from geocompy.geo.tmc import GeoComTMC
 
 from drivers.clock import RigClock
-from drivers.errors import ConnectionFailed, NoAnswer, NotExecuted, ProtocolError, StationBusy
+from drivers.errors import ConnectionFailed, DeviceError, NoAnswer, NotExecuted, ProtocolError, StationBusy
 from drivers.station import return_codes as codes
 from drivers.station.return_codes import station_error
 from drivers.station.serial_line import ExchangeTime, SerialLine
@@ -201,9 +201,10 @@ class GeoComSession:
             self._call_when_idle(call, False, self._motion_timeout_s)
         except NotExecuted:
             self._call_when_idle(call, False, self._motion_timeout_s)
-        except (NoAnswer, ProtocolError):
+        except (NoAnswer, ProtocolError) as error:
             if not idempotent:
                 raise
+            self._require_answering(error, self._motion_timeout_s)
             self._call_when_idle(call, False, self._motion_timeout_s)
 
     def ask_flagged(self, call: Call) -> tuple[Any, tuple[str, ...]]:
@@ -219,8 +220,14 @@ class GeoComSession:
     def _call_again_if_lost(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
         try:
             return self._call_when_idle(call, values, timeout_s)
-        except (NoAnswer, ProtocolError):
+        except (NoAnswer, ProtocolError) as error:
+            self._require_answering(error, timeout_s)
             return self._call_when_idle(call, values, timeout_s)
+
+    def _require_answering(self, error: DeviceError, timeout_s: float) -> None:
+        """Before a long call is repeated, ask a station that has been silent whether it is there at all."""
+        if isinstance(error, NoAnswer) and timeout_s > self._reply_timeout_s:
+            self._call_when_idle(self.geocom.com.nullprocess, False, self._reply_timeout_s)
 
     def _call_when_idle(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
         end_s = self._clock.now_s() + self._busy_limit_s

@@ -37,6 +37,7 @@ SCRIPT = [
     ("03 0000 0025", b"\x03\x4a" + block(8, taken=5)),
     ("03 0022 0002", bytes.fromhex("03 04 0005 0000")),
     ("10 001F 0003 06 0006 0001 0002", bytes.fromhex("10 001F 0003")),
+    ("03 0022 0002", bytes.fromhex("03 04 0005 0000")),  # still the result of the command before
     ("03 0022 0002", bytes.fromhex("03 04 0006 0002")),
     ("03 0022 0002", bytes.fromhex("03 04 0006 0000")),
     ("03 0000 0025", b"\x03\x4a" + block(9, payload=2, taken=6)),

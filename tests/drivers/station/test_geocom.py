@@ -90,6 +90,20 @@ def test_two_lost_answers_are_an_error_and_the_session_goes_on(opened: Open) -> 
     port.finished()
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_before_a_long_call_is_repeated_the_station_is_asked_whether_it_is_there(opened: Open, there: bool) -> None:
+    answer = [(b"%R1Q,0,1:", b"%R1P,0,1:0\r\n"), (b"%R1Q,9037,2:0.1,0.1,0", b"%R1P,0,2:0\r\n")]
+    session, port = opened([(b"%R1Q,9037,0:0.1,0.1,0", b""), *(answer if there else [(b"%R1Q,0,1:", b"")])])
+    session._motion_timeout_s = 0.2
+    call = session.call(9037, 0.1, 0.1, 0)
+    if there:
+        session.command(call, idempotent=True)
+    else:
+        with pytest.raises(NoAnswer):
+            session.command(call, idempotent=True)
+    port.finished()
+
+
 def test_a_command_is_never_sent_twice(opened: Open) -> None:
     session, port = opened([(b"%R1Q,9028,0:0,0,0", b"")], SHORT_S)
     with pytest.raises(NoAnswer):

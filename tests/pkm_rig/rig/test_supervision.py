@@ -112,3 +112,15 @@ def test_a_drive_that_another_master_moves_is_stopped_and_the_master_is_named():
         assert abs(mock.mock.drives[0].encoder_m(rig.clock.now_s()) - 1.118) < 1e-4  # before the next poll
         with pytest.raises(OtherMaster):
             rig.move(CENTRE, 0.1)
+
+
+def test_a_payload_that_changes_during_a_motion_stops_the_drives(short_rig):
+    mock, rig = short_rig
+    rig.enable()
+    rig.clock.call_at(rig.clock.now_s() + 0.5, lambda: mock.plant.put_on(1))
+    with pytest.raises(DeviceError):
+        rig.move(CENTRE + 0.3, 0.1)
+    assert isinstance(rig.supervisor.trip, InterlockOpen)
+    assert "changed during a motion" in str(rig.supervisor.trip)
+    rig.clock.sleep_s(1.0)
+    assert not any(drive.is_moving(rig.clock.now_s()) for drive in mock.drives)

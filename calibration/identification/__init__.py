@@ -10,6 +10,7 @@ __all__ = [
     "held_out",
     "leave_one_out",
     "linear_system",
+    "measured_gate",
     "model_comparison",
     "observability",
     "pose_selection",

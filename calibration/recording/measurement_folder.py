@@ -7,10 +7,12 @@ A folder is untrusted input: data only, bounded in size, checked.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.csv_table import read_table, require_counts, write_table
@@ -82,6 +84,24 @@ class MeasuredMachine:
                 )
             )
         return tuple(out)
+
+    def line_of(self, readings: Readings, row: int) -> tuple[str, str]:
+        """File and line of one of the `readings`, and what it is of, for people."""
+        if isinstance(readings, ToolCoordinates):
+            visit = int(readings.visit[row])
+            return f"{COORDINATE_TABLE} line {visit + 2}", f"visit {self.number[visit]:g}"
+        visits = " to ".join(f"{number:g}" for number in self.number[self.pairs[row].astype(int)])
+        return f"{DISTANCE_TABLE} line {row + 2}", f"distance, visit {visits}"
+
+    def without(self, wrong: Sequence[NDArray[np.intp]]) -> MeasuredMachine:
+        """The same without some rows of each of the `readings`."""
+        coordinates, keep = self.coordinates.copy(), np.ones(len(self.distance_m), dtype=bool)
+        for readings, rows in zip(self.readings(), wrong, strict=True):
+            if isinstance(readings, ToolCoordinates):
+                coordinates[readings.visit[rows]] = np.nan
+            else:
+                keep[rows] = False
+        return replace(self, coordinates=coordinates, pairs=self.pairs[keep], distance_m=self.distance_m[keep])
 
     def parameters(self) -> ParameterSet:
         """The parameters to be fitted: the kinds that the file names, all if it names none."""

@@ -16,8 +16,8 @@ from calibration.identification.estimators import identify
 from calibration.identification.explanations import Explanation, explanations, group_indistinguishable
 from calibration.identification.fit import Estimator, Fit
 from calibration.identification.leave_one_out import LeaveOneOutErrors, leave_one_out
+from calibration.identification.measured_gate import without_wrong_readings
 from calibration.identification.observability import Observability, observability_of
-from calibration.identification.step_size import check_step_size
 from calibration.instruments.readings import Readings
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES
@@ -74,7 +74,9 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
             f"{measured.file.name}: {numbers} readings leave no degrees of freedom for {former.parameters} parameters; "
             "measure more poses"
         )
-    check_step_size(measured)
+    measured, left_out = without_wrong_readings(measured)
+    readings = measured.readings()
+    numbers = sum(len(r) * r.width for r in readings)
     require_enough_poses(measured.machine, measured.visits.target_m)
     model = Model(measured.parameters())
     fit = identify(model, measured.visits, readings, chosen)
@@ -84,6 +86,7 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
         "source": measured.file.source,
         "estimator": chosen,
         "readings": {_reading_kind(r): len(r) for r in readings},
+        "left_out": [reading.as_dict() for reading in left_out],
         "parameters": _parameters(fit),
         "quantities": _quantities(measured, fit),
         **_figures(fit),

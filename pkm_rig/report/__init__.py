@@ -9,6 +9,7 @@ __all__ = [
     "html",
     "identified_text",
     "interim_text",
+    "left_out_text",
     "measured_text",
     "notation",
     "outcome_json",

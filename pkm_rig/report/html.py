@@ -19,10 +19,13 @@ from calibration.identification.prediction import predict_poses
 from calibration.recording.header import SessionEntry
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report import diagnosis_json, diagnosis_pictures, diagnosis_text, pictures
+from pkm_rig.report.left_out_text import REASONS, size_in_words
 from pkm_rig.report.notation import plain_number, with_symbols
 from pkm_rig.report.outcome_text import comparison_remark, model_rows
 from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
 from pkm_rig.version import __version__
+
+WRONG_READINGS = 50  # the largest, by name; all are in the JSON of `identify`
 
 
 def report_path(outcome: CampaignOutcome, out: Path) -> Path:
@@ -144,6 +147,10 @@ def _conditions(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     )
     for cause, count in outcome.reduction.dropped.items():
         rows.append((f"readings left out: {cause}", str(count)))
+    wrong = sorted((reading.as_dict() for reading in outcome.reduction.left_out), key=lambda entry: -entry["sigmas"])
+    for entry in wrong[:WRONG_READINGS]:
+        name = f"left out: reading {entry['name']} of {entry['of']}"
+        rows.append((name, f"{with_symbols(size_in_words(entry))}; {REASONS[entry['reason']]}"))
     return rows
 
 

@@ -8,8 +8,10 @@ from rich.table import Table
 
 from calibration.base.rounding import round_result
 from calibration.identification.observability import HELD
+from pkm_rig.report.left_out_text import left_out_lines
 from pkm_rig.report.terminal import results
 
+SHOWN = 5  # wrong readings
 UNITS = {"m": (1e6, "um"), "rad": (1e6, "urad"), "drive_scale": (1e6, "um/m")}
 
 
@@ -31,6 +33,8 @@ def print_identification(result: dict[str, Any]) -> None:
     )
     left_out, chi2 = sum(result["dropped"].values()), result["chi2_per_dof"]
     results.print(f"{result['estimator']}: chi-square per degree of freedom {chi2:.2f}, {left_out} readings left out")
+    for line in left_out_lines(result["left_out"], SHOWN):
+        results.print(line, soft_wrap=True, markup=False)
     results.print(f"{result['rank']} of {len(result['parameters'])} directions decided by the data; left open:")
     for sentence in result["aliased"]:
         results.print(f"- {sentence}", soft_wrap=True, markup=False)

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from calibration.base.rounding import round_result
+from pkm_rig.report.left_out_text import left_out_lines
 from pkm_rig.report.notation import plain_number
 from pkm_rig.report.terminal import results
 from pkm_rig.results.unknowns import kind_in_words
@@ -19,6 +20,8 @@ def print_measurements(result: dict[str, Any]) -> None:
     """Quantities, figures, what is open, and what must be said beside the figures."""
     counted = " and ".join(f"{n} {what}" for what, n in result["readings"].items())
     results.print(f"{result['calibration']}: {counted}", soft_wrap=True)
+    for line in left_out_lines(result["left_out"], len(result["left_out"])):
+        results.print(line, soft_wrap=True, markup=False)
     _print_values(result)
     results.print(_figures(result))
     former = result["former"]

@@ -10,8 +10,11 @@ from rich.table import Table
 from calibration.base.rounding import round_result
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures
 from pkm_rig.report.diagnosis_text import diagnosis_line
+from pkm_rig.report.left_out_text import left_out_lines
 from pkm_rig.report.terminal import print_simulated, results
 from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
+
+SHOWN = 5  # wrong readings
 
 
 def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
@@ -37,6 +40,8 @@ def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
     results.print()
     for verified in outcome.verified:
         results.print(f"{verified.payload_kg:g} kg: {verified.decision.rule}")
+    for line in left_out_lines([reading.as_dict() for reading in outcome.reduction.left_out], SHOWN):
+        results.print(line, soft_wrap=True, markup=False)
     results.print(diagnosis_line(outcome.diagnosis), soft_wrap=True, markup=False)
     results.print("accepted" if outcome.accepted else f"{outcome.decision}; {outcome.restored}")
     if report is not None:

@@ -7,6 +7,7 @@ would pass as a measured value.
 
 from __future__ import annotations
 
+import errno
 import logging
 import re
 import threading
@@ -132,9 +133,15 @@ class GeoComSession:
         self._busy_limit_s = line.busy_limit_s
         try:
             port = serial.serial_for_url(
-                port_url, baudrate=line.baudrate, timeout=line.reply_timeout_s, write_timeout=line.reply_timeout_s
+                port_url,
+                baudrate=line.baudrate,
+                timeout=line.reply_timeout_s,
+                write_timeout=line.reply_timeout_s,
+                exclusive=True,
             )
         except (OSError, ValueError) as error:
+            if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
+                raise ConnectionFailed(device, port_url, "another program has the port", "end that program") from error
             raise ConnectionFailed(device, port_url, f"the port cannot be opened: {error}", _CHECK_LINE) from error
         self._line = SerialLine(port, clock, line.reply_timeout_s)
         self.geocom = GeoComCalls(self._line, first_transaction)

@@ -82,9 +82,9 @@ def archive(
     from pkm_rig.report.record_text import removed_line
     from pkm_rig.report.terminal import print_result
     from pkm_rig.store.removal import archive_campaign
-    from pkm_rig.store.store import require_store
+    from pkm_rig.store.store import hold_existing_store
 
-    with require_store(out, "archive") as store:
+    with hold_existing_store(out) as store:
         removed = archive_campaign(store, campaign, file, why)
     print_result(json, removed._asdict(), Text(removed_line(removed)))
 
@@ -100,9 +100,9 @@ def delete(
     from pkm_rig.report.record_text import removed_line
     from pkm_rig.report.terminal import print_result
     from pkm_rig.store.removal import delete_campaign
-    from pkm_rig.store.store import require_store
+    from pkm_rig.store.store import hold_existing_store
 
-    with require_store(out, "delete") as store:
+    with hold_existing_store(out) as store:
         if not yes:
             store.head(campaign)  # says if there is no such campaign
             if not sys.stdin.isatty():

@@ -44,7 +44,7 @@ def _calibrate(rig: Path, out: Path, json: bool, *, real_time: bool = False, see
     from pkm_rig.store.store import open_store
 
     with (
-        open_store(out) as store,
+        open_store(out, hold=True) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, real_time=real_time, seed=seed) as connected_rig,
         progress_bar() as progress,
     ):
@@ -78,7 +78,7 @@ def measure(
         file, machine = load_rig(rig)
         calibration_blocks(machine, with_visits(file, campaign_file).campaign)
     with (
-        open_store(out) as store,
+        open_store(out, hold=True) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
         progress_bar() as progress,
     ):
@@ -112,7 +112,7 @@ def verify(
     with open_existing_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
-        open_store(out) as store,
+        open_store(out, hold=True) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
         progress_bar() as progress,
     ):

@@ -105,12 +105,15 @@ def export_campaign(
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
-        recording = store.recording(campaign)
+        recording, head = store.recording(campaign), store.head(campaign)
     repaired = say_repaired(recording)
     write_folder(recording, folder)
+    if head:  # in a file of its own, so that versions without a chain can read the recording
+        record = f'campaign = "{campaign}"\nhead = "{head}"\nreadings = {len(recording)}\n'
+        (folder / "record.toml").write_text(record, encoding="utf-8")
     simulated = recording.file.simulated
     result = {"campaign": campaign, "simulated": simulated, "folder": str(folder), "readings": len(recording)}
-    result |= repaired
+    result |= {"head": head or None, **repaired}
     print_result(json, result, f"{len(recording)} readings: {folder}")
 
 

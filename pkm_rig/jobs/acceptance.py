@@ -38,7 +38,7 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
         for event in activated[-len({e.data["payload"] for e in activated}) :]
     )
     previous_tables = verdicts[-1].data.get("restored") or "the former tables"
-    return evaluate_campaign(
+    outcome = evaluate_campaign(
         campaign,
         identification,
         recording,
@@ -47,6 +47,7 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
         previous_tables=previous_tables,
         limits_m=stored_limits_m(store, campaign),
     )
+    return replace(outcome, head=store.head(campaign))
 
 
 def stored_limits_m(store: Store, campaign: str) -> dict[int, float]:

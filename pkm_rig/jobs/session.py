@@ -13,6 +13,7 @@ from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.rig_lock import rig_lock
 from pkm_rig.store.sessions import Moment
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
@@ -47,6 +48,7 @@ def open_rig(
 ) -> Iterator[Rig]:
     """The connected, supervised rig of a rig file; one on the `embedded` bus is a mock rig over its real protocols.
 
+    StoreError, naming it, if another process has one of its devices; what is embedded is nobody else's.
     InputError, before any device is touched, if its file shows that it cannot do what it `needs` to.
     `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference. Rig time begins
     where the campaign that goes on ended (`after`), later by the time that has passed meanwhile; on the embedded rig,
@@ -68,7 +70,7 @@ def open_rig(
     scale = file.time_scale or 1.0
     clock = ScaledClock(scale, 0.0 if after is None else after.t_rig_s + after.gap_s(time.time()) * scale)
     try:
-        with connect_rig(file, machine, clock, rig_path=path, homing=homing) as rig:
+        with rig_lock(file), connect_rig(file, machine, clock, rig_path=path, homing=homing) as rig:
             yield rig
     finally:
         clock.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import bluesky.plan_stubs as bps
@@ -95,7 +96,7 @@ def verify_tables(
         notify(f"the result is {outcome.decision}; back to {previous_tables.description}")
         previous_tables.restore()
     _record_verdict(store, outcome)
-    return outcome
+    return replace(outcome, head=store.head(campaign))
 
 
 def _payload(runner: Runner, payload: int) -> Plan:

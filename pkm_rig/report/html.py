@@ -199,7 +199,9 @@ def _hashes(outcome: CampaignOutcome) -> list[tuple[str, str]]:
     for name, column in recording.columns.items():
         data.update(name.encode())
         data.update(np.ascontiguousarray(column).tobytes())
+    record = [("head of the campaign in the store (pkm-rig audit --head)", outcome.head)] if outcome.head else []
     return [
+        *record,
         ("settings of the campaign", hashlib.sha256(recording.file.model_dump_json().encode()).hexdigest()),
         ("machine file", hashlib.sha256(recording.machine.text.encode()).hexdigest()),
         ("readings used", data.hexdigest()),

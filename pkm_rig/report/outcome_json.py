@@ -32,6 +32,7 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
     return {
         "campaign": outcome.campaign,
         "simulated": outcome.simulated,
+        "head": outcome.head or None,
         "accepted": outcome.accepted,
         "decision": outcome.decision,
         "before": pool_figures([v.before for v in outcome.verified]),

@@ -51,7 +51,10 @@ class WrittenTable:
 
 @dataclass(frozen=True)
 class CampaignOutcome:
-    """The outcome of a calibration; `restored` says what the drives went back to if it was not accepted."""
+    """The outcome of a calibration; `restored` says what the drives went back to if it was not accepted.
+
+    `head` is the last value of the campaign's chain in the store, empty if it is not chained.
+    """
 
     campaign: str
     calibration: Calibration
@@ -61,6 +64,7 @@ class CampaignOutcome:
     written: tuple[WrittenTable, ...]
     diagnosis: DiagnosisAttempt
     restored: str | None = None
+    head: str = ""
 
     @property
     def decision(self) -> Verdict:

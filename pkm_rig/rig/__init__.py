@@ -13,6 +13,7 @@ __all__ = [
     "previous_tables",
     "rig",
     "rig_checks",
+    "rig_lock",
     "runner",
     "schedule",
     "session_record",

@@ -30,10 +30,11 @@ def session(
 ) -> Iterator[int]:
     """Record the begin and the end of a session; its number.
 
-    Raises InputError if the rig's clock lies before the campaign's end, for times would overlap, and for simulated
-    devices where the campaign's were real.
+    The store is held meanwhile: StoreError if another process holds it. InputError if the rig's clock lies before the
+    campaign's end, for times would overlap, and for simulated devices where the campaign's were real.
     """
     require_same_kind(rig, store, campaign)
+    store.hold()
     after = last_moment(store, campaign)
     if after is not None:
         _require_later(rig, after, campaign)
@@ -56,11 +57,11 @@ def session(
         yield number
     except BaseException as error:
         with contextlib.suppress(StoreError):
-            store.add_event(
-                campaign, ENDED, {"session": number, **now(), "why": _why(error), "reason": str(error) or "interrupted"}
-            )
+            end = {"session": number, **now(), "why": _why(error), "reason": str(error) or "interrupted"}
+            store.add_event(campaign, ENDED, end | {"head": store.head(campaign)})
         raise
-    store.add_event(campaign, ENDED, {"session": number, **now(), "why": "finished"})
+    end = {"session": number, **now(), "why": "finished"}
+    store.add_event(campaign, ENDED, end | {"head": store.head(campaign)})
 
 
 def last_moment(store: Store, campaign: str) -> Moment | None:

@@ -9,6 +9,7 @@ import fcntl
 import getpass
 import json
 import os
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from pkm_rig.errors import StoreError
 class Lock:
     """A lock that is held until it is released, or until the process ends."""
 
-    def __init__(self, path: Path, what: str, command: str) -> None:
+    def __init__(self, path: Path, what: str) -> None:
         """Take it. StoreError, naming its owner, if another process or another object of this one has it."""
         self._file = _open(path, what)
         try:
@@ -31,7 +32,8 @@ class Lock:
             os.close(self._file)
             raise StoreError(f"{what}: {path} cannot be locked: {error.strerror}; choose another place") from error
         os.ftruncate(self._file, 0)
-        mine = {"command": command, "pid": os.getpid(), "user": user_name(), "since": f"{datetime.now(UTC):%F %T} UTC"}
+        since = f"{datetime.now(UTC):%F %T} UTC"
+        mine = {"command": _this_command(), "pid": os.getpid(), "user": user_name(), "since": since}
         os.pwrite(self._file, json.dumps(mine).encode(), 0)
 
     def release(self) -> None:
@@ -47,6 +49,11 @@ def user_name() -> str:
         return getpass.getuser()
     except (KeyError, OSError):  # a user without a name, as in containers
         return f"user {os.getuid()}"
+
+
+def _this_command() -> str:
+    program = Path(sys.argv[0]).name
+    return " ".join(["pkm-rig" if program == "__main__.py" else program, *sys.argv[1:]])[:200]
 
 
 def _open(path: Path, what: str) -> int:
@@ -66,6 +73,6 @@ def _owner(file: int) -> str:
     """Who says in the file that he has it."""
     try:
         owner = json.loads(os.pread(file, 1000, 0))
-        return f"pkm-rig {owner['command']}, process {owner['pid']} of {owner['user']} since {owner['since']}"
+        return f"'{owner['command']}', process {owner['pid']} of {owner['user']} since {owner['since']}"
     except (ValueError, KeyError, TypeError):
         return "another process"

@@ -88,13 +88,13 @@ class Store:
         if self._lock is not None:
             self._lock.release()
 
-    def hold(self, command: str) -> None:
+    def hold(self) -> None:
         """Keep other campaigns out until the store is closed; again does nothing.
 
-        Raises StoreError, naming it, if another command has the store. Reading needs no permission.
+        Raises StoreError, naming it, if another process holds the store. Reading needs no permission.
         """
         if self._lock is None:
-            self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}", command)
+            self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}")
 
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
@@ -286,12 +286,12 @@ def store_path(out: Path) -> Path:
 
 
 @contextmanager
-def open_store(out: Path, campaign_lock: str | None = None) -> Iterator[Store]:
-    """The store in a folder, created if it does not exist; `campaign_lock`: held by the command of that name."""
+def open_store(out: Path, *, hold: bool = False) -> Iterator[Store]:
+    """The store in a folder, created if it does not exist; with `hold` other campaigns are kept out meanwhile."""
     store = Store(store_path(out))
     try:
-        if campaign_lock is not None:
-            store.hold(campaign_lock)
+        if hold:
+            store.hold()
         yield store
     finally:
         store.close()
@@ -310,11 +310,11 @@ def open_existing_store(out: Path) -> Iterator[Store]:
 
 
 @contextmanager
-def require_store(out: Path, command: str) -> Iterator[Store]:
-    """The store in a folder, held for a command that writes; InputError, and nothing created, if there is none."""
+def hold_existing_store(out: Path) -> Iterator[Store]:
+    """The store in a folder, to write, other campaigns kept out; InputError, and nothing created, if there is none."""
     if not store_path(out).is_file():
         raise InputError(f"there is no store in {out}; give --out")
-    with open_store(out, command) as store:
+    with open_store(out, hold=True) as store:
         yield store
 
 

@@ -220,7 +220,7 @@ class Store:
             yield
         except InputError:
             raise
-        except (ValueError, TypeError, OverflowError) as error:
+        except (ValueError, TypeError, LookupError, OverflowError) as error:
             raise StoreError(
                 f"store {self.path}: campaign '{campaign}' is damaged ({error}); restore the store from a backup"
             ) from error

@@ -45,7 +45,7 @@ def small_store(path: Path, *names: str) -> Path:
     with closing(Store(path)) as store:
         for name in names:
             store.add_recording(small_recording(name))
-            store.add_event(name, "settings", {"rig_file": {"a": 0.30000000000000004, "µ": [True, None, -0.0, 5]}})
+            store.add_event(name, "noted", {"rig_file": {"a": 0.30000000000000004, "µ": [True, None, -0.0, 5]}})
             store.add_reading(name, str(extra["uid"]), 6, extra)
             store.add_event(name, "finished", {"plan": "calibration"})
     return path

@@ -13,7 +13,7 @@ from benchmarks.kill_sweep.processes import RIG, HostProcess, MockProcess, wait_
 from pkm_rig.rig.config import load_rig
 from pkm_rig.virtual.new_rig import with_values
 
-CASES = ("silent-plc", "silent-can", "silent-station", "host-stopped")
+CASES = ("silent-plc", "silent-can", "silent-station", "silent-host")
 DEVICE = 3
 WATCHDOG_S = 1.5
 STATUS_S = 15.0
@@ -39,7 +39,7 @@ def run_case(case: str, folder: Path) -> list[dict[str, Any]]:
             return [_result(case, {}, [f"nothing moved before the host ended: {host.wait().last_line}"])]
         time.sleep(0.5)  # a motion is well under way
         began_s = time.monotonic()
-        if case == "host-stopped":
+        if case == "silent-host":
             host.stop()
             stop_limit_s = WATCHDOG_S
         else:
@@ -50,7 +50,7 @@ def run_case(case: str, folder: Path) -> list[dict[str, Any]]:
         wrong = [] if case == "silent-station" or stood_s <= stop_limit_s else [
             f"the drives stood after {stood_s:.2f} s, limit {stop_limit_s:g} s"
         ]  # fmt: skip
-        if case == "host-stopped":
+        if case == "silent-host":
             host.process.kill()
             host.wait()
             return [_result(case, found, wrong)]

@@ -19,7 +19,7 @@ from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import usable_readings
 from calibration.reduction.reduction import CALIBRATION
-from drivers.errors import DeviceError, SettingsChanged
+from drivers.errors import DeviceError, NoAnswer, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.plans import CampaignDevices, Plan
@@ -105,15 +105,19 @@ class Runner:
             with contextlib.suppress(StoreError):
                 reason = str(cause) or type(cause).__name__
                 failed = {"plan": purpose, "reason": reason, "emergencies": emergency_log(self.rig)}
-                self.store.add_event(self.campaign, "failed", failed | self._settings())
+                self.store.add_event(self.campaign, "failed", failed | self._settings(cause))
             if cause is error:
                 raise
             raise cause from error
         self.store.add_event(self.campaign, "finished", {"plan": purpose})
 
-    def _settings(self) -> dict[str, Any]:
-        """Whether the station has kept its settings since the last nest check; nothing where it does not say."""
-        if not self.store.has_readings(self.campaign):
+    def _settings(self, cause: BaseException) -> dict[str, Any]:
+        """Whether the station has kept its settings since the last nest check; nothing where it does not say.
+
+        It is not asked where its silence was the cause: that would be waited for once more.
+        """
+        silent = isinstance(cause, NoAnswer) and cause.device == self.rig.station.name
+        if silent or not self.store.has_readings(self.campaign):
             return {}
         check = int(self.store.recording(self.campaign)["nest_check"].max())
         try:

@@ -1,6 +1,7 @@
 """A seeded sample of mutants over drivers, diagnosis and identification, each against its room's tests.
 
-`make mutants`, or `python -m tests.mutants.run [--number N] [--seed S] [--jobs N] [--out FOLDER] [--fresh]`. Results
+`make mutants`, or `python -m tests.mutants.run [--number N] [--seed S] [--jobs N] [--only ROOM] [--out FOLDER]
+[--fresh]`. Results
 are kept in FOLDER/mutants.jsonl as they come; a second call goes on where the first was ended. The status is 1 if fewer
 than 85 % of those that are not listed as equivalent were killed, if more than 10 % are listed, or a survivor is not.
 """
@@ -85,6 +86,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=12)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path, default=Path("runs/mutants"))
+    parser.add_argument("--only", default="", metavar="ROOM", help="mutants of the sample in this package")
     parser.add_argument("--fresh", action="store_true", help="forget former results")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -92,7 +94,7 @@ def main() -> int:
     if arguments.fresh:
         path.unlink(missing_ok=True)
     known = _read(path)
-    sample = draw(arguments.number, arguments.seed)
+    sample = [drawn for drawn in draw(arguments.number, arguments.seed) if drawn.room.startswith(arguments.only)]
     missing = [drawn for drawn in sample if drawn.key not in known]
     print(f"{len(sample)} mutants, {len(sample) - len(missing)} tried before", flush=True)
     with ExitStack() as stack, path.open("a", encoding="utf-8") as file:

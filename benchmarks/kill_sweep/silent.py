@@ -23,6 +23,7 @@ _SLOW = {
     ("", "time_scale"): "1.0",
     ("campaign", "speeds_m_per_s"): "[0.02, 0.02]",
     ("campaign", "warm_up_step_s"): "1.0",
+    ("plc", "reply_timeout_s"): "0.5",
 }
 
 

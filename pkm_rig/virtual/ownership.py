@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
 from collections.abc import Iterator
@@ -10,9 +9,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from calibration.base.errors import InputError
+from pkm_rig.errors import StoreError
+from pkm_rig.store.lock import Lock
 
 HOST = "127.0.0.1"
-_OTHERS = "stop it, or serve another rig on free ports with `pkm-rig mock --new-rig FILE`"
+_OTHERS = "or serve another rig on free ports with `pkm-rig mock --new-rig FILE`"
 
 
 @contextmanager
@@ -21,22 +22,14 @@ def owned(path: Path, what: str) -> Iterator[None]:
 
     InputError naming the owner if another process has it.
     """
-    lock = path.with_name(f"{path.name}.lock")
     try:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise InputError(f"{what} {path}: {lock}: {error.strerror}; name another path") from error
+        lock = Lock(path.with_name(f"{path.name}.lock"), f"{what} {path}")
+    except StoreError as error:
+        raise InputError(f"{error}; {_OTHERS}") from error
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            owner = os.read(descriptor, 20).decode("ascii", "replace").strip()
-            raise InputError(f"{what} {path}: process {owner} has it; {_OTHERS}") from None
-        os.truncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
         yield
     finally:
-        os.close(descriptor)
+        lock.release()
 
 
 def require_free_port(what: str, port: int) -> None:
@@ -44,7 +37,7 @@ def require_free_port(what: str, port: int) -> None:
     try:
         socket.create_server((HOST, port)).close()
     except OSError as error:
-        raise InputError(f"{what} {port}: {error.strerror}{_owner_of(port)}; {_OTHERS}") from error
+        raise InputError(f"{what} {port}: {error.strerror}{_owner_of(port)}; end it, {_OTHERS}") from error
 
 
 def free_ports(count: int) -> list[int]:

@@ -117,7 +117,7 @@ def test_what_one_process_has_no_other_one_takes(tmp_path):
         [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline() == "mine\n"
-        with pytest.raises(InputError, match=f"thing .*: process {other.pid} has it"), owned(path, "thing"):
+        with pytest.raises(InputError, match=f"thing .* in use by .*process {other.pid} "), owned(path, "thing"):
             pass
         other.kill()
         other.wait()

@@ -83,7 +83,7 @@ def parse_fault(text: str) -> Fault:
     """Read NAME@N; raises ValueError in one line."""
     name, mark, number = text.partition("@")
     if not mark or not number.isascii() or not number.isdigit():
-        raise ValueError(f"fault '{text[:60]}' is not NAME@N")
+        raise ValueError(f"fault {text[:60]!r} is not NAME@N")
     return Fault(name, int(number[:9]))
 
 

@@ -5,6 +5,9 @@ Planar vectors are complex numbers, x + iy in metres: the plant is planar and th
 
 from __future__ import annotations
 
+import os
+import re
+import stat
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +19,8 @@ _TOP = {
     "format", "name", "degrees_of_freedom", "gravity_m_per_s2", "reference_temperature_c", "platform",
     "workspace", "drives", "struts", "tolerances", "expansion", "smrs", "commanded", "load_cases",
 }  # fmt: skip
+_MOST_BYTES = 1_000_000
+_LONG_KEY = re.compile(r"""(?<![A-Za-z0-9_"'-])(?:[A-Za-z0-9_"'-]++[ \t]*+\.[ \t]*+){15,}""")
 _EXPANDING = ("struts", "drives", "base", "platform")
 
 
@@ -96,14 +101,31 @@ class MachineFile:
 
 def read_machine_file(path: str | Path) -> MachineFile:
     """Read a machine file; raises MachineFileError where it is not a planar machine of two or more sliders."""
-    with Path(path).open("rb") as file:
-        raw = tomllib.load(file)
     try:
-        return _machine(raw)
-    except (KeyError, TypeError, IndexError) as error:
+        return _machine(tomllib.loads(read_machine_text(path)))
+    except RecursionError as error:
+        raise MachineFileError(f"{path}: nested too deep for a machine file") from error
+    except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise MachineFileError(f"{path}: missing or malformed entry: {error!r}") from error
     except ValueError as error:
         raise MachineFileError(f"{path}: {error}") from error
+
+
+def read_machine_text(path: str | Path) -> str:
+    """The text of a machine file: a plain file, not larger than any of ours. Raises MachineFileError, OSError."""
+    with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise MachineFileError(f"{path}: not a plain file")
+        data = file.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise MachineFileError(f"{path}: larger than {_MOST_BYTES} bytes; not a machine file")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise MachineFileError(f"{path}: not UTF-8 text") from error
+    if _LONG_KEY.search(text):  # tomllib takes time with the square of their parts
+        raise MachineFileError(f"{path}: a key of many dotted parts; not a machine file")
+    return text
 
 
 def _machine(raw: dict[str, Any]) -> MachineFile:

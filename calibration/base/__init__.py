@@ -1,3 +1,15 @@
 """What everything computes with: arrays, errors, checked files, rotations and rigid motions."""
 
-__all__ = ["arrays", "csv_table", "errors", "frame", "outliers", "rotation", "rounding", "toml_file", "toml_text"]
+__all__ = [
+    "arrays",
+    "csv_table",
+    "errors",
+    "frame",
+    "outliers",
+    "plain_file",
+    "rotation",
+    "rounding",
+    "text_bounds",
+    "toml_file",
+    "toml_text",
+]

@@ -12,9 +12,10 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.base.plain_file import bounded_lines, open_text
 
 MAX_ROWS = 200_000
-MAX_BYTES = 100_000_000
+MAX_CSV_BYTES = 100_000_000
 
 
 def read_table(
@@ -26,17 +27,13 @@ def read_table(
     the wrong length, no row at all, and too large a file.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: larger than {MAX_BYTES} bytes; split it")
-        with path.open(encoding="utf-8", newline="") as stream:
-            reader = csv.reader(stream)
+        with open_text(path, MAX_CSV_BYTES) as stream:
+            reader = csv.reader(bounded_lines(stream, path))
             header = next(reader, [])
             _check_header(path, header, needed, optional)
             rows = list(_rows(path, reader, header, may_be_empty))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; check the path") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: not CSV in UTF-8: {error}") from error
+    except csv.Error as error:
+        raise InputError(f"{path}: not CSV: {error}") from error
     if not rows:
         raise InputError(f"{path}: no rows; it needs at least one")
     table = np.array(rows, dtype=np.float64)

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from calibration.base.errors import InputError
+from calibration.base.plain_file import read_text
+from calibration.base.text_bounds import check_toml_text
 
 
 class Section(BaseModel):
@@ -19,26 +21,13 @@ class Section(BaseModel):
 
 AnySection = TypeVar("AnySection", bound=Section)
 
-MAX_FILE_BYTES = 1_000_000
-
-
-def read_text(path: Path) -> str:
-    """The text of a small UTF-8 file; raises InputError with one line."""
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path}: larger than {MAX_FILE_BYTES} bytes; not a file of pkm-rig")
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; check the path") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text; save it as UTF-8") from error
-
 
 def parse_toml(text: str, model: type[AnySection], name: str) -> AnySection:
     """Check a TOML text against a model; messages begin with `name`."""
+    check_toml_text(text, name)
     try:
         data: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{name}: not TOML: {error}") from error
     try:
         return model.model_validate(data)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.toml_file import parse_toml, read_text
+from calibration.base.plain_file import read_text
+from calibration.base.toml_file import parse_toml
 from calibration.machine.machine_file import GuideEntry, LoadCase, MachineFile
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")

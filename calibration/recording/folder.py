@@ -14,17 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.base.csv_table import MAX_CSV_BYTES, MAX_ROWS
 from calibration.base.errors import InputError
-from calibration.base.toml_file import parse_toml, read_text
+from calibration.base.plain_file import bounded_lines, open_text, read_text
+from calibration.base.toml_file import parse_toml
 from calibration.base.toml_text import to_toml
 from calibration.machine.description import parse_machine
 from calibration.recording.columns import Column
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from calibration.recording.sessions import falls_of_time, sessions_from_sequence
-
-MAX_ROWS = 200_000
-MAX_CSV_BYTES = 300_000_000
 
 
 def write_folder(recording: Recording, folder: Path) -> None:
@@ -60,13 +59,9 @@ def read_folder(folder: Path, *, by_sequence: bool = False) -> Recording:
     file = parse_toml(read_text(folder / "recording.toml"), RecordingFile, str(folder / "recording.toml"))
     machine = parse_machine(read_text(folder / "machine.toml"), str(folder / "machine.toml"))
     path = folder / "readings.csv"
-    try:
-        if path.stat().st_size > MAX_CSV_BYTES:
-            raise InputError(f"{path}: larger than {MAX_CSV_BYTES} bytes")
-        with path.open(encoding="utf-8", newline="") as stream:
-            recording = make_recording(file, machine, _parse_rows(stream, path, file))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+    with open_text(path, MAX_CSV_BYTES) as stream:
+        rows = _parse_rows(stream, path, file)
+    recording = make_recording(file, machine, rows)
     if by_sequence:
         return sessions_from_sequence(recording)
     falls = falls_of_time(recording)
@@ -78,8 +73,8 @@ def read_folder(folder: Path, *, by_sequence: bool = False) -> Recording:
     return recording
 
 
-def _parse_rows(stream: io.TextIOBase, path: Path, file: RecordingFile) -> list[dict[str, float | str]]:
-    reader = csv.reader(stream)
+def _parse_rows(stream: io.TextIOWrapper, path: Path, file: RecordingFile) -> list[dict[str, float | str]]:
+    reader = csv.reader(bounded_lines(stream, path))
     try:
         header = next(reader, [])
         table = {column.name: column for column in file.column_table()}

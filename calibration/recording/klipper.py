@@ -17,7 +17,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.toml_file import read_text
+from calibration.base.plain_file import read_text
 
 TOWERS = ("a", "b", "c")
 ANGLES_DEG = {"a": 210.0, "b": 330.0, "c": 90.0}

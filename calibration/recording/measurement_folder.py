@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.csv_table import read_table, require_counts, write_table
 from calibration.base.errors import InputError
-from calibration.base.toml_file import parse_toml, read_text
+from calibration.base.plain_file import read_text
+from calibration.base.toml_file import parse_toml
 from calibration.base.toml_text import to_toml
 from calibration.instruments.distances import Distances
 from calibration.instruments.readings import Readings

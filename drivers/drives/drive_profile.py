@@ -5,7 +5,9 @@ A profile is a small TOML file (docs/reference/drive-objects.md). Objects are wr
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -104,13 +106,18 @@ def load_profile(source: str, folder: Path | None = None) -> DriveProfile:
     Raises ValueError in one line if it cannot be read or is not a profile.
     """
     try:
-        if source.endswith(".toml"):
-            text = ((folder or Path()) / source).read_text(encoding="utf-8")
-        else:
-            text = _read_shipped(source)
+        text = _read_plain_file((folder or Path()) / source) if source.endswith(".toml") else _read_shipped(source)
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"drive profile {source}: cannot be read: {error}") from error
     return parse_profile(text, source)
+
+
+def _read_plain_file(path: Path) -> str:
+    """The text of a plain file, of which no more is read than a profile may have; raises OSError."""
+    with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError("not a plain file")
+        return file.read(_LONGEST + 1).decode("utf-8")
 
 
 def parse_profile(text: str, where: str = "profile") -> DriveProfile:
@@ -119,7 +126,7 @@ def parse_profile(text: str, where: str = "profile") -> DriveProfile:
         raise ValueError(f"drive profile {where}: longer than {_LONGEST} characters")
     try:
         return _profile(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, RecursionError, _NotAProfile) as error:
+    except (ValueError, RecursionError, _NotAProfile) as error:
         raise ValueError(f"drive profile {where}: {' '.join(str(error).split())}") from None
 
 

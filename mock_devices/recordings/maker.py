@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Effect, MotionState, StationSight
-from mock_devices.machine_file import MachineFile, read_machine_file
+from mock_devices.machine_file import MachineFile, read_machine_file, read_machine_text
 from mock_devices.plant.affected_machine import AffectedMachine, heavy_tailed, make_effects
 from mock_devices.plant.atmosphere import ppm
 from mock_devices.plant.optics import TWO_PI, StationView
@@ -193,4 +193,4 @@ def make_recording(
 
 @lru_cache(maxsize=8)
 def _machine_file(path: str) -> tuple[MachineFile, str]:
-    return read_machine_file(path), Path(path).read_text(encoding="utf-8")
+    return read_machine_file(path), read_machine_text(path)

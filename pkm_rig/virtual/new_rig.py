@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from calibration.base.errors import InputError
+from calibration.base.plain_file import read_text
 from pkm_rig.rig.config import load_rig
 from pkm_rig.virtual.ownership import free_ports
 
@@ -34,7 +35,7 @@ def write_new_rig(source: Path, target: Path, *, anywhere: bool) -> None:
     }
     if load_rig(source)[0].plc.transport == "rtu":
         values["plc", "serial_port"] = json.dumps(str(target.resolve().with_suffix(".plc")))
-    text = with_values(source.read_text(encoding="utf-8"), values)
+    text = with_values(read_text(source), values)
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:

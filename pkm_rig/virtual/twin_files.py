@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from calibration.base.errors import InputError
-from calibration.base.toml_file import read_text
+from calibration.base.plain_file import read_text
+from calibration.base.text_bounds import parse_json
 from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
 from calibration.recording.recording import Recording
@@ -37,24 +37,10 @@ def find_twin(what: str, out: Path) -> Path:
 def read_twin(folder: Path, effects: Sequence[Path] = ()) -> Twin:
     """Read and check a twin; InputError in one line if it is invalid. effects: files of user-defined effects."""
     path = folder / TWIN_NAME
-    content = _json(path)
+    content = parse_json(read_text(path, MAX_TWIN_BYTES), str(path))
     if not isinstance(content, dict) or content.get("format") != FORMAT or "twin" not in content:
         raise InputError(f"{path}: not a twin of format {FORMAT}; write it anew with `pkm-rig diagnose --add`")
     try:
         return Twin.from_data(read_text(folder / MACHINE_NAME), content["twin"], load_catalogue(tuple(effects)))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-
-
-def _json(path: Path) -> Any:
-    def refuse(word: str) -> float:
-        raise InputError(f"{path}: holds {word}; write it anew with `pkm-rig diagnose --add`")
-
-    try:
-        if path.stat().st_size > MAX_TWIN_BYTES:
-            raise InputError(f"{path}: larger than {MAX_TWIN_BYTES} bytes; this is not a twin of ours")
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; check the path") from error
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: not JSON: {error}; write it anew with `pkm-rig diagnose --add`") from error

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import can
 import pytest
 from hypothesis import given
@@ -13,6 +11,7 @@ from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.faults import FAULTS, Fault, FaultPlan, parse_fault
 from mock_devices.station.station_server import LineGone, StationServer
 from mock_devices.stepped_clock import SteppedClock
+from tests.either import either
 
 
 def test_parse():
@@ -25,8 +24,13 @@ def test_parse():
 
 @given(st.text(max_size=60))
 def test_any_text_is_a_fault_or_a_value_error(text):
-    with contextlib.suppress(ValueError):
-        assert parse_fault(text).name in FAULTS
+    fault, complaint = either(lambda: parse_fault(text), ValueError)
+    if fault is not None:
+        assert fault.name in FAULTS
+        assert fault.at >= 1
+    else:
+        assert complaint is not None
+        assert "fault" in complaint
 
 
 @pytest.mark.parametrize("name", FAULTS)

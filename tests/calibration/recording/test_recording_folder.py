@@ -119,7 +119,7 @@ def test_missing_columns_rows_and_files_are_named(copy):
     with pytest.raises(InputError, match="no readings"):
         read_folder(copy)
     (copy / "readings.csv").unlink()
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="check the path"):
         read_folder(copy)
     with pytest.raises(InputError, match="exists already"):
         write_folder(record(2, calibration_poses=6), copy)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.drives.drive_profile import DriveCapabilities, load_profile, parse_profile
+from tests.either import either
 
 SHIPPED = ("pkm-mock", "plain-402", "example-high-index", "example-array")
 
@@ -84,5 +83,10 @@ def test_what_is_no_profile_is_said_in_one_line(text: str, complaint: str) -> No
 
 @given(st.one_of(st.text(max_size=200), st.from_regex(r'\Aname = "x"\n(\[\[?[a-z.]+\]\]?\n[a-z]+ = .{0,20}\n){0,3}\Z')))
 def test_any_text_is_a_profile_or_a_value_error(text: str) -> None:
-    with contextlib.suppress(ValueError):
-        parse_profile(text)
+    profile, complaint = either(lambda: parse_profile(text, "here"), ValueError)
+    if profile is not None:
+        assert isinstance(profile.name, str)
+        assert profile.home_offset_sign in (1, -1)
+    else:
+        assert complaint is not None
+        assert complaint.startswith("drive profile here: ")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 import socket
 import struct
@@ -23,6 +22,7 @@ from drivers.plc.modbus_line import TcpLine
 from drivers.plc.plc import Plc, PlcTiming
 from drivers.plc.plc_registers import ReadingRegister, Register, RegisterMap, decode
 from tests.drivers.scripted import CountingClock
+from tests.either import either
 
 VALUES = {4: 20.5, 6: 21.0, 8: 22.0, 10: 19.0, 12: 20.0, 14: 1002.5, 16: 45.0}
 
@@ -364,7 +364,10 @@ def test_registers_that_cannot_be(wrong: dict[str, Any]) -> None:
 @given(st.lists(st.integers(0, 0xFFFF), max_size=40), st.booleans())
 def test_any_words_are_a_state_or_a_plc_error(words: list[int], fresh: bool) -> None:
     registers = RegisterMap()
-    with contextlib.suppress(PlcError):
-        state = decode(registers, words, fresh, (0.0, 0.0))
+    state, complaint = either(lambda: decode(registers, words, fresh, (0.0, 0.0)), PlcError)
+    if state is not None:
         assert fresh or not any(state.interlocks.values())
         assert all(-20.0 <= value <= 60.0 for value in state.temperatures_c.values())
+    else:
+        assert complaint is not None
+        assert complaint.startswith("PLC")

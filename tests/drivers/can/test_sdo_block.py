@@ -60,6 +60,14 @@ def test_golden_frames() -> None:
 BROKEN = (NoResponse, ProtocolBroken, TransferAborted)
 
 
+@pytest.mark.parametrize("lost", range(4, 7))
+def test_a_gap_in_a_block_is_seen_and_filled(lost: int) -> None:
+    """Request, answer and start are frames 1 to 3; then three with the content."""
+    wire = Wire(Memory(CONTENT[:20]), frozenset([lost]))
+    assert BlockTransfer(wire).upload(0x2000, 1, 4096) == CONTENT[:20]
+    assert [frame[1] for frame in wire.sent if frame[0] == 0xA2] == [lost - 4, 7 - lost]  # confirmed
+
+
 @given(st.frozensets(st.integers(1, 420), max_size=3), st.integers(1, len(CONTENT)))
 def test_lost_frames_never_store_or_give_anything_wrong(lost: frozenset[int], length: int) -> None:
     memory = Memory(b"before")

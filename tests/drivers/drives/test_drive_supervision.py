@@ -98,6 +98,17 @@ def test_a_lost_frame_in_a_write_is_not_written_twice(opened: Open, number: int)
     assert writes == [1]
 
 
+def test_a_write_whose_answer_is_lost_is_read_back_and_not_written_twice(opened: Open) -> None:
+    bench = opened()
+    count = itertools.count(1)
+    bench.bus.misses = lambda frame: frame.arbitration_id == 0x581 and next(count) == 1
+    speed = DriveObject(0x6081, 0, "<I", "speed")
+    bench.drives[0].sdo.write(speed, 4711)
+    assert bench.drives[0].sdo.read(speed) == 4711
+    written = [f for f in bench.bus.sent if f.arbitration_id == 0x601 and bytes(f.data[:4]) == b"\x23\x81\x60\x00"]
+    assert len(written) == 1
+
+
 def test_what_cannot_be_read_back_is_not_written_again(opened: Open) -> None:
     bench = opened()
     count = itertools.count(1)

@@ -17,7 +17,7 @@ from sqlalchemy import event
 
 def engine_for_writing(path: Path) -> sa.Engine:
     """For a file that may be written, made if it is not there: WAL mode, each commit synchronised to the disk."""
-    engine = sa.create_engine(f"sqlite:///{path}")
+    engine = sa.create_engine(sa.URL.create("sqlite", database=str(path)))
     event.listen(engine, "connect", _sync_to_disk)
     return _with_transactions(engine)
 

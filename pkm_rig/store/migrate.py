@@ -75,6 +75,8 @@ def engine_for_reading(path: Path) -> sa.Engine:
     source.close()
     with writer(engine).begin() as connection:
         migrate(connection, revision)
+    with engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA query_only=ON")
     return engine
 
 

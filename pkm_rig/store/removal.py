@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -10,7 +11,7 @@ from calibration.base.errors import InputError
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.store.append import now_text
 from pkm_rig.store.audit import audit
-from pkm_rig.store.copies import finish_copy, part_of
+from pkm_rig.store.copies import new_store_file
 from pkm_rig.store.lock import user_name
 from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns
 from pkm_rig.store.store import Store
@@ -36,17 +37,15 @@ def archive_campaign(store: Store, campaign: str, file: Path, why: str) -> Remov
     Raises CampaignRefused if the campaign is damaged, InputError if the file is there already.
     """
     why = _reason(why)
-    part = part_of(file)
     with store.writing() as connection:
         _refuse_broken(store, campaign)
-        archive = Store(part)
-        with archive.writing() as target:
-            for table, name in TABLES:
-                for rows in connection.execute(sa.select(table).where(name == campaign)).mappings().partitions(1000):
-                    target.execute(table.insert(), [dict(row) for row in rows])
-        _refuse_broken(archive, campaign)
-        archive.close()
-        finish_copy(part, file)
+        with new_store_file(file) as part, closing(Store(part)) as archive:
+            with archive.writing() as target:
+                for table, name in TABLES:
+                    rows = connection.execute(sa.select(table).where(name == campaign)).mappings()
+                    for some in rows.partitions(1000):
+                        target.execute(table.insert(), [dict(row) for row in some])
+            _refuse_broken(archive, campaign)
         return _remove(connection, campaign, why, file)
 
 

@@ -18,7 +18,7 @@ from pkm_rig.store.audit import audit, find_head
 from pkm_rig.store.store import Store
 from tests.pkm_rig.store.stores import change, drop_triggers, rows, small_recording, small_store, version_0_1_store
 
-ROWS = 10  # of a small campaign: six readings, imported, settings, another reading, finished
+ROWS = 10  # of a small campaign: six readings, imported, noted, another reading, finished
 COLUMNS = {
     "campaigns": ("id", "created", "description", "machine", "chain"),
     "readings": ("campaign", "position", "uid", "sequence", "data", "chain"),

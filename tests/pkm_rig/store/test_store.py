@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
 
 import pytest
+import sqlalchemy as sa
+from sqlalchemy import event
 
 from calibration.base.errors import InputError
 from pkm_rig.errors import StoreError
@@ -87,3 +90,31 @@ def test_unknown_campaigns_and_unwritable_places_are_named(store, tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError, match="choose a place"):
         Store(tmp_path / "file" / "store.sqlite")
+
+
+def test_every_connection_synchronises_to_the_disk(store, recording):
+    """Also those of further threads: read back from SQLite on each connection that is used."""
+    seen = []
+
+    def read_back(connection, _record, _proxy):
+        pragmas = ("synchronous", "journal_mode", "foreign_keys")
+        seen.append(tuple(connection.execute(f"PRAGMA {name}").fetchone()[0] for name in pragmas))
+
+    event.listen(sa.pool.Pool, "checkout", read_back)
+    try:
+        store.add_recording(recording)
+
+        def write():
+            with store.reading(), store.reading():  # two at once, so that further connections are made
+                store.add_event(recording.file.campaign, "noted", {})
+
+        threads = [threading.Thread(target=write) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        store.campaigns()
+    finally:
+        event.remove(sa.pool.Pool, "checkout", read_back)
+    assert len(seen) > 10
+    assert set(seen) == {(2, "wal", 1)}  # 2 is FULL: a commit returns when it is on the disk

@@ -154,7 +154,7 @@ class StationDevice:
         self._row: dict[str, float | str] = {}
         self._stamp_s = 0.0
         self.moved: DrivesMoved | None = None
-        self._standstill = Standstill(rig.drives.drives, rig.file.limits.moved_m)
+        self._standstill = Standstill(rig.drives.drives, rig.file.limits.moved_m, rig.drives.rest.following_error_m)
 
     def set(self, smr: str) -> WorkStatus:
         """Choose the reflector and aim at it."""

@@ -85,7 +85,7 @@ def _samples(*positions_m, demand_m=0.0):
 
 def test_positions_count_since_the_first_reading_of_the_visit_and_demands_since_its_target(short_rig):
     _, rig = short_rig
-    standstill, target_m = Standstill(rig.drives.drives, 2e-6), np.zeros(2)
+    standstill, target_m = Standstill(rig.drives.drives, 2e-6, 20e-6), np.zeros(2)
     assert standstill.check(3, target_m, _samples(1.0e-5, 0.0)) is None
     assert standstill.check(3, target_m, _samples(1.19e-5, -1.9e-6)) is None
     moved = standstill.check(3, target_m, _samples(1.0e-5, 2.1e-6))
@@ -96,3 +96,7 @@ def test_positions_count_since_the_first_reading_of_the_visit_and_demands_since_
     assert late is not None
     assert "left" in str(late)
     assert standstill.check(4, target_m, _samples(float("nan"), 0.0)) is not None
+    assert standstill.check(5, target_m, _samples(1.9e-5, 0.0)) is None
+    spoilt = standstill.check(6, target_m, _samples(2.1e-5, 0.0))  # the only reading of its visit
+    assert spoilt is not None
+    assert "away from its demand" in str(spoilt)

@@ -17,5 +17,6 @@ __all__ = [
     "servo_drive",
     "sync_sampler",
     "table_bank",
+    "table_group",
     "table_image",
 ]

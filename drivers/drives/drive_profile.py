@@ -38,7 +38,10 @@ class BankObjects:
 
 @dataclass(frozen=True)
 class CompensationObjects:
-    """Objects of the compensation and of its banks 1 and 2; the partner's command and velocity arrive by RPDO2."""
+    """Objects of the compensation and of its banks 1 and 2; the partner's command and velocity arrive by RPDO2.
+
+    `trial`: time-out of a trial in ms; None if the drive cannot end one by itself.
+    """
 
     mode: DriveObject
     activate: DriveObject
@@ -50,6 +53,7 @@ class CompensationObjects:
     partner_command: DriveObject
     partner_velocity: DriveObject
     banks: tuple[BankObjects, BankObjects]
+    trial: DriveObject | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ class DriveCapabilities:
 
     `table_bank`: it stores compensation tables and applies them. `homing`: it can be homed by this software and says
     whether that succeeded. `referenced_flag`: it says whether its position is referenced. `cyclic_position`: it has
-    cyclic synchronous position mode. `watchdog`: it stops by itself when the master's heartbeat stays away.
+    cyclic synchronous position mode. `watchdog`: it stops by itself when the master's heartbeat stays away. `trial`: it
+    then ends the use of a table that was not verified yet.
     """
 
     table_bank: bool
@@ -66,6 +71,7 @@ class DriveCapabilities:
     referenced_flag: bool
     cyclic_position: bool
     watchdog: bool
+    trial: bool
 
 
 @dataclass(frozen=True)
@@ -97,6 +103,7 @@ class DriveProfile:
             referenced_flag=self.referenced is not None,
             cyclic_position=self.cyclic_position,
             watchdog=self.watchdog,
+            trial=self.compensation is not None and self.compensation.trial is not None,
         )
 
 
@@ -166,7 +173,7 @@ def _profile(table: Mapping[str, Any]) -> DriveProfile:
 
 
 def _compensation(table: Any) -> CompensationObjects:
-    _require_only_keys(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks"}, "compensation")
+    _require_only_keys(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks", "trial"}, "compensation")
     banks = table.get("banks")
     if not isinstance(banks, list) or len(banks) != 2:
         raise _NotAProfile("compensation.banks: two are required")
@@ -183,6 +190,7 @@ def _compensation(table: Any) -> CompensationObjects:
         partner_command=_object(table.get("partner_command"), "partner's command"),
         partner_velocity=_object(table.get("partner_velocity"), "partner's velocity"),
         banks=(first, second),
+        trial=_object(table["trial"], "time-out of a trial") if "trial" in table else None,
     )
 
 

@@ -285,7 +285,9 @@ class ServoDrive:
         """Raise ConnectionFailed (line lost), StaleData (heartbeat lost) or DriveFault (drive restarted)."""
         self.line.check()
         if self.messages.restarted:
-            raise DriveFault(self.name, self.where, "the drive has restarted", "connect to it again")
+            raise DriveFault(
+                self.name, self.where, "the drive has restarted, its compensation is off", "connect to it again"
+            )
         if self.heartbeat() is Heartbeat.LOST:
             age_s = self.messages.heartbeat_age_s()
             raise StaleData(

@@ -1,18 +1,25 @@
-"""The two banks for compensation tables in a drive: write the idle one, verify, switch over, roll back."""
+"""The two banks for compensation tables in a drive: write the idle one, verify it, activate it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+import math
 from dataclasses import dataclass
 from enum import Enum
 
 from drivers.drives.drive_profile import BankObjects, CompensationObjects
 from drivers.drives.servo_drive import ServoDrive
 from drivers.drives.table_image import TableImage, decode_table, encode_table, image_crc
-from drivers.errors import DeviceError, TableError
+from drivers.errors import TableError
 
 UNKNOWN_PAYLOAD = 0xFFFFFFFF
+
+
+class CompensationMode(Enum):
+    """Whether a drive uses its active table: not at all, for good, or until its master stays away."""
+
+    OFF = 0
+    KEPT = 1
+    TRIAL = 2
 
 
 class BankStatus(Enum):
@@ -38,13 +45,18 @@ class Bank:
 class CompensationState:
     """State of a drive's compensation. `payload_kg` is None while it is unknown to the drive."""
 
-    on: bool
+    mode: CompensationMode
     valid: bool
     active: int
     crc: int
     generation: int
     payload_kg: float | None
     banks: tuple[Bank, Bank]
+
+    @property
+    def on(self) -> bool:
+        """Whether the active table is used, on trial or kept."""
+        return self.mode is not CompensationMode.OFF
 
     @property
     def idle(self) -> int:
@@ -93,7 +105,7 @@ class TableBank:
         read = self.drive.sdo.read_twice
         payload_g = read(self.objects.payload)
         return CompensationState(
-            on=read(self.objects.mode) == 1,
+            mode=self.mode(),
             valid=read(self.objects.valid) == 1,
             active=read(self.objects.active),
             crc=read(self.objects.crc),
@@ -102,21 +114,46 @@ class TableBank:
             banks=(self._bank(1), self._bank(2)),
         )
 
+    def mode(self) -> CompensationMode:
+        """Whether the active table is used. Raises TableError for a mode that is none."""
+        value = self.drive.sdo.read(self.objects.mode)
+        try:
+            return CompensationMode(value)
+        except ValueError:
+            raise self._error(f"compensation mode {value} is unknown", "check the drive's profile") from None
+
     def read_image(self, number: int) -> TableImage:
         """The table in a bank. Raises TableError if it is damaged."""
-        data = self.drive.sdo.read_bytes(self._objects_of(number).image)
-        return decode_table(data, self.drive.metres_per_increment)
+        return decode_table(self.image_bytes(number), self.drive.metres_per_increment)
+
+    def image_bytes(self, number: int) -> bytes:
+        """What is in a bank, whole or not."""
+        return self.drive.sdo.read_bytes(self._objects_of(number).image)
 
     def write_inactive(self, image: TableImage) -> WrittenTable:
         """Write a table to the idle bank, read it back byte for byte and compare the drive's CRC.
 
         Raises TableError if they differ, or if the drive reports a damaged table or one for another drive.
         """
-        if image.node_id != self.drive.node_id:
-            raise self._error(f"the table is for node {image.node_id}", "write it to that drive")
         if image.metres_per_increment != self.drive.metres_per_increment:
             raise self._error("the table uses other increments than the drive", "compute the table anew")
-        data, number = encode_table(image), self.state().idle
+        return self._write_idle(encode_table(image))
+
+    def load(self, data: bytes) -> WrittenTable:
+        """Have these bytes in a bank: in the one that holds them already, or written to the idle one.
+
+        Raises TableError as `write_inactive` does.
+        """
+        crc, generation = image_crc(data), decode_table(data).generation
+        for bank in self.state().banks:
+            if bank.status is BankStatus.WHOLE and (bank.crc, bank.generation) == (crc, generation):
+                return WrittenTable(bank.number, crc, generation)
+        return self._write_idle(data)
+
+    def _write_idle(self, data: bytes) -> WrittenTable:
+        image, number = decode_table(data), self.state().idle
+        if image.node_id != self.drive.node_id:
+            raise self._error(f"the table is for node {image.node_id}", "write it to that drive")
         self.drive.sdo.write_bytes(self._objects_of(number).image, data)
         if self.drive.sdo.read_bytes(self._objects_of(number).image) != data:
             raise self._error(f"bank {number} reads back other bytes than were written", "write the table again")
@@ -144,6 +181,11 @@ class TableBank:
         self.drive.sdo.write(self.objects.activate, number)
         self.confirm(number, crc, generation)
 
+    def uses(self, image: bytes) -> bool:
+        """Whether this very table is active and used."""
+        state = self.state()
+        return state.on and (state.crc, state.generation) == (image_crc(image), decode_table(image).generation)
+
     def deactivate(self) -> None:
         """Use no table. Raises SdoRefused while operation is enabled."""
         self.drive.sdo.write(self.objects.activate, 0)
@@ -161,11 +203,28 @@ class TableBank:
                 "activate the table again",
             )
 
-    def set_mode(self, on: bool) -> None:
-        """Switch compensation on or off. Raises SdoRefused while operation is enabled."""
-        self.drive.sdo.write(self.objects.mode, int(on))
-        if self.drive.sdo.read(self.objects.mode) != int(on):
+    def set_mode(self, mode: CompensationMode) -> None:
+        """Use the active table or not; a drive that has no trial keeps it. Raises SdoRefused while it is enabled."""
+        if mode is CompensationMode.TRIAL and self.objects.trial is None:
+            mode = CompensationMode.KEPT
+        self.drive.sdo.write(self.objects.mode, mode.value)
+        if self.mode() is not mode:
             raise self._error("the compensation mode was not accepted", "disable the drive and try again")
+
+    def set_trial_timeout(self, timeout_s: float) -> None:
+        """For how long the master may stay away during the next trial (rig time); no effect on a drive without trials.
+
+        Raises ValueError for a time that is no number of milliseconds, SdoRefused during a trial.
+        """
+        trial = self.objects.trial
+        if trial is None:
+            return
+        milliseconds = round(timeout_s * 1e3) if math.isfinite(timeout_s) else 0
+        if not 0 < milliseconds < 2**32:
+            raise ValueError(f"impossible time-out of a trial: {timeout_s} s")
+        self.drive.sdo.write(trial, milliseconds)
+        if self.drive.sdo.read(trial) != milliseconds:
+            raise self._error("the time-out of a trial was not accepted", "check the drive's profile")
 
     def set_payload(self, mass_kg: float | None) -> None:
         """Tell the drive the present payload (None: unknown). Raises ValueError for an impossible mass."""
@@ -190,66 +249,3 @@ class TableBank:
 
     def _error(self, what: str, remedy: str) -> TableError:
         return TableError(self.drive.name, self.drive.where, what, remedy)
-
-
-@dataclass(frozen=True)
-class Activation:
-    """One drive's part in an activation: bank number (0: none), CRC and generation that must be in it."""
-
-    bank: TableBank
-    number: int
-    crc: int
-    generation: int
-
-    def carry_out(self) -> None:
-        """Switch over."""
-        if self.number == 0:
-            self.bank.deactivate()
-        else:
-            self.bank.activate(self.number, self.crc, self.generation)
-
-    def confirm(self) -> None:
-        """Read back."""
-        if self.number != 0:
-            self.bank.confirm(self.number, self.crc, self.generation)
-
-
-def activate_all(activations: Sequence[Activation]) -> list[Activation]:
-    """Switch all drives over, or none; returns what was active before, in a form to switch back with.
-
-    If one fails, those already switched return to their previous bank and the error is raised. If that fails too, a
-    TableError says so: the drives then have different tables and must not move.
-    """
-    previous = [_active(activation.bank) for activation in activations]
-    switched: list[Activation] = []
-    try:
-        for activation, before in zip(activations, previous, strict=True):
-            switched.append(before)
-            activation.carry_out()
-        for activation in activations:
-            activation.confirm()
-    except DeviceError as error:
-        stuck = [before.bank.drive for before in reversed(switched) if not _go_back(before)]
-        if stuck:
-            names = ", ".join(drive.name for drive in stuck)
-            raise TableError(
-                names,
-                stuck[0].where,
-                f"restoring the previous table failed after: {error}",
-                "do not move; connect again",
-            ) from error
-        raise
-    return previous
-
-
-def _active(bank: TableBank) -> Activation:
-    state = bank.state()
-    return Activation(bank, state.active, state.crc, state.generation)
-
-
-def _go_back(before: Activation) -> bool:
-    with suppress(DeviceError):
-        before.carry_out()
-        before.confirm()
-        return True
-    return False

@@ -74,21 +74,21 @@ class HeartbeatConsumer:
 
     def __init__(self, clock: RigClock, lost: Callable[[], None], found: Callable[[], None]) -> None:
         self._watchdog = Watchdog(clock, lost, found)
-        self._node = 0
+        self.node = 0
 
     def configure(self, value: int) -> None:
         """Object 0x1016:01: node in bits 16 to 22, time in ms in bits 0 to 15; either 0 switches it off."""
-        self._node = value >> 16 & 0x7F
+        self.node = value >> 16 & 0x7F
         self._watchdog.set_limit((value & 0xFFFF) * 1e-3)
 
     @property
     def value(self) -> int:
         """What reading 0x1016:01 gives."""
-        return self._node << 16 | round(self._watchdog.limit_s * 1e3)
+        return self.node << 16 | round(self._watchdog.limit_s * 1e3)
 
     def on_heartbeat(self, node: int) -> None:
         """A heartbeat of some node has come."""
-        if node == self._node:
+        if node == self.node:
             self._watchdog.on_message()
 
     def close(self) -> None:

@@ -16,4 +16,5 @@ __all__ = [
     "mock_drive",
     "motion_profile",
     "table_bank",
+    "trial",
 ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives.table_bank import Bank, BankStatus, Table
 
+OFF, KEPT, TRIAL = 0, 1, 2
 UNKNOWN_PAYLOAD = 0xFFFFFFFF
 MOST_SYNCS_WITHOUT_PARTNER = 2
 
@@ -43,14 +44,15 @@ class Compensation:
     def __init__(self, node_id: int, machine_id: bytes) -> None:
         self.banks = {1: Bank(node_id, machine_id), 2: Bank(node_id, machine_id)}
         self.partner = PartnerLink()
-        self.mode = 0
+        self.mode = OFF
+        self.trial_ms = 0
         self.active_bank = 0
         self.payload_g = UNKNOWN_PAYLOAD
 
     def boot(self) -> None:
-        """Forget what does not outlive a restart: mode, payload, partner. Banks and their choice stay."""
+        """Forget what does not outlive a restart: mode, trial, payload, partner. Banks and their choice stay."""
         self.partner = PartnerLink()
-        self.mode = 0
+        self.mode, self.trial_ms = OFF, 0
         self.payload_g = UNKNOWN_PAYLOAD
 
     @property
@@ -70,12 +72,18 @@ class Compensation:
         return table is not None and table.payload_g == self.payload_g
 
     def set_mode(self, mode: int, powered: bool) -> None:
-        """Object 0x2100:01. Raises RefusedWrite."""
-        if powered:
-            raise RefusedWrite(STATE_FORBIDS)
-        if mode not in (0, 1):
+        """Object 0x2100:01; a trial needs a time-out. Raises RefusedWrite."""
+        if mode not in (OFF, KEPT, TRIAL):
             raise RefusedWrite(VALUE_RANGE)
+        if powered or (mode == TRIAL and not self.trial_ms):
+            raise RefusedWrite(STATE_FORBIDS)
         self.mode = mode
+
+    def set_trial_ms(self, trial_ms: int) -> None:
+        """Object 0x2100:0C. Raises RefusedWrite during a trial."""
+        if self.mode == TRIAL:
+            raise RefusedWrite(STATE_FORBIDS)
+        self.trial_ms = trial_ms
 
     def activate(self, bank: int, powered: bool) -> None:
         """Object 0x2100:02. Raises RefusedWrite."""

@@ -180,12 +180,17 @@ class DriveAxis:
         if option == 1:
             self.fault(EMCY_HEARTBEAT)
             return
-        if option == 2 and self.powered:
-            self._brake()
-            self.state = State.SWITCH_ON_DISABLED
+        if option == 2:
+            self.remove_power()
         if option == 3:
             self.quick_stop()
         self._raise_error(EMCY_HEARTBEAT)
+
+    def remove_power(self) -> None:
+        """Brake on, motor off, as far as it is on."""
+        if self.powered:
+            self._brake()
+            self.state = State.SWITCH_ON_DISABLED
 
     def connection_is_back(self) -> None:
         """The master's heartbeat is back."""

@@ -14,6 +14,7 @@ from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, error_r
 from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
 from mock_devices.drives.drive_axis import DriveAxis
 from mock_devices.drives.table_bank import Bank
+from mock_devices.drives.trial import Trial
 
 METRES_PER_INCREMENT = 1.0e-8
 # Objects that outlive a restart: limits of the axis, banks and which of them is chosen.
@@ -39,6 +40,7 @@ class DriveObjects:
         set_heartbeat: Callable[[float], None],
         watch: HeartbeatConsumer,
         history: ErrorHistory,
+        trial: Trial,
     ) -> None:
         self._axis = axis
         self._now_s = now_s
@@ -46,6 +48,7 @@ class DriveObjects:
         self._set_heartbeat = set_heartbeat
         self._watch = watch
         self._history = history
+        self._trial = trial
         self._readers = self._make_readers()
         self._writers = self._make_writers()
 
@@ -103,6 +106,7 @@ class DriveObjects:
             (0x2100, 6): lambda: int(comp.valid),
             (0x2100, 7): lambda: comp.payload_g,
             (0x2100, 8): lambda: comp.partner.command_inc or 0,
+            (0x2100, 12): lambda: comp.trial_ms,
         }
         for number in range(1, 9):
             readers[0x1003, number] = partial(self._history.code, number)
@@ -137,10 +141,11 @@ class DriveObjects:
             (0x6099, 1): _make_setter(homing, "speed"),
             (0x6099, 2): _make_setter(homing, "zero_speed"),
             (0x609A, 0): _make_setter(homing, "acceleration"),
-            (0x2100, 1): lambda mode: comp.set_mode(mode, axis.powered),
+            (0x2100, 1): self._trial.set_mode,
             (0x2100, 2): lambda bank: comp.activate(bank, axis.powered),
             (0x2100, 7): self._set_payload,
             (0x2100, 8): comp.partner.hear,
+            (0x2100, 12): comp.set_trial_ms,
             (0x2101, 1): lambda image: comp.write_bank(1, image),
             (0x2102, 1): lambda image: comp.write_bank(2, image),
         }

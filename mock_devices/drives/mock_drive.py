@@ -31,6 +31,7 @@ from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
 from mock_devices.drives.drive_node import DriveNode
 from mock_devices.drives.drive_objects import LASTING, METRES_PER_INCREMENT, DriveObjects
 from mock_devices.drives.mock_axis import MockAxis
+from mock_devices.drives.trial import Trial
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.plant import Motion, SetPoint
 
@@ -86,7 +87,10 @@ class DriveServer:
         self._watch = HeartbeatConsumer(clock, self._master_lost, self._master_found)
         self._sync_watch = Watchdog(clock, self._sync_lost)
         self._history = ErrorHistory()
-        self._objects = DriveObjects(self.axis, clock.now_s, load_kg, self._heartbeat.start, self._watch, self._history)
+        self._trial = Trial(clock, self.axis, self._watch, self._lock, self._send_emergency)
+        self._objects = DriveObjects(
+            self.axis, clock.now_s, load_kg, self._heartbeat.start, self._watch, self._history, self._trial
+        )
         self._defaults = deepcopy(self._node.data_store)
         self._saved = deepcopy(self._node.data_store)
         self._sdo = SdoServer(
@@ -164,6 +168,7 @@ class DriveServer:
             self._closed = True
         self._heartbeat.stop()
         self._watch.close()
+        self._trial.stop()
         self._sync_watch.set_limit(0.0)
         self._stop_timers()
         self._network.disconnect()
@@ -189,6 +194,7 @@ class DriveServer:
 
     def _on_heartbeat(self, cob_id: int, _data: bytearray, _timestamp: float) -> None:
         self._watch.on_heartbeat(cob_id - 0x700)
+        self._trial.on_heartbeat(cob_id - 0x700)
 
     def _master_lost(self) -> None:
         with self._lock:
@@ -309,6 +315,7 @@ class DriveServer:
         self._describe_pdos()
         self._stop_timers()
         if whole_node:
+            self._trial.stop()
             self.axis.boot()
 
     # The object dictionary.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from calibration.base.toml_file import Section
 from calibration.compensation.grid import GRID_MARGIN_M
@@ -129,6 +129,12 @@ class Limits(Section):
     drive_watchdog_s: float = Field(
         ge=1.0, le=60.0, default=1.5, description="Time without our heartbeat after which a drive stops by itself."
     )
+    trial_timeout_s: float = Field(
+        ge=5.0,
+        le=3600.0,
+        default=60.0,
+        description="Time without our heartbeat after which a drive ends the use of a table that was not verified yet.",
+    )
     poll_period_s: float = Field(
         ge=0.005, le=0.1, default=0.01, description="Period of polling the interlocks at time scale 1."
     )
@@ -145,3 +151,9 @@ class Limits(Section):
         default=("guard closed", "emergency stop released", "drive power on", "air pressure"),
         description="Interlocks that must be good before anything moves, by their names in `[plc]`.",
     )
+
+    @model_validator(mode="after")
+    def _stop_before_the_trial_ends(self) -> Limits:
+        if self.trial_timeout_s <= self.drive_watchdog_s:
+            raise ValueError("trial_timeout_s must be longer than drive_watchdog_s: a drive stops first")
+        return self

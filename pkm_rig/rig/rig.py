@@ -13,8 +13,9 @@ from calibration.compensation.tables import CompensationTable
 from calibration.machine.description import Machine
 from drivers.drives.drive_group import DriveGroup
 from drivers.drives.servo_drive import DriveSample
-from drivers.drives.table_bank import Activation, CompensationState, TableBank, activate_all
-from drivers.drives.table_image import TableImage, machine_id_of
+from drivers.drives.table_bank import CompensationState, TableBank
+from drivers.drives.table_group import bring_to, switch_off, use_on_trial
+from drivers.drives.table_image import TableImage, encode_table, machine_id_of
 from drivers.errors import DeviceError, PlcError, TableError
 from drivers.plc.plc import Plc
 from drivers.plc.plc_registers import PlcState
@@ -149,7 +150,7 @@ class Rig:
     # --- compensation
 
     def compensate(self, images: Sequence[TableImage] | None) -> list[CompensationState]:
-        """Switch compensation to these tables, or off (None), and power the drives again.
+        """Use these tables on trial, or none, and power the drives again.
 
         Raises TableError, after switching off again, if a table does not fit the payload that is on.
         """
@@ -166,44 +167,41 @@ class Rig:
         return states
 
     def switch_compensation(self, images: Sequence[TableImage] | None) -> None:
-        """Write tables into all drives and switch them on together, or switch compensation off (None).
+        """Write tables into all drives and use them on trial together, or switch compensation off (None).
 
         Leaves the drives without power. A table becomes active whole and read back, on all drives or on
         none: after any failure compensation is off everywhere and the cause is raised.
         """
+        self.compensation = 0
         try:
             self.drives.disable()
         finally:
-            self._compensation_off()
+            switch_off(self.banks)
         if images is None:
             return
-        try:
-            self._activate(images)
-        except BaseException:
-            with contextlib.suppress(DeviceError):
-                self._compensation_off()
-            raise
-        self.compensation = images[0].generation
-
-    def _compensation_off(self) -> None:
-        """Off on every drive that can be reached; raises the first failure afterwards."""
-        self.compensation = 0
-        failures: list[DeviceError] = []
-        for bank in self.banks:
-            try:
-                bank.set_mode(False)
-            except DeviceError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
-
-    def _activate(self, images: Sequence[TableImage]) -> None:
         if not self.banks:
             raise TableError("drives", "profile", "these drives have no table bank", "measure and identify only")
-        written = [bank.write_inactive(image) for bank, image in zip(self.banks, images, strict=True)]
-        activate_all([Activation(b, w.bank, w.crc, w.generation) for b, w in zip(self.banks, written, strict=True)])
-        for bank in self.banks:
-            bank.set_mode(True)
+        use_on_trial(self.banks, [encode_table(image) for image in images], self.trial_timeout_s)
+        self.compensation = images[0].generation
+
+    def bring_tables_to(self, images: Sequence[bytes | None], *, on: bool) -> None:
+        """Have these images active on the drives, used for good or not at all; leaves the drives without power.
+
+        After any failure compensation is off on every drive that can be reached, and the cause is raised.
+        """
+        self.compensation = 0
+        try:
+            self.drives.disable()
+            bring_to(self.banks, images, self.trial_timeout_s, on=on)
+        except BaseException:
+            with contextlib.suppress(DeviceError):
+                switch_off(self.banks)
+            raise
+
+    @property
+    def trial_timeout_s(self) -> float:
+        """For how long we may stay away from drives with tables on trial; rig time."""
+        return self.file.limits.trial_timeout_s * (self.file.time_scale or 1.0)
 
     def next_generation(self) -> int:
         """A generation above that of every bank."""

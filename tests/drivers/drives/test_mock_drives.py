@@ -15,7 +15,8 @@ from drivers.drives.cia402 import State
 from drivers.drives.drive_group import DriveGroup
 from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, Heartbeat, ServoDrive
-from drivers.drives.table_bank import Activation, TableBank, activate_all
+from drivers.drives.table_bank import CompensationMode, TableBank
+from drivers.drives.table_group import Activation, activate_all
 from drivers.drives.table_image import TableImage, machine_id_of
 from drivers.errors import ConnectionFailed, DriveFault, SdoRefused, Stopped
 from mock_devices.drives.mock_drive import DriveServer, MockAxis
@@ -89,12 +90,12 @@ def _image(node: int, generation: int, payload_kg: float = 0.0) -> TableImage:
 def _compensate(bench: Bench, payload_kg: float = 0.0) -> None:
     bench.group.disable()
     for bank in bench.banks:
-        bank.set_mode(False)
+        bank.set_mode(CompensationMode.OFF)
     written = [b.write_inactive(_image(b.drive.node_id, b.state().next_generation, payload_kg)) for b in bench.banks]
     activate_all([Activation(b, w.bank, w.crc, w.generation) for b, w in zip(bench.banks, written, strict=True)])
     for bank in bench.banks:
         bank.set_payload(0.0)
-        bank.set_mode(True)
+        bank.set_mode(CompensationMode.KEPT)
     bench.group.enable()
 
 
@@ -169,7 +170,7 @@ def test_compensated_motion(bench: Bench) -> None:
     with pytest.raises(SdoRefused, match="grid"):
         bench.group.move_to([0.3, 0.0], 0.1)
     with pytest.raises(SdoRefused, match="disable the drive"):
-        bench.banks[0].set_mode(False)
+        bench.banks[0].set_mode(CompensationMode.OFF)
 
 
 def test_another_payload_makes_the_table_invalid(bench: Bench) -> None:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.drives.table_bank import Activation, BankStatus, TableBank, activate_all
+from drivers.drives.table_bank import BankStatus, CompensationMode, TableBank
+from drivers.drives.table_group import Activation, activate_all
 from drivers.errors import SdoRefused, TableError
 from tests.drivers.drives.test_table_image import make_image
 from tests.drivers.scripted_drive import Rig
@@ -108,7 +109,7 @@ def test_all_or_none(rig: Rig, banks: list[TableBank]) -> None:
 
 
 def test_mode_and_payload(rig: Rig, banks: list[TableBank]) -> None:
-    banks[0].set_mode(True)
+    banks[0].set_mode(CompensationMode.KEPT)
     assert banks[0].state().on
     banks[0].set_payload(199.9996)
     assert rig.drives[1].integer(0x2100, 7) == 200_000
@@ -118,4 +119,4 @@ def test_mode_and_payload(rig: Rig, banks: list[TableBank]) -> None:
         banks[0].set_payload(-1.0)
     rig.drives[1].refuse[0x2100, 1] = 0x08000022
     with pytest.raises(SdoRefused, match="disable the drive"):
-        banks[0].set_mode(False)
+        banks[0].set_mode(CompensationMode.OFF)

@@ -10,10 +10,11 @@ from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.outcome import CampaignOutcome
-from pkm_rig.rig.previous_tables import keep_previous_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import require_table_banks
 from pkm_rig.rig.runner import open_runner
+from pkm_rig.rig.table_change import changing_tables
+from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.store import Store
 
 
@@ -24,10 +25,11 @@ def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress) -> Cam
     previous tables restored if the drives can still be reached, and all readings kept.
     """
     require_table_banks(rig)
+    settle_tables(rig, store, notify)
     campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
     with (
         open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "calibrate", notify) as runner,
-        keep_previous_tables(rig) as previous_tables,
+        changing_tables(rig, store, "calibrate", campaign) as change,
     ):
         measure_blocks(runner, blocks)
         notify("identifying")
@@ -36,4 +38,4 @@ def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress) -> Cam
         diagnosis = try_diagnosis(store.recording(campaign))
         store.add_event(campaign, "diagnosed", diagnosis_attempt_json(diagnosis))
         notify(diagnosis_line(diagnosis))
-        return verify_tables(runner, identification, diagnosis, previous_tables, notify)
+        return verify_tables(runner, identification, diagnosis, change, notify)

@@ -7,12 +7,15 @@ from typing import Any
 from calibration.base.errors import InputError
 from drivers.drives.homing import HomingParameters
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.table_change import switch_off
+from pkm_rig.store.store import Store
 
 
-def home_drives(rig: Rig, *, again: bool = False) -> dict[str, Any]:
+def home_drives(rig: Rig, *, again: bool = False, store: Store | None = None) -> dict[str, Any]:
     """Home the drives that are not referenced, or all with `again`; where each is then (docs/reference/json.md).
 
-    One after the other, the others under their brakes; compensation is switched off and stays off. InputError, before
+    One after the other, the others under their brakes; compensation is switched off and stays off (which a
+    `store` records, so that `pkm-rig tables rollback` can bring it back). InputError, before
     anything moves, where the rig file does not say how; raises what a motion raises.
     """
     homings = [
@@ -20,7 +23,7 @@ def home_drives(rig: Rig, *, again: bool = False) -> dict[str, Any]:
         for number, drive in enumerate(rig.drives.drives)
     ]
     if any(homings):
-        rig.switch_compensation(None)
+        switch_off(rig, store, "home")
         with rig.supervisor.during_motion():
             rig.drives.home(homings)
     positions_m = rig.positions_m()

@@ -9,11 +9,12 @@ from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.rig.plans import Plan, calibration, prepare
-from pkm_rig.rig.previous_tables import keep_previous_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import check_rig
 from pkm_rig.rig.runner import Runner, describe_campaign, new_campaign_id, open_runner, settings_event
 from pkm_rig.rig.schedule import Block, calibration_blocks
+from pkm_rig.rig.table_change import changing_tables
+from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.append import now_text
 from pkm_rig.store.store import Store
 
@@ -26,18 +27,19 @@ def measure(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: 
     list when the campaign was begun are added to it.
     Raises DeviceError, CampaignRefused, StoreError, and InputError if the rig file is a different one.
     """
+    settle_tables(rig, store, notify)
     if resume is None:
         campaign, blocks, total = open_campaign(rig, store, notify, verify=False)
     else:
         campaign, blocks, total = _reopen_campaign(rig, store, notify, resume)
     with (
         open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "measure", notify) as runner,
-        keep_previous_tables(rig) as previous_tables,
+        changing_tables(rig, store, "measure", campaign) as change,
     ):
         if resume is not None and store.has_readings(campaign):
             runner.resume(store.recording(campaign))
         measure_blocks(runner, blocks)
-        previous_tables.restore()
+        change.bring_to_target()
     return campaign
 
 

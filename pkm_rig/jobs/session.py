@@ -15,6 +15,7 @@ from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_lock import rig_lock
 from pkm_rig.store.sessions import Moment
+from pkm_rig.store.store import Store, open_store, store_path
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 
@@ -74,3 +75,13 @@ def open_rig(
             yield rig
     finally:
         clock.close()
+
+
+@contextmanager
+def store_if_there(out: Path, command: str) -> Iterator[Store | None]:
+    """The store in a folder, held by a command; None, and nothing created, if there is none."""
+    if not store_path(out).is_file():
+        yield None
+        return
+    with open_store(out, command) as store:
+        yield store

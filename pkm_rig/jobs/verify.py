@@ -21,11 +21,12 @@ from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome, WrittenTable
 from pkm_rig.rig.plans import Plan, verification
-from pkm_rig.rig.previous_tables import PreviousTables, keep_previous_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import check_rig, require_table_banks
 from pkm_rig.rig.runner import Runner, open_runner
 from pkm_rig.rig.schedule import verification_block
+from pkm_rig.rig.table_change import VERDICT, TableChange, changing_tables
+from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.store import Store
 
 
@@ -35,6 +36,7 @@ def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Prog
     The readings join the campaign, whose frame and nests they need: the station must not have been moved.
     """
     require_table_banks(rig)
+    settle_tables(rig, store, notify)
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))
@@ -46,18 +48,18 @@ def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Prog
     total = planned_readings(rig, (), verify=True)
     with (
         open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "verify", notify) as runner,
-        keep_previous_tables(rig) as previous_tables,
+        changing_tables(rig, store, "verify", campaign) as change,
     ):
         runner.resume(store.recording(campaign))
         rig.enable()
-        return verify_tables(runner, identification, diagnosis, previous_tables, notify)
+        return verify_tables(runner, identification, diagnosis, change, notify)
 
 
 def verify_tables(
     runner: Runner,
     identification: Calibration,
     diagnosis: DiagnosisAttempt,
-    previous_tables: PreviousTables,
+    change: TableChange,
     notify: Notify,
 ) -> CampaignOutcome:
     """Write the tables of an identification, measure before and after, and decide at every payload of the rig file."""
@@ -77,11 +79,12 @@ def verify_tables(
         runner.run(verification(runner.devices, block, "verification_before"), "verification before")
         temperatures = rig.temperatures_c()
         table = table_for_payload(identification, payload, temperatures)
-        drives = table_summary(rig, rig.compensate(rig.images(table, rig.next_generation())))
+        drives = table_summary(rig, change.compensate(rig.images(table, rig.next_generation())))
         activated = {"payload": payload, "temperatures_c": temperatures, "tables": drives}
         store.add_event(campaign, "activated", activated)
         written.append(WrittenTable(table, payload, drives))
         runner.run(verification(runner.devices, block, "verification_after"), "verification after")
+        change.require_in_use()
     recording = last_verification_attempt(store, campaign)
     outcome = evaluate_campaign(
         campaign,
@@ -89,13 +92,15 @@ def verify_tables(
         recording,
         tuple(written),
         diagnosis,
-        previous_tables=previous_tables.description,
+        previous_tables=change.description,
         limits_m=settings.accept_below_m,
     )
-    if not outcome.accepted:
-        notify(f"the result is {outcome.decision}; back to {previous_tables.description}")
-        previous_tables.restore()
-    _record_verdict(store, outcome)
+    _record_verdict(store, outcome, change)
+    if outcome.accepted:
+        change.keep()
+    else:
+        notify(f"the result is {outcome.decision}; back to {change.description}")
+        change.bring_to_target()
     return replace(outcome, head=store.head(campaign))
 
 
@@ -111,11 +116,13 @@ def table_summary(rig: Rig, states: Sequence[CompensationState]) -> dict[str, di
     }
 
 
-def _record_verdict(store: Store, outcome: CampaignOutcome) -> None:
+def _record_verdict(store: Store, outcome: CampaignOutcome, change: TableChange) -> None:
+    """From here on the tables stay, if they are accepted, whatever happens: the next command would finish it."""
     store.add_event(
         outcome.campaign,
         "accepted" if outcome.accepted else "refused",
         {
+            VERDICT: change.id,
             "decision": outcome.decision,
             "restored": outcome.restored,
             "noise_floor": outcome.floor.as_dict(),

@@ -8,9 +8,9 @@ __all__ = [
     "connection",
     "device_sections",
     "devices",
+    "drive_tables",
     "plans",
     "plc_connection",
-    "previous_tables",
     "rig",
     "rig_checks",
     "rig_lock",
@@ -20,5 +20,7 @@ __all__ = [
     "standstill",
     "station_air",
     "supervision",
+    "table_change",
+    "table_recovery",
     "worker",
 ]

@@ -10,6 +10,7 @@ from calibration.instruments import station_geometry
 from calibration.machine.description import Machine
 from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.drive_tables import doubt, read_states
 from pkm_rig.rig.rig import Rig
 from pkm_rig.store.store import Store
 
@@ -29,6 +30,8 @@ def check_rig(rig: Rig) -> list[str]:
             problems.append(
                 f"drive {drive.name}: its software limits are narrower than travel_m of the machine file; adjust one"
             )
+    if (why := doubt(read_states(rig), [bank.drive.name for bank in rig.banks])) is not None:
+        problems.append(f"{why}; any command that moves the drives switches compensation off, or use `pkm-rig tables`")
     return problems
 
 

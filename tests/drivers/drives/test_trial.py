@@ -201,9 +201,7 @@ def test_a_make_without_trials_keeps_at_once(opened: Open) -> None:
     profile = load_profile("pkm-mock")
     assert profile.compensation is not None
     for drive in bench.drives:
-        drive.profile = dataclasses.replace(
-            profile, compensation=dataclasses.replace(profile.compensation, trial=None)
-        )
+        drive.profile = dataclasses.replace(profile, compensation=dataclasses.replace(profile.compensation, trial=None))
     use_on_trial(banks, images(), TIMEOUT_S)
     assert modes(bench) == [1, 1]
     assert not parse_profile('name = "x"').capabilities.trial

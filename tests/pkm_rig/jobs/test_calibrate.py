@@ -12,6 +12,7 @@ import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
+from drivers.drives.table_image import encode_table
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.identify import identify_with_checks
@@ -172,7 +173,9 @@ def test_a_machine_without_errors_is_refused_and_the_former_tables_come_back(tmp
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (_, rig):
         rig.enable()
-        former = rig.compensate(rig.images(flat_table(0.0, 0.0), 7))
+        images = [encode_table(image) for image in rig.images(flat_table(0.0, 0.0), 7)]
+        rig.bring_tables_to(images, on=True)
+        former = [bank.state() for bank in rig.banks]
         outcome = calibrate(rig, store, silent, silent)
         after = [bank.state() for bank in rig.banks]
     assert not outcome.accepted

@@ -1,0 +1,169 @@
+"""A change of the tables in all drives: what was before is stored first, so that it can be undone after any failure.
+
+Steps in the store (`table_changes`), each durable before the drives are touched: `begun` with the former state of every
+drive and the state to bring them to; `trial` with the images that are tried; and one that ends the change: `kept`
+(tried, verified and accepted), `done` (brought to the state that was asked for) or `given up`.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, Literal
+
+from drivers.drives.table_bank import CompensationState
+from drivers.drives.table_image import TableImage, encode_table
+from drivers.errors import DeviceError, TableError
+from pkm_rig.errors import StoreError
+from pkm_rig.rig.drive_tables import (
+    WantedTables,
+    as_image,
+    as_text,
+    record_state,
+    state_to_return_to,
+    table_of,
+    tables_line,
+)
+from pkm_rig.rig.rig import Rig
+from pkm_rig.store.store import Store, StoredTableChange
+
+BEGUN, TRIAL, KEPT, DONE, GIVEN_UP = "begun", "trial", "kept", "done", "given up"
+ENDS = (KEPT, DONE, GIVEN_UP)
+VERDICT = "table_change"  # key of the verdict's event: the change that it judges
+
+Purpose = Literal["calibrate", "measure", "verify", "home", "off", "rollback"]
+
+
+class TableChange:
+    """One change, from its first step on. Raises StoreError before the drives are touched, and DeviceError."""
+
+    def __init__(self, rig: Rig, store: Store, steps: Sequence[StoredTableChange]) -> None:
+        first = steps[0]
+        self.id, self.campaign, self.machine = first.change, first.campaign, first.machine
+        self.purpose: str = first.data["purpose"]
+        self.former: list[dict[str, Any]] = first.data["former"]
+        target = first.data["target"]
+        self.target = state_to_return_to(self.former) if target is None else WantedTables.of_json(target)
+        self.end = steps[-1].kind if steps[-1].kind in ENDS else None
+        self.trials = [step.data for step in steps if step.kind == TRIAL]
+        self._rig, self._store = rig, store
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing of it is left to do."""
+        return self.end is not None
+
+    @property
+    def description(self) -> str:
+        """What the drives go back to."""
+        return "the former tables" if self.target.on else "no compensation, as before"
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the verdict on its tables is stored, and they may stay."""
+        if self.campaign is None or not self.trials:
+            return False
+        return any(event.data.get(VERDICT) == self.id for event in self._store.events(self.campaign, "accepted"))
+
+    def compensate(self, images: Sequence[TableImage]) -> list[CompensationState]:
+        """Store these tables, then use them on trial and power the drives again; see `Rig.compensate`."""
+        data = {bank.drive.name: encode_table(image) for bank, image in zip(self._rig.banks, images, strict=True)}
+        trial = {
+            "images": {drive: as_text(image) for drive, image in data.items()},
+            "tables": {drive: list(table_of(image)) for drive, image in data.items()},
+        }
+        self._add(TRIAL, trial)
+        self.trials.append(trial)
+        return self._rig.compensate(images)
+
+    def require_in_use(self) -> None:
+        """Raise TableError unless the tables tried last are what every drive uses: they were measured, no others."""
+        for bank in self._rig.banks:
+            if not bank.uses(self._tried()[bank.drive.name]):
+                raise TableError(
+                    bank.drive.name, bank.drive.where, "the table that was measured is not in use any more",
+                    "find out why the drive gave it up, then verify again",
+                )  # fmt: skip
+
+    def keep(self) -> None:
+        """Use the tables tried last for good: they are verified, and the verdict is stored."""
+        tried = self._tried()
+        self._rig.bring_tables_to([tried[bank.drive.name] for bank in self._rig.banks], on=True)
+        self._add(KEPT, {})
+
+    def bring_to_target(self) -> None:
+        """Bring all drives to the state that was asked for; that of before, where tables were to be tried."""
+        images = self.target.images
+        self._rig.bring_tables_to([images[bank.drive.name] for bank in self._rig.banks], on=self.target.on)
+        self._add(DONE, {})
+
+    def give_up(self, why: str) -> None:
+        """End the change without touching the drives."""
+        self._add(GIVEN_UP, {"why": why})
+
+    def _tried(self) -> dict[str, bytes]:
+        images = self.trials[-1]["images"]
+        return {drive: as_image(text) or b"" for drive, text in images.items()}
+
+    def _add(self, kind: str, data: dict[str, Any]) -> None:
+        if self._rig.banks:
+            add_step(self._rig, self._store, self.campaign, self.id, kind, data)
+        self.end = kind if kind in ENDS else None
+
+
+def begin(
+    rig: Rig, store: Store, purpose: Purpose, campaign: str | None = None, target: WantedTables | None = None
+) -> TableChange:
+    """Store the state of every drive; nothing has been changed when this returns. `target`: None for that state."""
+    data = {
+        "purpose": purpose,
+        "former": record_state(rig),
+        "target": None if target is None else target.as_json(),
+    }
+    change = secrets.token_hex(8)
+    if rig.banks:
+        add_step(rig, store, campaign, change, BEGUN, data)
+    step = StoredTableChange(0, "", rig.file.rig, rig.machine.name, campaign, change, BEGUN, data)
+    return TableChange(rig, store, [step])
+
+
+@contextmanager
+def changing_tables(rig: Rig, store: Store, purpose: Purpose, campaign: str) -> Iterator[TableChange]:
+    """Tables may be tried within; if anything fails the former ones come back, unless the verdict has accepted them.
+
+    The error then says which tables are active (as a note).
+    """
+    change = begin(rig, store, purpose, campaign)
+    try:
+        yield change
+    except BaseException as error:
+        with suppress(DeviceError, StoreError):
+            if not change.ended and not change.accepted:
+                change.bring_to_target()
+        error.add_note(tables_line(rig, store))
+        raise
+
+
+def switch_off(rig: Rig, store: Store | None, purpose: Purpose) -> None:
+    """Use no table on any drive; the banks stay. A change that can be rolled back, where there is a store."""
+    if store is None:
+        rig.switch_compensation(None)
+        return
+    former = {record["drive"]: as_image(record["image"]) for record in record_state(rig)}
+    begin(rig, store, purpose, target=WantedTables(former, on=False)).bring_to_target()
+
+
+def add_step(rig: Rig, store: Store, campaign: str | None, change: str, kind: str, data: dict[str, Any]) -> None:
+    """Store a step; durable when this returns."""
+    store.add_table_change(
+        rig=rig.file.rig, machine=rig.machine.name, campaign=campaign, change=change, kind=kind, data=data
+    )
+
+
+def changes_of(rig: Rig, store: Store) -> list[TableChange]:
+    """All changes of a rig that this store knows, oldest first."""
+    steps: dict[str, list[StoredTableChange]] = {}
+    for step in store.table_changes(rig.file.rig):
+        steps.setdefault(step.change, []).append(step)
+    return [TableChange(rig, store, parts) for parts in steps.values() if parts[0].kind == BEGUN]

@@ -26,7 +26,8 @@ from pkm_rig.rig.drive_tables import (
     tables_line,
 )
 from pkm_rig.rig.rig import Rig
-from pkm_rig.store.store import Store, StoredTableChange
+from pkm_rig.store.store import Store
+from pkm_rig.store.stored_rows import StoredTableChange
 
 BEGUN, TRIAL, KEPT, DONE, GIVEN_UP = "begun", "trial", "kept", "done", "given up"
 ENDS = (KEPT, DONE, GIVEN_UP)

@@ -74,9 +74,9 @@ class MortalStore(Store):
     life = Life()
 
     @contextmanager
-    def _writing(self):
+    def writing(self):
         self.life.write()
-        with super()._writing() as connection:
+        with super().writing() as connection:
             yield connection
 
 

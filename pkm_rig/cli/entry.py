@@ -13,7 +13,7 @@ import typer
 
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError
-from pkm_rig.cli import analysis_commands, mock_command, record_commands, rig_commands, store_commands
+from pkm_rig.cli import analysis_commands, mock_command, record_commands, rig_commands, store_commands, table_commands
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.report.terminal import messages
 from pkm_rig.version import __version__
@@ -27,6 +27,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "check": rig_commands.check,
     "home": rig_commands.home,
     "interim-test": rig_commands.interim_test,
+    "tables": table_commands.tables,
     "mock": mock_command.mock,
     "poses": analysis_commands.poses,
     "identify": analysis_commands.identify,
@@ -63,14 +64,14 @@ def main() -> None:
         _exit_with_line(BAD_INPUT, _usage_line(error))
     except typer.Abort:  # the input ended where an answer was asked for
         _exit_with_line(BAD_INPUT, "no answer, so nothing was done; answer, or say it with an option")
-    except Interrupted:
-        _exit_with_line(DEVICE, "interrupted; the drives were stopped, what was read is kept")
+    except Interrupted as error:
+        _exit_with_line(DEVICE, _with_notes("interrupted; the drives were stopped, what was read is kept", error))
     except InputError as error:
-        _exit_with_line(BAD_INPUT, str(error))
+        _exit_with_line(BAD_INPUT, _with_notes(str(error), error))
     except CampaignRefused as error:
-        _exit_with_line(REFUSED, str(error))
+        _exit_with_line(REFUSED, _with_notes(str(error), error))
     except (DeviceError, StoreError) as error:
-        _exit_with_line(DEVICE, str(error))
+        _exit_with_line(DEVICE, _with_notes(str(error), error))
     except Exception as error:
         messages.print(traceback.format_exc(), style="dim", markup=False)
         _exit_with_line(
@@ -102,6 +103,11 @@ def _usage_line(error: typer.TyperException) -> str:
     if getattr(getattr(error, "param", None), "name", None) == "rig":
         return f"{sentence} Give the rig file, as --rig RIG.toml; without hardware try `pkm-rig demo`"
     return f"{sentence} See `{command} --help`"
+
+
+def _with_notes(line: str, error: BaseException) -> str:
+    """A message with what was added to the error on its way: which tables are active."""
+    return "; ".join([line, *getattr(error, "__notes__", ())])
 
 
 def _exit_with_line(status: int, line: str) -> NoReturn:

@@ -15,5 +15,6 @@ __all__ = [
     "measured_machine",
     "planning",
     "session",
+    "tables",
     "verify",
 ]

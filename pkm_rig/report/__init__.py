@@ -17,5 +17,6 @@ __all__ = [
     "pictures",
     "plan_text",
     "record_text",
+    "tables_text",
     "terminal",
 ]

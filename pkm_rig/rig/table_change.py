@@ -45,7 +45,7 @@ class TableChange:
         self.purpose: str = first.data["purpose"]
         self.former: list[dict[str, Any]] = first.data["former"]
         target = first.data["target"]
-        self.target = state_to_return_to(self.former) if target is None else WantedTables.of_json(target)
+        self.target = self.before if target is None else WantedTables.of_json(target)
         self.end = steps[-1].kind if steps[-1].kind in ENDS else None
         self.trials = [step.data for step in steps if step.kind == TRIAL]
         self._rig, self._store = rig, store
@@ -54,6 +54,11 @@ class TableChange:
     def ended(self) -> bool:
         """Whether nothing of it is left to do."""
         return self.end is not None
+
+    @property
+    def before(self) -> WantedTables:
+        """The state of before."""
+        return state_to_return_to(self.former)
 
     @property
     def description(self) -> str:

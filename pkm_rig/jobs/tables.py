@@ -1,0 +1,120 @@
+"""The tables in the drives by hand: show them, switch them off, go back to those before the last change."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from calibration.base.errors import InputError
+from drivers.drives.table_bank import BankStatus, CompensationState, TableBank
+from drivers.drives.table_image import decode_table, machine_id_of
+from drivers.errors import DriveFault, TableError
+from pkm_rig.rig.drive_tables import WantedTables, campaign_of, read_states, serial_of, tables_line
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.table_change import DONE, KEPT, TableChange, begin, changes_of, switch_off
+from pkm_rig.store.store import Store
+
+BY_HAND = ("off", "rollback", "home")
+STANDS_M_PER_S = 1e-4
+
+
+def show_tables(rig: Rig, store: Store | None) -> dict[str, Any]:
+    """What each drive holds and uses, and of which campaign it is (docs/reference/json.md)."""
+    _require_banks(rig)
+    states = read_states(rig)
+    return {
+        "rig": rig.file.rig,
+        "tables": tables_line(rig, store).removeprefix("tables: "),
+        "drives": {
+            bank.drive.name: _drive(rig, store, bank, state) for bank, state in zip(rig.banks, states, strict=True)
+        },
+    }
+
+
+def _drive(rig: Rig, store: Store | None, bank: TableBank, state: CompensationState) -> dict[str, Any]:
+    return {
+        "mode": state.mode.name.lower(),
+        "bank": state.active or None,
+        "valid": state.valid,
+        "payload_kg": state.payload_kg,
+        "serial": serial_of(bank),
+        "banks": [
+            {
+                **asdict(stored),
+                "status": stored.status.name.lower(),
+                "campaign": None
+                if store is None
+                else campaign_of(store, bank.drive.name, (stored.generation, stored.crc)),
+                "of_this_machine": _is_of_this_machine(rig, bank, stored.number)
+                if stored.status is BankStatus.WHOLE
+                else None,
+            }
+            for stored in state.banks
+        ],
+    }
+
+
+def _is_of_this_machine(rig: Rig, bank: TableBank, number: int) -> bool:
+    try:
+        return bank.read_image(number).machine_id == machine_id_of(rig.machine.name)
+    except TableError:
+        return False
+
+
+def change_to_off(rig: Rig, store: Store | None) -> None:
+    """Use no table on any drive. Raises DriveFault while one moves, and what supervision finds."""
+    _require_banks(rig)
+    _require_standstill(rig)
+    with rig.supervisor.during_motion():
+        switch_off(rig, store, "off")
+
+
+def last_change(rig: Rig, store: Store) -> TableChange:
+    """The change that a rollback undoes; InputError if there is none, or its former tables are not this machine's."""
+    _require_banks(rig)
+    changes = [c for c in changes_of(rig, store) if c.end == KEPT or (c.end == DONE and c.purpose in BY_HAND)]
+    if not changes:
+        raise InputError(
+            f"rig {rig.file.rig}: no change of its tables is in this store; give the --out of the last one"
+        )
+    change = changes[-1]
+    if change.machine != rig.machine.name:
+        raise InputError(f"the former tables are of machine {change.machine}, this is {rig.machine.name}; not written")
+    records = {record["drive"]: record for record in change.former}
+    for bank in rig.banks:
+        record = records.get(bank.drive.name)
+        if record is None or record["serial"] != serial_of(bank):
+            raise InputError(f"the former tables are not of drive {bank.drive.name} as it is now; not written")
+    for image in change.before.images.values():
+        if image is not None and decode_table(image).machine_id != machine_id_of(rig.machine.name):
+            raise InputError(f"the former tables are not of machine {rig.machine.name}; not written")
+    return change
+
+
+def describe_before(change: TableChange) -> str:
+    """The state before a change, in words."""
+    if not change.before.on:
+        return "off on all drives"
+    return f"generation {change.former[0]['generation']} on all drives"
+
+
+def roll_back(rig: Rig, store: Store, change: TableChange) -> None:
+    """Bring all drives to their state before a change: a change of its own, so that it can be rolled back too."""
+    _require_standstill(rig)
+    before = change.before
+    with rig.supervisor.during_motion():
+        begin(rig, store, "rollback", target=WantedTables(before.images, before.on)).bring_to_target()
+
+
+def _require_banks(rig: Rig) -> None:
+    if not rig.banks:
+        raise InputError(f"rig {rig.file.rig}: its drives store no compensation tables; there is nothing to show")
+
+
+def _require_standstill(rig: Rig) -> None:
+    for drive, sample in zip(rig.drives.drives, rig.drives.sample(), strict=True):
+        if not abs(sample.velocity_m_per_s) <= STANDS_M_PER_S:
+            raise DriveFault(
+                drive.name, drive.where, f"it moves at {sample.velocity_m_per_s * 1e3:.3g} mm/s",
+                "tables are changed at standstill only; wait, or find out who moves it",
+            )  # fmt: skip

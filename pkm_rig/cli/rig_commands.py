@@ -129,7 +129,7 @@ def check(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption = Fals
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.table_recovery import end_unfinished_change
 
-    with store_if_there(out, "check") as store, open_rig(rig, needs=Need.MOTION) as connected_rig:
+    with store_if_there(out) as store, open_rig(rig, needs=Need.MOTION) as connected_rig:
         end_unfinished_change(connected_rig, store, print_message)
         check_result = check_devices(connected_rig)
     print_either(json, check_result, print_check)
@@ -152,7 +152,7 @@ def home(
     from pkm_rig.rig.table_recovery import settle_tables
 
     needs = Need.HOMING if again else Need.NOTHING
-    with store_if_there(out, "home") as store, open_rig(rig, needs=needs, homing=True) as connected_rig:
+    with store_if_there(out) as store, open_rig(rig, needs=needs, homing=True) as connected_rig:
         settle_tables(connected_rig, store, print_message)
         homing_result = home_drives(connected_rig, again=again, store=store)
     print_either(json, homing_result, print_homing)
@@ -166,7 +166,7 @@ def interim_test(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption
     from pkm_rig.report.terminal import print_json, print_message, print_simulated
     from pkm_rig.rig.table_recovery import end_unfinished_change
 
-    with store_if_there(out, "interim-test") as store, open_rig(rig) as connected_rig:
+    with store_if_there(out) as store, open_rig(rig) as connected_rig:
         end_unfinished_change(connected_rig, store, print_message)
         test_result = run_interim_test(connected_rig)
         simulated = bool(connected_rig.simulated_devices)

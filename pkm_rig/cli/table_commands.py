@@ -40,7 +40,7 @@ def tables(
     from pkm_rig.rig.table_recovery import end_unfinished_change
 
     with (
-        store_if_there(out, f"tables {action.value}") as store,
+        store_if_there(out) as store,
         open_rig(rig, needs=Need.TABLES, homing=True) as connected_rig,
     ):
         end_unfinished_change(connected_rig, store, print_message)

@@ -78,10 +78,10 @@ def open_rig(
 
 
 @contextmanager
-def store_if_there(out: Path, command: str) -> Iterator[Store | None]:
-    """The store in a folder, held by a command; None, and nothing created, if there is none."""
+def store_if_there(out: Path) -> Iterator[Store | None]:
+    """The store in a folder; None, and nothing created, if there is none."""
     if not store_path(out).is_file():
         yield None
         return
-    with open_store(out, command) as store:
+    with open_store(out) as store:
         yield store

@@ -18,17 +18,20 @@ from calibration.identification.problem import LeastSquaresProblem
 from calibration.identification.remarks import remarks
 from calibration.identification.rigid.closure import MeasuredPoses
 from calibration.identification.rigid.models import RigidIdentification, fit_rigid_identifications
+from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
+from calibration.reduction.common_points import common_nests
 from calibration.reduction.data_checks import require_spread_poses
 from calibration.reduction.figures import free_axes
 from calibration.reduction.left_out import MODEL, LeftOutReading
 from calibration.reduction.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 from calibration.reduction.report_frame import ReportFrame
+from calibration.reduction.setups import known_from_nests
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ def identify_recording(
     require_spread_poses(recording.machine, observations.visits.target_m)
     station = _station(reduction, observations)
     fit = identify(model, observations.visits, [SmrPositions(observations, station)], estimator, robust=robust)
+    if len(reduction.setups) > 1:  # the fit knows better how the set-ups lie than the points that they have in common
+        reduction = reduce(part, wrong=wrong, known=_fitted_setups(fit))
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
 
@@ -88,7 +93,17 @@ def _station(reduction: Reduction, observations: ReflectorObservations) -> Stati
     smrs = tuple(sorted(set(observations.smr.tolist())))
     accuracy = reduction.recording.file.station.accuracy.to_station_accuracy()
     station = StationModel.from_accuracy(reduction.report.frame, smrs, accuracy)
-    return replace(station, range_constant_u_m=reduction.range_constant_u_m)  # the certified length has tied it
+    station = replace(station, range_constant_u_m=reduction.range_constant_u_m)  # the certified length has tied it
+    if len(reduction.setups) == 1:
+        return station
+    return replace(station, setups=known_from_nests(reduction.setups, common_nests(reduction.nests)))
+
+
+def _fitted_setups(fit: Fit) -> Setups:
+    station = fit.station
+    columns = fit.layout.instrument_slices[0]
+    error, by_unknowns = station.setup_error(fit.machine, fit.unknowns[columns])
+    return station.setups.without_error(error, by_unknowns @ fit.covariance[columns, columns] @ by_unknowns.T)
 
 
 def _wrong_readings(model: Model, reduction: Reduction) -> tuple[LeftOutReading, ...]:

@@ -78,6 +78,12 @@ class Setups:
             error_by_range=np.zeros_like(self.error_by_range),
         )
 
+    def moved_by_error(self, points_m: Array, setup: NDArray[np.intp], error: Array) -> Array:
+        """Points (n, 3), seen from set-ups (n,), as motions with errors (6 (k - 1),) bring them to the first frame."""
+        turn, shift = np.zeros((len(self), 3)), np.zeros((len(self), 3))
+        turn[1:], shift[1:] = error.reshape(-1, 2, 3).transpose(1, 0, 2)
+        return np.asarray(np.einsum("nij,nj->ni", rotation_matrix(turn)[setup], points_m) + shift[setup])
+
     def shift_by_error(self, points_m: Array, setup: NDArray[np.intp]) -> Array:
         """Derivatives (n, 3, 6 (k - 1)) of points (n, 3), in the first frame, with the errors of the motions."""
         return shift_by_motion(points_m, setup, len(self))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.base.rotation import skew
 from calibration.instruments.readings import WhitenedResiduals
+from calibration.instruments.setups import RANGE_ERRORS, Setups, range_shifts
 from calibration.instruments.station_geometry import StationAccuracy
 from calibration.machine.description import Machine
 from calibration.model.model import Poses, Unknown
@@ -67,7 +68,7 @@ class StationModel:
     range_constant_u_m, range_scale_u: standard uncertainties common to all ranges; refraction_u_per_m:
     of the curvature of the line of sight that a vertical gradient of the air's index causes (1e-6 per kelvin per
     metre); zero leaves an unknown out. known_frame: the machine frame is the station's (gauge fixed), nothing to be
-    fitted.
+    fitted. setups: where the station stood; the errors of their motions are unknowns, the first frame is that of start.
     """
 
     start: Frame
@@ -76,6 +77,7 @@ class StationModel:
     range_scale_u: float = 0.0
     refraction_u_per_m: float = 0.0
     known_frame: bool = False
+    setups: Setups = field(default_factory=Setups.single)
 
     @classmethod
     def from_accuracy(
@@ -92,7 +94,8 @@ class StationModel:
         )
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
-        """Mounting of each reflector (3), frame (rotation, translation), range constant and scale, refraction."""
+        """Mounting of each reflector (3), frame (rotation, translation), range constant and scale, refraction; errors
+        of the set-ups' motions as combinations (6 a set-up) of unit variance."""
         mounting = machine.file.tolerances.smr_position_m / np.sqrt(3.0)
         out = [Unknown(f"mounting.{machine.smrs[i].name}.{c}", "m", mounting) for i in self.smrs for c in "xyz"]
         if not self.known_frame:
@@ -103,7 +106,8 @@ class StationModel:
             Unknown("range.scale", "1", self.range_scale_u),
             Unknown("refraction.curvature", "1/m", self.refraction_u_per_m),
         )
-        return (*out, *(u for u in ranges if u.sigma > 0.0))
+        motions = (Unknown(f"setup.{number}.{i}", "1", 1.0) for number in self.setups.numbers[1:] for i in range(1, 7))
+        return (*out, *(u for u in ranges if u.sigma > 0.0), *motions)
 
     @property
     def frame_column(self) -> int:
@@ -123,10 +127,28 @@ class StationModel:
         first = 3 * self.smrs.index(smr)
         return np.asarray(machine.smrs[smr].position_m + station_unknowns[first : first + 3])
 
-    def observe(self, machine: Machine, station_unknowns: Array, point_m: Array) -> tuple[Array, Array]:
+    def setup_error(self, machine: Machine, station_unknowns: Array) -> tuple[Array, Array]:
+        """Errors (m,) of the motions of the later set-ups, in one row, and derivatives (m, k) with the unknowns."""
+        names = [u.name for u in self.unknowns(machine)]
+        errors = self.setups.error_mean
+        by_unknowns = np.zeros((len(errors), len(names)))
+        for column, name in enumerate(RANGE_ERRORS):
+            if name in names:
+                by_unknowns[:, names.index(name)] = self.setups.error_by_range[:, column]
+        by_unknowns[:, len(names) - len(errors) :] = self._setup_root
+        return errors + by_unknowns @ station_unknowns, by_unknowns
+
+    @cached_property
+    def _setup_root(self) -> Array:
+        return np.asarray(np.linalg.cholesky(self.setups.error_covariance))
+
+    def observe(
+        self, machine: Machine, station_unknowns: Array, point_m: Array, setup: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array]:
         """Points (n, 3) of the machine's frame as the station reports them, derivatives (n, 3, k) with its unknowns.
 
-        The columns of the mountings are left at zero: they act before the frame.
+        In the frame of the first set-up; setup (n,): row of the set-up that each is seen from, None for the first. The
+        columns of the mountings are left at zero: they act before the frame.
         """
         frame = self.frame(station_unknowns)
         turned = point_m @ frame.rotation.T
@@ -137,19 +159,18 @@ class StationModel:
         if not self.known_frame:
             out[:, :, first : first + 3] = -skew(turned)
             out[:, :, first + 3 : first + 6] = np.eye(3)
-        distance = np.linalg.norm(observed, axis=1)[:, None]
-        up = np.broadcast_to([0.0, 0.0, 1.0], observed.shape)
-        shifts = {
-            "range.constant": observed / distance,
-            "range.scale": observed,
-            "refraction.curvature": 0.5 * distance**2 * (up - observed * observed[:, 2:] / distance**2),
-        }
+        seen_from = np.zeros(len(point_m), dtype=np.intp) if setup is None else setup
+        shifts = range_shifts(observed - self.setups.translation_m[seen_from])
         reported = observed.copy()
         for name, shift in shifts.items():
             if name in names:
                 column = names.index(name)
                 out[:, :, column] = shift
                 reported += station_unknowns[column] * shift
+        if len(self.setups) > 1:
+            error, by_unknowns = self.setup_error(machine, station_unknowns)
+            reported = self.setups.moved_by_error(reported, seen_from, error)
+            out += self.setups.shift_by_error(reported, seen_from) @ by_unknowns
         return reported, out
 
 
@@ -210,7 +231,7 @@ class SmrPositions:
             by_mounting[rows] = poses.mounting_derivatives(smr)[visit]
             if derivatives:
                 by_model[rows] = poses.reflector_derivatives(smr, mounting)[visit]
-        predicted_m, by_own = self.station.observe(machine, instrument_unknowns, positions_m)
+        predicted_m, by_own = self.station.observe(machine, instrument_unknowns, positions_m, self.observations.setup)
         rotation = self.station.frame(instrument_unknowns).rotation
         for column, smr in enumerate(self.station.smrs):
             rows = np.flatnonzero(self.observations.smr == smr)

@@ -48,8 +48,10 @@ class CommonPoints:
     expected_m: Array
 
 
-def common_nests(nests: Mapping[float, NestEstimate]) -> CommonPoints:
-    """The nests of all set-ups (number to estimate); those of one set-up share the errors of its drift."""
+def common_nests(nests: Mapping[float, NestEstimate]) -> list[CommonPoints]:
+    """The nests of all set-ups (number to estimate) in one group: those of one set-up share the errors of its drift."""
+    if not nests:
+        return []
     names = tuple(sorted({name for nest in nests.values() for name in nest.names}))
     point = [names.index(name) for nest in nests.values() for name in nest.names]
     size = 3 * len(point)
@@ -60,7 +62,7 @@ def common_nests(nests: Mapping[float, NestEstimate]) -> CommonPoints:
         first = own.stop
     setup = np.concatenate([np.full(len(nest.names), number) for number, nest in nests.items()])
     position = np.concatenate([nest.position_m for nest in nests.values()])
-    return CommonPoints(names, np.array(point, dtype=np.intp), setup, position, covariance, np.zeros((len(point), 3)))
+    return [CommonPoints(names, np.array(point, dtype=np.intp), setup, position, covariance, np.zeros((len(point), 3)))]
 
 
 def repeated_poses(recording: Recording, position_m: Array, covariance_m2: Array) -> Iterator[CommonPoints]:

@@ -39,7 +39,7 @@ def tied_by_nests(recording: Recording) -> bool:
     usable = _usable(recording)
     drift_free = remove_drift(usable, range_constant_of(usable)[0])
     try:
-        setups.require_common_points(_numbers(usable, None), [common_nests(drift_free.nests)])
+        setups.require_common_points(_numbers(usable, None), common_nests(drift_free.nests))
     except InputError:
         return False
     return True
@@ -76,6 +76,6 @@ def _numbers(recording: Recording, known: Setups | None) -> list[float]:
 
 def _groups(recording: Recording, drift_free: DriftFree) -> list[CommonPoints]:
     return [
-        *([common_nests(drift_free.nests)] if drift_free.nests else []),
+        *common_nests(drift_free.nests),
         *repeated_poses(recording, drift_free.position_m, drift_free.covariance_m2),
     ]

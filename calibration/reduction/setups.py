@@ -69,9 +69,9 @@ def tie_setups(
     return replace(out, error_mean=np.zeros(len(free)), error_covariance=covariance, error_by_range=slopes)
 
 
-def known_from_nests(setups: Setups, nests: CommonPoints) -> Setups:
+def known_from_nests(setups: Setups, nests: Sequence[CommonPoints]) -> Setups:
     """The same motions with what the nests alone say of their errors: for a fit that has all other readings itself."""
-    information, gradient, by_range = _normal_equations(setups, [nests], np.eye(3))
+    information, gradient, by_range = _normal_equations(setups, nests, np.eye(3))
     covariance = np.asarray(np.linalg.inv(information + np.eye(len(information)) / LOOSE**2), dtype=np.float64)
     return replace(
         setups,

@@ -214,7 +214,7 @@ def heavy_tailed(normal: Array, degrees: float, rng: np.random.Generator) -> Arr
 def polar_series(view: StationView, places_m: Array, t_s: Array) -> StationSight:
     """Points of the machine frame (n, smrs, 3) as the drifting station sees them at times (n,)."""
     turn, shift = view.drift_series(t_s)
-    points = places_m @ view.rotation.T + view.translation_m
+    points = view.drift_free_series(places_m, t_s)
     seen = points + np.cross(turn[:, None, :], points) + shift[:, None, :]
     distance = np.sqrt((seen**2).sum(axis=2))
     hz = np.arctan2(seen[..., 0], seen[..., 1]) % TWO_PI

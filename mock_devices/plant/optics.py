@@ -67,6 +67,11 @@ class StationView:
         """A point of the machine frame in the station frame of time zero, shape (3,)."""
         return np.asarray(self.rotation @ np.array(position_m) + self.translation_m)
 
+    def drift_free_series(self, places_m: Array, t_s: Array) -> Array:
+        """Points of the machine frame at times (n,), (n, k, 3), in the frame of the set-up without its drift."""
+        del t_s  # it stands where it stands
+        return np.asarray(places_m @ self.rotation.T + self.translation_m)
+
     def drift_series(self, t_s: Array) -> tuple[Array, Array]:
         """Small rotation and shift of what is seen at times (n,): (n, 3) each, station frame."""
         turns = np.stack([turn.series(t_s) for turn in self._turns], axis=1)

@@ -28,11 +28,22 @@ class Visit:
 
 
 @dataclass(frozen=True)
+class StationMove:
+    """The station is set up anew before a visit (counted from 0): moved in the machine's frame, turned clockwise seen
+    from above. It takes a while, and nests are measured before and after."""
+
+    before_visit: int
+    by_m: tuple[float, float, float]
+    turn_rad: float
+    takes_s: float = 1800.0
+
+
+@dataclass(frozen=True)
 class Design:
     """A campaign: visits in their order, what is measured at each, and the times in between.
 
     `smrs` are names; floor nests are measured at the start, every `nest_every` visits, at exchanges of payload
-    and at the end, as means of `nest_samples`; without `nests` never.
+    and at the end, as means of `nest_samples`; without `nests` never. `moves` of the station are in order.
     """
 
     visits: tuple[Visit, ...]
@@ -46,6 +57,7 @@ class Design:
     acceleration_m_per_s2: float = 2.0
     aim_s: float = 1.5
     measure_s: float = 1.0
+    moves: tuple[StationMove, ...] = ()
 
 
 @dataclass(frozen=True)

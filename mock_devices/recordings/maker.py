@@ -22,6 +22,7 @@ from mock_devices.plant.thermal import SENSORS, Thermal
 from mock_devices.plant.true_machine import draw_machine
 from mock_devices.recordings.columns import column_names, covariances, header_of, points
 from mock_devices.recordings.design import Design
+from mock_devices.recordings.moved_station import MovedStation
 from mock_devices.recordings.timeline import Timeline, plan
 from mock_devices.seeds import generator
 from mock_devices.settings import MockSettings
@@ -52,7 +53,8 @@ class SimulatedCampaign:
         self.nominal, self.machine_text = _machine_file(str(machine_path))
         self.timeline = design if isinstance(design, Timeline) else plan(self.nominal, design)
         self.thermal = Thermal(settings)
-        self.view = StationView(settings)
+        moves = self.timeline.design.moves
+        self.view = MovedStation(settings, self.timeline.moved_s, moves) if moves else StationView(settings)
         self.machine = draw_machine(self.nominal, settings)
         self._plain: MotionState | None = None
 
@@ -137,7 +139,7 @@ class SimulatedCampaign:
             "pose": of_visit([float(v.pose) for v in visits], -1.0),
             "pass": of_visit([float(v.pass_) for v in visits], 0.0),
             "nest_check": line.check.astype(np.float64),
-            "station": constant(1.0), "face": constant(1.0), "prism_constant_m": constant(0.0),
+            "station": line.setup.astype(np.float64), "face": constant(1.0), "prism_constant_m": constant(0.0),
             "target_x_m": of_visit([(v.target_m - self.nominal.tool_point).real for v in visits], 0.0),
             "target_y_m": of_visit([(v.target_m - self.nominal.tool_point).imag for v in visits], 0.0),
             **{f"target_{c}": constant(0.0) for c in ("z_m", "rx_rad", "ry_rad", "rz_rad")},

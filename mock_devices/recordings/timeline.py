@@ -30,7 +30,8 @@ class Timeline:
     """Readings (r,) of a campaign and the motions between them.
 
     `visit` and `check` count visits and nest checks begun, -1 before the first. q_m, velocity: (r, d). smr: index in
-    the machine file. dwell_s: since the target was reached. motions: (drive, motion) in order.
+    the machine file. dwell_s: since the target was reached. motions: (drive, motion) in order. moved_s: when the
+    station was set up anew.
     """
 
     design: Design
@@ -48,6 +49,12 @@ class Timeline:
     exchanges: Array
     q_m: Array
     velocity_m_per_s: Array
+    moved_s: tuple[float, ...] = ()
+
+    @property
+    def setup(self) -> Ints:
+        """Number (r,) of the station's set-up, from 1."""
+        return np.searchsorted(np.array(self.moved_s), self.t_s).astype(np.intp) + 1
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -86,10 +93,17 @@ class _Planner:
         self.visit = self.check = -1
         self.payload = design.visits[0].payload
         self.exchanges = 0
+        self.moved_s: list[float] = []
         self.arrived_s = self.t_s
 
     def plan(self) -> Timeline:
+        moves = {move.before_visit: move for move in self.design.moves}
         for number, visit in enumerate(self.design.visits):
+            if number in moves:
+                self.nests()
+                self.t_s += moves[number].takes_s
+                self.moved_s.append(self.t_s)
+                self.nests()
             if visit.payload != self.payload:
                 self.nests()
                 self.t_s += self.design.exchange_s
@@ -116,6 +130,7 @@ class _Planner:
             exchanges=np.array(exchanges, dtype=np.float64),
             q_m=np.array(self.q),
             velocity_m_per_s=np.array(self.v),
+            moved_s=tuple(self.moved_s),
         )
 
     def nests(self) -> None:

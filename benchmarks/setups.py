@@ -64,7 +64,8 @@ def design_of(seed: int) -> Design:
     """
     nominal, rng = read_machine_file(shipped_machine(MACHINE)), np.random.default_rng([seed, 12])
     design = draw_design(nominal, rng, DesignOptions(visits=CALIBRATION_VISITS, poses=100))
-    visits, moves, places = list(design.visits), [], np.zeros((3, 3))
+    visits, places = list(design.visits), np.zeros((3, 3))
+    moves: list[StationMove] = []
     for k in (1, 2):
         direction = rng.standard_normal(3)
         places[k] = direction / np.linalg.norm(direction) * FARTHEST_M * rng.uniform(0.4, 1.0)

@@ -193,12 +193,12 @@ class Channels:
         observed = self.observed
         axis = np.eye(3)["xyz".index(direction[-1])]
         if direction.startswith("r"):
-            return np.cross(axis, observed.position_m)
+            return np.cross(axis, observed.sight_m)
         return np.repeat(axis[None], len(observed.position_m), axis=0)
 
     def _refraction_response(self, angle: str) -> Array:
         """An angle error of one radian per metre of distance."""
-        p = self.observed.position_m
+        p = self.observed.sight_m
         distance = np.linalg.norm(p, axis=1)[:, None]
         level = np.hypot(p[:, 0], p[:, 1])[:, None]
         if angle == "hz":

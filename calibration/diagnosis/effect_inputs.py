@@ -57,7 +57,7 @@ def inputs_of_readings(observed: ObservedModel, channels: Channels, periods: Per
         tension_response_n_per_m=_tension_response(observed.poses.sensitivity)[visit],
         pull_n=pull,
         moment_nm=moment,
-        sight_m=observed.position_m,
+        sight_m=observed.sight_m,
         channels=channels.names,
         periods=periods,
         onsets=onsets,

@@ -6,7 +6,7 @@ that an effect is credited only with what they cannot explain. Rows are readings
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from calibration.base.frame import Frame, station_frame
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.effects.context import context_of_recording
+from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses, SystematicUncertainties
@@ -25,6 +26,7 @@ from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
+from calibration.reduction.recording_setups import in_first_frame, setups_of
 from calibration.reduction.report_frame import fit_report_frame
 
 NEST_PRIOR_M = 5.0e-3
@@ -46,9 +48,11 @@ class LinearModel(ObservedModel):
     modelled, extrapolated linearly to zero values of all unknowns. columns (n, 3, b): derivatives by every unknown,
     each times its prior standard deviation; names (b,) and sigma (u,): of the unknowns, sigma of the model's and the
     station's only. values (u,): of these, at the point of linearisation. q (n, 3, r): 1 - q q' is the inverse
-    covariance of the readings.
+    covariance of the readings. station: as it was fitted; setup (n,): row of its set-ups.
     """
 
+    station: StationModel
+    setup: NDArray[np.intp]
     recording: Recording
     rows: NDArray[np.intp]
     whiten: Array
@@ -71,10 +75,11 @@ class LinearModel(ObservedModel):
 def linearise_recording(recording: Recording) -> LinearModel:
     """Fit the model to a recording and linearise it there. Raises InputError if the readings do not allow it."""
     rows = usable_rows(recording)
-    used = recording.take(rows)
-    observations, visit, smr = _observations(used)
+    setups = setups_of(recording)
+    used = in_first_frame(recording.take(rows), setups)
+    observations, visit, smr = _observations(used, setups)
     _require_enough_visits(used.machine, observations.visits)
-    unknowns = _Unknowns.of(used, observations)
+    unknowns = _Unknowns.of(used, observations, setups)
     point = _linearise(unknowns, SmrPositions(observations, unknowns.station), recording.file.campaign)
     observed = ObservedModel(
         machine=used.machine,
@@ -85,9 +90,10 @@ def linearise_recording(recording: Recording) -> LinearModel:
         frame=unknowns.station.frame(point.values[unknowns.of_model :]),
         mounted_m=unknowns.mounted_m(used.machine, point.values),
         position_m=used.positions_m,
+        station_m=setups.translation_m[setups.rows(used["station"])],
     )
     whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2))
-    by_unknowns, residual = _all_readings(observed, whiten, unknowns, point)
+    by_unknowns, residual = _all_readings(observed, whiten, unknowns, point, setups.rows(used["station"]))
     by_nests, nest_names = _nest_columns(observed, whiten)
     by_disturbances, disturbance_names = disturbance_columns(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
@@ -108,6 +114,9 @@ def linearise_recording(recording: Recording) -> LinearModel:
         frame=observed.frame,
         mounted_m=observed.mounted_m,
         position_m=observed.position_m,
+        station_m=observed.station_m,
+        station=unknowns.station,
+        setup=setups.rows(used["station"]),
         recording=recording,
         rows=rows,
         whiten=whiten,
@@ -130,7 +139,7 @@ class _Unknowns:
     sigma: Array
 
     @classmethod
-    def of(cls, used: Recording, observations: ReflectorObservations) -> _Unknowns:
+    def of(cls, used: Recording, observations: ReflectorObservations, setups: Setups) -> _Unknowns:
         """All unknowns that the readings used concern."""
         machine = used.machine
         systematic = SystematicUncertainties.from_declared(
@@ -140,6 +149,8 @@ class _Unknowns:
         smrs = tuple(sorted(set(observations.smr.tolist())))
         accuracy = used.file.station.accuracy.to_station_accuracy()
         station = StationModel.from_accuracy(_initial_frame(used, observations), smrs, accuracy)
+        if len(setups) > 1:  # the nests are readings of the same model
+            station = replace(station, setups=setups.with_error(FRAME_PRIOR))
         unknowns = (*model.unknowns, *station.unknowns(machine))
         sigma = np.array([unknown.sigma for unknown in unknowns])
         out = cls(model, station, tuple(unknown.name for unknown in unknowns), sigma)
@@ -205,11 +216,16 @@ def _linearise(unknowns: _Unknowns, readings: SmrPositions, campaign: str) -> _L
 
 
 def _all_readings(
-    observed: ObservedModel, whiten: Array, unknowns: _Unknowns, point: _LinearisationPoint
+    observed: ObservedModel,
+    whiten: Array,
+    unknowns: _Unknowns,
+    point: _LinearisationPoint,
+    setup: NDArray[np.intp],
 ) -> tuple[Array, Array]:
     """Columns (n, 3, u) and residual (n, 3) of all readings: those at poses, and those of the floor nests.
 
-    The unknowns of the frame turn and shift every point that the station measures, so they act on the nests too.
+    The unknowns of the frame and of the set-ups turn and shift every point that the station measures, so they act on
+    the nests too.
     """
     n, on_pose, on_floor = len(observed.smr), np.flatnonzero(observed.visit >= 0), observed.on_floor
     columns, residual = np.zeros((n, 3, unknowns.sigma.size)), np.zeros((n, 3))
@@ -218,6 +234,9 @@ def _all_readings(
     missed_m = observed.position_m[on_floor] - observed.frame.to_station(nominal)
     by_frame = _frame_columns(observed, whiten, on_floor) * FRAME_PRIOR
     columns[on_floor, :, unknowns.of_frame] = by_frame
+    if count := 6 * (len(unknowns.station.setups) - 1):
+        by_setup = unknowns.station.setups.shift_by_error(observed.position_m[on_floor], setup[on_floor])
+        columns[on_floor, :, -count:] = whiten[on_floor] @ by_setup * FRAME_PRIOR
     residual[on_floor] = np.einsum("nij,nj->ni", whiten[on_floor], missed_m)
     residual[on_floor] += np.einsum("nwu,u->nw", by_frame, point.values[unknowns.of_frame] / FRAME_PRIOR)
     return columns, residual
@@ -268,11 +287,13 @@ def usable_rows(recording: Recording) -> NDArray[np.intp]:
     return np.flatnonzero(keep)
 
 
-def _observations(used: Recording) -> tuple[ReflectorObservations, NDArray[np.intp], NDArray[np.intp]]:
+def _observations(used: Recording, setups: Setups) -> tuple[ReflectorObservations, NDArray[np.intp], NDArray[np.intp]]:
     """Readings at poses; of all readings (n,): the row of the visit (-1 for floor nests), the reflector's index."""
     smr = reflector_indices(used)
     rows = np.flatnonzero(np.array([s.on != "floor" for s in used.machine.smrs])[smr])
-    observations = group_by_visit(used, rows, used.positions_m, used.covariances_m2).observations
+    observations = group_by_visit(
+        used, rows, used.positions_m, used.covariances_m2, setups.rows(used["station"])
+    ).observations
     all_visits = np.full(len(smr), -1, dtype=np.intp)
     all_visits[rows] = observations.visit
     return observations, all_visits, smr

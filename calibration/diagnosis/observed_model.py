@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ class ObservedModel:
 
     smr (n,): index of the reflector in the machine file. poses: of the visits; visit (n,): their rows, -1 for floor
     nests. frame: from the machine's to the station's; mounted_m (smrs, 3): fitted positions of the reflectors on their
-    parts; position_m (n, 3): of the readings in the station's frame.
+    parts; position_m (n, 3): of the readings in the station's frame. station_m (3,) or (n, 3): where the station stood
+    in it, which is not the origin in later set-ups.
     """
 
     machine: Machine
@@ -31,6 +32,12 @@ class ObservedModel:
     frame: Frame
     mounted_m: Array
     position_m: Array
+    station_m: Array = field(default_factory=lambda: np.zeros(3), kw_only=True)
+
+    @property
+    def sight_m(self) -> Array:
+        """From the station to each reading's reflector (n, 3)."""
+        return np.asarray(self.position_m - self.station_m)
 
     @property
     def on_platform(self) -> NDArray[np.bool_]:

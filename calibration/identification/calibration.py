@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +26,7 @@ from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
-from calibration.reduction.common_points import common_nests
+from calibration.reduction.common_points import NestEstimate, common_nests
 from calibration.reduction.data_checks import require_spread_poses
 from calibration.reduction.figures import free_axes
 from calibration.reduction.left_out import MODEL, LeftOutReading
@@ -85,7 +86,7 @@ def identify_recording(
     station = _station(reduction, observations)
     fit = identify(model, observations.visits, [SmrPositions(observations, station)], estimator, robust=robust)
     if len(reduction.setups) > 1:  # the fit knows better how the set-ups lie than the points that they have in common
-        reduction = reduce(part, wrong=wrong, known=_fitted_setups(fit))
+        reduction = reduce(part, wrong=wrong, known=_fitted_setups(fit, reduction.nests))
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
 
 
@@ -99,11 +100,13 @@ def _station(reduction: Reduction, observations: ReflectorObservations) -> Stati
     return replace(station, setups=known_from_nests(reduction.setups, common_nests(reduction.nests)))
 
 
-def _fitted_setups(fit: Fit) -> Setups:
+def _fitted_setups(fit: Fit, nests: Mapping[float, NestEstimate]) -> Setups:
+    """The set-ups as the fit found them."""
     station = fit.station
     columns = fit.layout.instrument_slices[0]
     error, by_unknowns = station.setup_error(fit.machine, fit.unknowns[columns])
-    return station.setups.without_error(error, by_unknowns @ fit.covariance[columns, columns] @ by_unknowns.T)
+    setups = station.setups.without_error(error, by_unknowns @ fit.covariance[columns, columns] @ by_unknowns.T)
+    return setups.with_common_drift({number: nest.drift_covariance for number, nest in nests.items()})
 
 
 def _wrong_readings(model: Model, reduction: Reduction) -> tuple[LeftOutReading, ...]:

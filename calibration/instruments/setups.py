@@ -6,6 +6,7 @@ its points to the frame of the first. Whatever is computed of the machine is com
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,6 +77,28 @@ class Setups:
             error_mean=np.zeros_like(error),
             error_covariance=covariance,
             error_by_range=np.zeros_like(self.error_by_range),
+        )
+
+    def with_common_drift(self, covariances: Mapping[float, Array]) -> Setups:
+        """With the covariance (6, 6) of a common drift of each set-up's readings, in its own frame, by its number: a
+        motion that was fitted to readings contains their drift, that of the first set-up's too."""
+        total, first = self.error_covariance.copy(), covariances.get(float(self.numbers[0]), np.zeros((6, 6)))
+        for k in range(1, len(self)):
+            turn = self.rotation[k]
+            to_first = np.block([[turn, np.zeros((3, 3))], [skew(self.translation_m[k]) @ turn, turn]])
+            own = slice(6 * k - 6, 6 * k)
+            total[own, own] += to_first @ covariances.get(float(self.numbers[k]), np.zeros((6, 6))) @ to_first.T
+        count = len(self) - 1
+        return replace(self, error_covariance=total + np.tile(first, (count, count)))
+
+    def with_error(self, sigma: float) -> Setups:
+        """The same motions with independent errors of one standard deviation in rad and m."""
+        size = 6 * (len(self) - 1)
+        return replace(
+            self,
+            error_mean=np.zeros(size),
+            error_covariance=np.eye(size) * sigma**2,
+            error_by_range=np.zeros((size, len(RANGE_ERRORS))),
         )
 
     def moved_by_error(self, points_m: Array, setup: NDArray[np.intp], error: Array) -> Array:

@@ -8,7 +8,7 @@ taken from the nominal model.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,16 @@ NESTS = "nests"
 
 @dataclass(frozen=True)
 class NestEstimate:
-    """Places of nests in the frame of one set-up: names (k,), position_m (k, 3), covariance_m2 (3 k, 3 k)."""
+    """Places of nests in the frame of one set-up: names (k,), position_m (k, 3), covariance_m2 (3 k, 3 k).
+
+    drift_covariance (6, 6): what is not known of the drift between them and the readings of poses, on average: rotation
+    vector and translation. It is common to the readings, as slow as it is.
+    """
 
     names: tuple[str, ...]
     position_m: Array
     covariance_m2: Array
+    drift_covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.base.rotation import rotation_matrix
 from calibration.machine.description import Machine
 from calibration.reduction.reduction import CALIBRATION, Reduction
 
@@ -40,12 +41,14 @@ def free_axes(machine: Machine) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return machine.dof[machine.dof < 3], machine.dof[machine.dof >= 3] - 3
 
 
-def figures(machine: Machine, position_m: Array, rotation_rad: Array, scale_u: float, reach_m: float) -> Figures:
+def figures(
+    machine: Machine, position_m: Array, rotation_rad: Array, scale_u: float, reach_m: float, setup_u_m: float = 0.0
+) -> Figures:
     """Figures of errors (n, 3) and (n, 3).
 
     The uncertainty of an RMS has the standard error of the mean square over the poses (noise
     and choice of poses) and, for positions, the scale: `scale_u` times the RMS distance `reach_m` of the
-    poses from their centre, which does not average out.
+    poses from their centre, which does not average out; nor does what is not known of the station's set-ups, setup_u_m.
     """
     moves, turns = free_axes(machine)
     square = np.sum(position_m[:, moves] ** 2, axis=1)
@@ -56,7 +59,7 @@ def figures(machine: Machine, position_m: Array, rotation_rad: Array, scale_u: f
         position_rms_m=rms,
         position_max_m=float(np.sqrt(square.max())),
         orientation_rms_rad=turn,
-        u_position_rms_m=float(np.hypot(u_rms, scale_u * reach_m)),
+        u_position_rms_m=float(np.hypot(np.hypot(u_rms, scale_u * reach_m), setup_u_m)),
         u_orientation_rms_rad=u_turn,
         n=len(square),
     )
@@ -75,7 +78,9 @@ def visit_figures(reduction: Reduction, phase: str, payload: int) -> Figures | N
     if not np.any(rows):
         return None
     position, rotation = reduction.errors(rows)
-    return figures(reduction.recording.machine, position, rotation, *scale_part(reduction, rows))
+    return figures(
+        reduction.recording.machine, position, rotation, *scale_part(reduction, rows), setup_part(reduction, rows)
+    )
 
 
 def scale_part(reduction: Reduction, rows: NDArray[np.bool_]) -> tuple[float, float]:
@@ -84,6 +89,21 @@ def scale_part(reduction: Reduction, rows: NDArray[np.bool_]) -> tuple[float, fl
     reach = float(np.sqrt(np.mean(np.sum((target - target.mean(axis=0)) ** 2, axis=1))))
     distance = float(np.mean(np.linalg.norm(reduction.observations.position_m, axis=1)))
     return reduction.range_constant_u_m / distance, reach
+
+
+def setup_part(reduction: Reduction, rows: NDArray[np.bool_]) -> float:
+    """Standard uncertainty (m) of the RMS position error of some visits from the motions between set-ups."""
+    if len(reduction.setups) == 1:
+        return 0.0
+    report, machine = reduction.report, reduction.recording.machine
+    moves = free_axes(machine)[0]
+    error = reduction.errors(rows)[0][:, moves]
+    pose = reduction.poses.coordinates[rows]
+    tool = report.frame.to_station(pose[:, :3] + rotation_matrix(pose[:, 3:]) @ machine.tool_point_m)
+    by_motion = report.frame.rotation.T @ reduction.setups.shift_by_error(tool, reduction.info.setup[rows])
+    rms = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    slope = np.einsum("ni,nix->x", error, by_motion[:, moves]) / (len(error) * rms)
+    return float(np.sqrt(slope @ reduction.setups.error_covariance @ slope))
 
 
 def noise_floor(reduction: Reduction) -> Figures | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibration.base.errors import InputError
@@ -43,6 +45,29 @@ def tied_by_nests(recording: Recording) -> bool:
     except InputError:
         return False
     return True
+
+
+def setups_of(recording: Recording) -> Setups:
+    """The set-ups of a recording, tied as `tie_recording` does."""
+    if len(_numbers(recording, None)) == 1:
+        return Setups.single(int(recording["station"][0]))
+    usable = _usable(recording)
+    constant, constant_u = range_constant_of(usable)
+    return tie_recording(usable, remove_drift(usable, constant), constant_u)
+
+
+def in_first_frame(recording: Recording, setups: Setups) -> Recording:
+    """A recording with all points and covariances in the frame of the first set-up."""
+    if len(setups) == 1:
+        return recording
+    setup = setups.rows(recording["station"])
+    points = setups.to_first(recording.positions_m, setup)
+    covariances = setups.covariances_in_first(recording.covariances_m2, setup)
+    columns = dict(recording.columns)
+    for i, a in enumerate("xyz"):
+        columns[f"{a}_m"] = points[:, i]
+        columns |= {f"cov_{a}{b}_m2": covariances[:, i, j] for j, b in enumerate("xyz") if j >= i}
+    return replace(recording, columns=columns)
 
 
 def tie_recording(

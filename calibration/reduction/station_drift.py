@@ -39,7 +39,10 @@ def remove_drift(recording: Recording, range_constant_m: float) -> DriftFree:
             continue
         names, drift = _drift(part, on_nest, position[own], covariance[own])
         position[own], covariance[own] = drift.remove(position[own], covariance[own])
-        nests[number] = NestEstimate(names, drift.nests_m, drift.nest_covariance_m2)
+        of_pose = np.asarray(part["phase"]) != NESTS
+        common = drift.covariance[of_pose].mean(axis=0) if np.any(of_pose) else np.zeros((6, 6))
+        common = np.roll(common, 3, axis=(0, 1))  # rotation first
+        nests[number] = NestEstimate(names, drift.nests_m, drift.nest_covariance_m2, common)
     return DriftFree(position, covariance, nests)
 
 

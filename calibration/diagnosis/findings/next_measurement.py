@@ -207,7 +207,7 @@ class _Hypotheses:
             smr=np.zeros(len(appended), dtype=np.intp),
             visit=visit,
             poses=poses,
-            position_m=np.concatenate([linear.position_m, middle]),
+            position_m=np.concatenate([linear.sight_m, middle]),
         )
 
 

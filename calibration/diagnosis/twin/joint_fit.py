@@ -9,7 +9,7 @@ priors) and the causes' coefficients. The causes' own columns remain those of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,7 +35,8 @@ class Solution:
     theirs.
 
     fitted_machine: of these unknowns; ranges: range constant, scale and refraction by name; coefficients: of each
-    cause; disturbance_shift (n, 3): whitened shifts of all readings by the declared disturbances.
+    cause; disturbance_shift (n, 3): whitened shifts of all readings by the declared disturbances and by errors of
+    the set-ups' motions.
     """
 
     z: Array
@@ -68,17 +69,20 @@ class JointFit:
             np.concatenate([*columns, np.empty((*linear.residual.shape, 0))], axis=2) * self._deviations
         )
         self._on_pose = rows = np.flatnonzero(linear.visit >= 0)
-        accuracy = linear.recording.file.station.accuracy.to_station_accuracy()
-        smrs = tuple(sorted(set(linear.smr[rows].tolist())))
         # The unknowns of the frame count from the frame at which the model is linear, not from where its fit began.
-        self._station = StationModel.from_accuracy(linear.frame, smrs, accuracy)
+        self._station = replace(linear.station, start=linear.frame)
         first = linear.names.index("frame.rx")
         self._offset = np.zeros(linear.sigma.size)
         self._offset[first : first + 6] = linear.values[first : first + 6]
         spread = np.linalg.inv(linear.whiten[rows])
         covariances = spread @ spread.transpose(0, 2, 1)  # including the weights of outliers
         observations = ReflectorObservations(
-            linear.poses.visits, linear.visit[rows], linear.smr[rows], linear.position_m[rows], covariances
+            linear.poses.visits,
+            linear.visit[rows],
+            linear.smr[rows],
+            linear.position_m[rows],
+            covariances,
+            linear.setup[rows],
         )
         self._readings = SmrPositions(observations, self._station)
 
@@ -168,6 +172,10 @@ class JointFit:
                 reported = _as_station_reports_m(linear, frame, ranges, mounted[i : i + 1])[0]
                 mounted[i] -= (reported - frame.to_station(mounted[i : i + 1])[0]) @ frame.rotation
         disturbances = next((k for k, n in enumerate(names) if k >= count and not n.startswith("nest.")), len(names))
+        moved = [k for k, n in enumerate(names[:count]) if n.startswith("setup.")]
+        disturbance_shift = linear.columns[:, :, disturbances:] @ z[disturbances:]
+        if moved:
+            disturbance_shift += linear.columns[:, :, moved] @ z[moved]
         sizes = [cause.prior_deviations.size for cause in self._causes]
         return Solution(
             z=z,
@@ -175,7 +183,7 @@ class JointFit:
             fitted_machine=FittedMachine(_all_unknowns(linear, values), frame, mounted),
             ranges=ranges,
             coefficients=tuple(np.split(c * self._deviations, np.cumsum(sizes)[:-1])) if sizes else (),
-            disturbance_shift=linear.columns[:, :, disturbances:] @ z[disturbances:],
+            disturbance_shift=disturbance_shift,
         )
 
     def _mounted_m(self, z: Array, by_name: dict[str, float]) -> Array:

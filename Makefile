@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study withheld bench faults kill-sweep deliberate-errors mutants peers latency overhead clean
+.PHONY: demo test lint demo-check rig-study withheld bench faults kill-sweep deliberate-errors mutants peers latency overhead setups clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -49,6 +49,10 @@ overhead: $(VENV)/run.stamp
 # Twenty mock machines, each scored against the plant's own noise-free positions. SEEDS=1,2 for some of them.
 demo-check: $(VENV)/run.stamp
 	$(BIN)/python benchmarks/demo_check.py $(if $(SEEDS),--seeds $(SEEDS))
+
+# Three set-ups of the station against one, twenty mock machines, scored by the plant. SEEDS=1,2 for some of them.
+setups: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.setups $(if $(SEEDS),--seeds $(SEEDS))
 
 # Random rigs of two machines, every estimator against the noise-free truth (docs/explanation/rig-study.md).
 # Stopped, it goes on. RIGS=20 for a first look, PROCESSES=4; the picture of docs/ is drawn from all rigs only.

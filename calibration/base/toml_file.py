@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from calibration.base.errors import InputError
+from calibration.base.errors import InputError, printable
 from calibration.base.plain_file import read_text
 from calibration.base.text_bounds import check_toml_text
 
@@ -19,6 +19,23 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+def _check_label(text: str) -> str:
+    if not 0 < len(text) <= LONGEST_LABEL:
+        raise ValueError(f"a name has 1 to {LONGEST_LABEL} characters")
+    if printable(text) != text:
+        raise ValueError("a name holds no control characters")
+    return text
+
+
+def _check_cell(text: str) -> str:
+    if text.startswith(("=", "+", "-", "@")):
+        raise ValueError("a name that stands in tables does not begin with = + - @: spreadsheets would compute it")
+    return text
+
+
+LONGEST_LABEL = 200
+Label = Annotated[str, AfterValidator(_check_label)]  # a name that people read
+CellLabel = Annotated[Label, AfterValidator(_check_cell)]  # the same, where it stands in CSV files too
 AnySection = TypeVar("AnySection", bound=Section)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from calibration.base.toml_file import Section
+from calibration.base.toml_file import CellLabel, Label, Section
 
 Coordinate = Literal["x", "y", "z", "rx", "ry", "rz"]
 Vector = tuple[float, float, float]
@@ -42,7 +42,7 @@ class WorkspaceSection(Section):
 class SliderEntry(Section):
     """A prismatic drive that carries joints along an axis."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     kind: Literal["slider"] = Field(description="Kind of drive.")
     axis: Vector = Field(description="Unit vector along which the slider moves.")
     branch: Literal[-1, 1] = Field(description="Assembly branch of its first strut.")
@@ -57,7 +57,7 @@ class SliderEntry(Section):
 class LegEntry(Section):
     """A telescopic leg: its drive lengthens one strut."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     kind: Literal["leg"] = Field(description="Kind of drive.")
     travel_m: Range = Field(description="Lowest and highest drive coordinate.")
 
@@ -70,7 +70,7 @@ class LegEntry(Section):
 class CrankEntry(Section):
     """A rotary drive that carries joints about an axis through its pivot."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     kind: Literal["crank"] = Field(description="Kind of drive.")
     pivot_m: Vector = Field(description="A point of the axis that the crank turns about.")
     axis: Vector = Field(description="Unit vector along the axis.")
@@ -89,7 +89,7 @@ DriveSection = Annotated[SliderEntry | LegEntry | CrankEntry, Field(discriminato
 class StrutEntry(Section):
     """A two-force member; without a drive its base joint is fixed to the base."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     drive: str | None = Field(default=None, description="Drive that carries the base joint or lengthens the strut.")
     platform_joint_m: Vector = Field(description="Joint on the platform, in the platform frame.")
     base_joint_m: Vector = Field(
@@ -102,7 +102,7 @@ class StrutEntry(Section):
 class GuideEntry(Section):
     """Holds the platform joint of a strut in a plane (direction: its normal) or on a line (its direction)."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     kind: Literal["plane", "line"] = Field(description="What the joint is held on.")
     joint: str = Field(description="Strut whose platform joint is held.")
     point_m: Vector = Field(description="A point of the plane or line.")
@@ -136,7 +136,7 @@ class _Expansion(Section):
 class _Smr(Section):
     """A reflector on the machine, or a nest on the floor."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     on: str = Field(description="`platform`, `floor`, or the slider or crank that it rides on.")
     position_m: Vector = Field(description="Position on what carries it; of a floor nest in the machine frame.")
 
@@ -144,7 +144,7 @@ class _Smr(Section):
 class LoadCase(Section):
     """A load on the platform: a mass and a force, each at a point of the platform frame."""
 
-    name: str = Field(description="Name; each once.")
+    name: CellLabel = Field(description="Name; each once.")
     mass_kg: float = Field(ge=0.0, default=0.0, description="Mass.")
     u_mass_kg: float = Field(ge=0.0, default=0.0, description="Its standard uncertainty.")
     centre_of_mass_m: Vector = Field(default=(0.0, 0.0, 0.0), description="Its centre, in the platform frame.")
@@ -156,7 +156,7 @@ class MachineFile(Section):
     """A machine: nominal geometry, stiffness, tolerances and reflectors, as its file states them."""
 
     format: Literal[1] = Field(description="Version of the format.")
-    name: str = Field(description="Name of the machine.")
+    name: Label = Field(description="Name of the machine.")
     degrees_of_freedom: tuple[Coordinate, ...] = Field(
         min_length=1, description="Free coordinates; of the rotations none, one or all three."
     )

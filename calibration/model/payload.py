@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from calibration.base.toml_file import Section
+from calibration.base.toml_file import Label, Section
 
 
 class PayloadEntry(Section):
     """A payload of the rig; its number is its place in the list, 0 is no payload."""
 
-    name: str = Field(description="Name.")
+    name: Label = Field(description="Name.")
     mass_kg: float = Field(ge=0.0, le=1.0e6, description="Mass.")
     u_mass_kg: float = Field(ge=0.0, default=0.0, description="Standard uncertainty of the mass.")
     com_m: tuple[float, float, float] = Field(

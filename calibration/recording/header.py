@@ -7,14 +7,24 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from calibration.base.toml_file import Section
+from calibration.base.toml_file import Label, Section
 from calibration.instruments.station_geometry import CertifiedLength, StationAccuracy
 from calibration.model.payload import PayloadEntry
 from calibration.recording.columns import Column, check_extra_columns, columns_of
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+
+
+def _check_campaign(name: str) -> str:
+    if name.lower().startswith(STORE_FILES):
+        raise ValueError(f"a campaign's id does not begin with {' or '.join(STORE_FILES)}, as the files of a store do")
+    return name
+
+
+STORE_FILES = ("pkm-rig.", "pkm-rig-schema-")  # a campaign has a folder of its name beside them
+CampaignId = Annotated[Name, AfterValidator(_check_campaign)]
 
 
 class AccuracyEntry(Section):
@@ -42,7 +52,7 @@ class AccuracyEntry(Section):
 class StationEntry(Section):
     """The station: its rough place in the machine frame, its heading and its accuracy."""
 
-    name: str = Field(default="station", description="Name, for reports.")
+    name: Label = Field(default="station", description="Name, for reports.")
     position_m: tuple[float, float, float] = Field(description="Rough position in the machine frame.")
     heading_rad: float = Field(
         default=0.0, description="Rough heading: 0 looks along -z of the machine, positive clockwise from above."
@@ -93,7 +103,7 @@ class RecordingFile(Section):
     """The header of a recording: the rig, its station and payloads, and the stated accuracies."""
 
     format: Literal[1] = Field(description="Version of the format.")
-    campaign: Name = Field(description="Id of the campaign.")
+    campaign: CampaignId = Field(description="Id of the campaign; not that of a store's file (`pkm-rig.`...).")
     rig: Name = Field(description="Name of the rig.")
     created: str = Field(description="UTC, ISO 8601.")
     software: str = Field(description="Program that wrote the recording, with its version.")

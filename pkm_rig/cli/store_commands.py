@@ -128,17 +128,18 @@ def import_folder(
     if not source.exists():
         raise InputError(f"{source}: no such file or folder; check the path")
     if source.is_file():
-        _import_printer(source, folder or out / source.stem, json)
+        _import_printer(source, folder, out, json)
     elif folder is not None:
         raise InputError(f"{source}: not a file; a second folder is only for what a printer.cfg holds")
     else:
         _import_recording(source, out, json, by_sequence=by_sequence)
 
 
-def _import_printer(source: Path, folder: Path, json: bool) -> None:
-    from pkm_rig.jobs.measured_machine import import_printer
+def _import_printer(source: Path, folder: Path | None, out: Path, json: bool) -> None:
+    from pkm_rig.jobs.measured_machine import import_printer, printer_name
     from pkm_rig.report.terminal import print_result
 
+    folder = folder or out / printer_name(source)
     result = import_printer(source, folder)
     print_result(json, result, f"{result['readings']} readings: {folder}", f"next: pkm-rig identify {folder}")
 

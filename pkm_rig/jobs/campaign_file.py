@@ -74,7 +74,7 @@ def _entry(visit: ProposedVisit, machine: Machine) -> VisitEntry:
             "target": tuple(target),
             "direction": tuple(1 if side > 0 else -1 for side in visit.direction),
             "payload": visit.payload,
-            "speed_m_per_s": float(visit.speed_m_per_s),
+            "speed_m_per_s": float(visit.speed_m_per_s) or None,  # 0 in recordings that do not say it
             "dwell_s": float(visit.dwell_s),
         }
     )

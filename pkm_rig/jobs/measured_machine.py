@@ -24,6 +24,7 @@ from calibration.machine.description import COORDINATES
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.recording.delta_printer import machine_with_measurements
+from calibration.recording.header import STORE_FILES
 from calibration.recording.klipper import read_printer
 from calibration.recording.measurement_folder import (
     MeasuredMachine,
@@ -50,10 +51,16 @@ def find_measurement_folder(what: str, out: Path) -> MeasuredMachine | None:
     return None
 
 
+def printer_name(path: Path) -> str:
+    """Name of the calibration that a printer.cfg holds, and of its folder: the file's, where it can be one."""
+    name = re.sub(r"[^A-Za-z0-9._-]", "-", path.stem).lstrip("._-")[:100]
+    return name if name and not name.lower().startswith(STORE_FILES) else "printer"
+
+
 def import_printer(path: Path, folder: Path) -> dict[str, Any]:
     """Write the calibration that a printer.cfg holds as a measurement folder; its summary (docs/reference/json.md)."""
     printer = read_printer(path)
-    name = re.sub(r"[^A-Za-z0-9._-]", "-", path.stem).lstrip("._-")[:100] or "printer"
+    name = printer_name(path)
     measured = machine_with_measurements(printer, name, f"Klipper's delta_calibrate block in {path.name}"[:1000])
     write_measurements(measured, folder)
     counted = {_reading_kind(r): len(r) for r in measured.readings()}

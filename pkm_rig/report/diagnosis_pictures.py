@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from calibration.base.arrays import Array
 from calibration.diagnosis.result import Diagnosis, VisitGaps
 from calibration.machine.description import Machine
+from pkm_rig.report.notation import literal
 from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, round_scale, save_png
 
 PANELS, BINS, LEAST_IN_BIN, LEAST_SHARE = 4, 12, 3, 0.02
@@ -92,7 +93,7 @@ def error_map(diagnosis: Diagnosis, machine: Machine) -> Figure:
         axes.set_aspect("equal")
         axes.margins(0.14)
     figure.suptitle(
-        f"Measured minus model, noise taken off, an arrow a visit\nverdict: {diagnosis.verdict}", fontsize=11
+        f"Measured minus model, noise taken off, an arrow a visit\nverdict: {literal(diagnosis.verdict)}", fontsize=11
     )
     figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
     return figure
@@ -116,9 +117,9 @@ def coordinates(diagnosis: Diagnosis, machine: Machine) -> Figure:
         if len(distinct) <= MAX_VALUES_AS_TICKS:
             axes.set_xticks(distinct, [f"{value:g}" for value in distinct])
             axes.margins(x=0.2)
-        axes.set_xlabel(coordinate.label)
+        axes.set_xlabel(literal(coordinate.label))
         axes.set_ylabel(f"gap along {_direction_text(along)} / µm", fontsize=9)
-        axes.set_title(coordinate.share, loc="left", fontsize=9)
+        axes.set_title(literal(coordinate.share), loc="left", fontsize=9)
         axes.legend(frameon=False, fontsize=8)
     figure.suptitle("Gap against its strongest coordinates", fontsize=11)
     figure.tight_layout()
@@ -191,7 +192,14 @@ def spectrum(diagnosis: Diagnosis) -> Figure:
     figure = Figure(figsize=(10.0, 3.8))
     axes = figure.add_subplot()
     for number, line in enumerate(diagnosis.spectra):
-        axes.plot(line.period_m * 1e3, line.power, "-", linewidth=1.0, color=f"C{number}", label=f"drive {line.drive}")
+        axes.plot(
+            line.period_m * 1e3,
+            line.power,
+            "-",
+            linewidth=1.0,
+            color=f"C{number}",
+            label=f"drive {literal(line.drive)}",
+        )
         if np.max(line.power, initial=0.0) > CLEAR_PEAK * max(float(np.median(line.power)), 1.0):
             top = int(np.argmax(line.power))
             axes.annotate(

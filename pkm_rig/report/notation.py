@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import re
 
+from calibration.base.errors import printable
+
 SYMBOLS = "µ°±"
 _REPLACEMENTS = (
     (re.compile(r"(?:^|(?<=[\d/] ))u(?=(?:m|rad|s)\b)"), "µ"),  # after a number or "/", or as a whole column
@@ -24,6 +26,11 @@ def with_symbols(text: str, encoding: str = "utf-8") -> str:
     for pattern, symbol in _REPLACEMENTS:
         text = pattern.sub(symbol, text)
     return text
+
+
+def literal(name: str) -> str:
+    """A name as matplotlib shows it letter by letter: without mathematics between dollar signs."""
+    return printable(name).replace("$", r"\$")
 
 
 def plain_number(value: float, digits: int = 3) -> str:

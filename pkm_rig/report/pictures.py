@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import warnings
 from pathlib import Path
 from typing import IO
 
@@ -16,6 +17,7 @@ from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import free_axes
 from calibration.reduction.nest_checks import nest_shift
 from calibration.reduction.reduction import CALIBRATION, Reduction
+from pkm_rig.report.notation import literal
 
 BEFORE, AFTER, NEUTRAL = "#b0413e", "#2a6f97", "#5c677d"
 
@@ -24,7 +26,9 @@ def save_png(figure: Figure, file: IO[bytes] | Path, *, simulated: bool) -> None
     """Write a figure as PNG, with SIMULATED across it if it does not come from a machine. Raises OSError."""
     if simulated:
         figure.text(0.5, 0.5, "SIMULATED", ha="center", va="center", rotation=20, fontsize=44, color="0.5", alpha=0.3)
-    figure.savefig(file, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)  # of a name in letters that the font lacks
+        figure.savefig(file, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
 
 
 def data_uri(figure: Figure, *, simulated: bool) -> str:
@@ -54,7 +58,7 @@ def error_maps(maps: ErrorMap, title: str) -> Figure:
         axes.set_ylabel("y / m")
         axes.set_aspect("equal")
         axes.margins(0.14)
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(literal(title), fontsize=11)
     figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
     return figure
 
@@ -90,7 +94,7 @@ def verification_scatter(reduction: Reduction, payload: int, title: str) -> Figu
         axes.set_ylabel("error in y / µm")
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(frameon=False)
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(literal(title), fontsize=11)
     figure.tight_layout()
     return figure
 
@@ -107,7 +111,7 @@ def residuals(calibration: Calibration) -> Figure:
     for index in sorted(set(observations.smr.tolist())):
         rows = observations.smr == index
         axes.plot(t_h[rows], white[rows], ".", markersize=3, color=f"C{index}")
-        axes.plot([], [], "o", color=f"C{index}", label=machine.smrs[index].name)
+        axes.plot([], [], "o", color=f"C{index}", label=literal(machine.smrs[index].name))
     axes.set_xlabel("rig time / h")
     axes.set_ylabel("residual / standard deviation")
     axes.legend(frameon=False, ncols=5, fontsize=8, loc="upper right")
@@ -130,7 +134,7 @@ def conditions(reduction: Reduction) -> Figure:
     figure = Figure(figsize=(10.0, 3.6))
     axes = figure.add_subplot(1, 2, 1)
     for name, values in recording.temperatures_c().items():
-        axes.plot(t_h[order], values[order], label=name)
+        axes.plot(t_h[order], values[order], label=literal(name))
     axes.plot(t_h[order], recording["air_temperature_c"][order], label="air", color="0.6")
     axes.set_xlabel("rig time / h")
     axes.set_ylabel("temperature / °C")
@@ -162,7 +166,7 @@ def parameter_plot(calibration: Calibration) -> Figure:
         is_determined = w * p.tolerance < p.sigma
         axes.errorbar(v, row, xerr=w, fmt="o", markersize=3, color=AFTER if is_determined else "0.65", capsize=2)
     axes.axvspan(-1.0, 1.0, color="0.95", zorder=0)
-    axes.set_yticks(range(len(parameters)), [p.name for p in parameters], fontsize=7)
+    axes.set_yticks(range(len(parameters)), [literal(p.name) for p in parameters], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("deviation from nominal / tolerance (bars: k = 2)")
     figure.tight_layout()

@@ -19,6 +19,7 @@ from rich.progress import (
 from rich.segment import Segment
 from rich.text import Text
 
+from calibration.base.errors import printable
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.results.callbacks import Progress as ReportProgress
 
@@ -27,22 +28,33 @@ if TYPE_CHECKING:
 
 
 class PeopleConsole(Console):
-    """A console that shows the symbols of units if its stream's encoding has them."""
+    """A console that shows the symbols of units if its stream's encoding has them, and obeys nothing in a text.
+
+    Brackets are brackets, and control characters of names are shown as escapes.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"highlight": False, "markup": False, "emoji": False} | options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """A string as Text, with symbols; cells of tables are rendered and measured by this."""
-        return super().render_str(with_symbols(text, self.encoding), **options)
+        return super().render_str(with_symbols(_lines(text), self.encoding), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Segments of a renderable, Text with symbols."""
         if isinstance(renderable, Text):
             renderable = renderable.copy()
-            renderable.plain = with_symbols(renderable.plain, self.encoding)
+            renderable.plain = with_symbols(_lines(renderable.plain), self.encoding)
         return super().render(renderable, options)
 
 
-messages = PeopleConsole(stderr=True, highlight=False)
-results = PeopleConsole(highlight=False)
+def _lines(text: str) -> str:
+    """A text of several lines without anything that a terminal would obey."""
+    return "\n".join(printable(line) for line in text.split("\n"))
+
+
+messages = PeopleConsole(stderr=True)
+results = PeopleConsole()
 
 
 SIMULATED = "SIMULATED: by simulated devices, not on a machine"
@@ -80,7 +92,7 @@ def print_either(as_json: bool, result: dict[str, Any], print_for_people: Callab
 
 def print_message(line: str) -> None:
     """A line on stderr."""
-    messages.print(line, markup=False, soft_wrap=True)
+    messages.print(printable(line), soft_wrap=True)
 
 
 def say_repaired(recording: Recording) -> dict[str, str]:

@@ -17,6 +17,7 @@ from calibration.base.frame import Frame, station_frame
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.effects.context import context_of_recording
+from calibration.identification.gate import LinearReadings
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
@@ -32,8 +33,10 @@ from calibration.reduction.report_frame import fit_report_frame
 NEST_PRIOR_M = 5.0e-3
 FRAME_PRIOR = 5.0e-3  # m and rad, about the frame that was fitted to the commanded poses
 LINEARISATION_STEPS = 2
+GATINGS = 3
 LEAST_VISITS = 20
 HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
+GROSS_SIGMAS = 15.0  # of a reading's own
 LARGEST_OUTLIER_SHARE = 0.025
 STIFFNESS_LIMIT_SIGMA = 3.0
 NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
@@ -48,13 +51,15 @@ class LinearModel(ObservedModel):
     modelled, extrapolated linearly to zero values of all unknowns. columns (n, 3, b): derivatives by every unknown,
     each times its prior standard deviation; names (b,) and sigma (u,): of the unknowns, sigma of the model's and the
     station's only. values (u,): of these, at the point of linearisation. q (n, 3, r): 1 - q q' is the inverse
-    covariance of the readings. station: as it was fitted; setup (n,): row of its set-ups.
+    covariance of the readings. station: as it was fitted; setup (n,): row of its set-ups. wrong (k,): rows that are left
+    out because they do not fit the others.
     """
 
     station: StationModel
     setup: NDArray[np.intp]
     recording: Recording
     rows: NDArray[np.intp]
+    wrong: NDArray[np.intp]
     whiten: Array
     residual: Array
     columns: Array
@@ -73,9 +78,25 @@ class LinearModel(ObservedModel):
 
 
 def linearise_recording(recording: Recording) -> LinearModel:
-    """Fit the model to a recording and linearise it there. Raises InputError if the readings do not allow it."""
-    rows = usable_rows(recording)
-    setups = setups_of(recording)
+    """Fit the model to a recording and linearise it there, wrong readings left out (identification.gate).
+
+    Raises InputError if the readings do not allow it.
+    """
+    usable = usable_rows(recording)
+    rows = usable
+    for _ in range(GATINGS):
+        linear, keep = _linearise_rows(recording, rows, np.setdiff1d(usable, rows))
+        if np.all(keep):
+            break
+        rows = rows[keep]
+    return linear
+
+
+def _linearise_rows(
+    recording: Recording, rows: NDArray[np.intp], wrong: NDArray[np.intp]
+) -> tuple[LinearModel, NDArray[np.bool_]]:
+    """The linear model of some rows (n,) without wrong ones (k,), and which of them (n,) fit the others."""
+    setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
     used = in_first_frame(recording.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
     _require_enough_visits(used.machine, observations.visits)
@@ -99,13 +120,14 @@ def linearise_recording(recording: Recording) -> LinearModel:
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
+    keep = _fitting(observed, residual, columns)
     q = _inverse_covariance_factor(columns)
     weight = _outlier_weights(residual, q)
     if weight is not None:
         columns = columns * weight[:, None, None]
         q = _inverse_covariance_factor(columns)
         whiten, residual = whiten * weight[:, None, None], residual * weight[:, None]
-    return LinearModel(
+    linear = LinearModel(
         machine=observed.machine,
         context=observed.context,
         smr=observed.smr,
@@ -119,6 +141,7 @@ def linearise_recording(recording: Recording) -> LinearModel:
         setup=setups.rows(used["station"]),
         recording=recording,
         rows=rows,
+        wrong=wrong,
         whiten=whiten,
         residual=residual,
         columns=columns,
@@ -127,6 +150,20 @@ def linearise_recording(recording: Recording) -> LinearModel:
         values=point.values,
         q=q,
     )
+    return linear, keep
+
+
+def _fitting(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
+    """Which readings (n,) are not grossly wrong by what the others say; each part of the machine has its own scale.
+
+    A strong effect of few readings reaches beyond six standard deviations too. Short of GROSS_SIGMAS a reading keeps
+    its place, with less weight; where many are beyond, an effect is the likely cause, and all stay.
+    """
+    parts = [smr.on for smr in observed.machine.smrs]
+    kind = np.unique(np.array(parts)[observed.smr], return_inverse=True)[1].astype(np.intp)
+    readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (kind,))
+    keep = readings.judge([np.ones(len(residual), dtype=bool)])[0].sigmas <= GROSS_SIGMAS
+    return keep if np.mean(~keep) < LARGEST_OUTLIER_SHARE else np.ones(len(keep), dtype=bool)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def gate_readings(problem: LeastSquaresProblem, kinds: Sequence[NDArray[np.intp]
     stiffness = problem.model.parameters.rows("ln_stiffness")
     keep = [np.ones(len(part), dtype=bool) for part in problem.readings]
     for number in range(LINEARISATIONS):
-        linear = _LinearReadings.of(problem, z, kinds)
+        linear = LinearReadings.of(problem, z, kinds)
         judged = linear.judge(keep)
         same = all(np.array_equal(gated.keep, part) for gated, part in zip(judged, keep, strict=True))
         if same and number:
@@ -57,7 +57,7 @@ def gate_readings(problem: LeastSquaresProblem, kinds: Sequence[NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class _LinearReadings:
+class LinearReadings:
     """Readings of every instrument, linearised at z (u,): residuals (n, w), derivatives (n, w, u) with z."""
 
     z: Array
@@ -66,7 +66,8 @@ class _LinearReadings:
     kinds: Sequence[NDArray[np.intp]]
 
     @classmethod
-    def of(cls, problem: LeastSquaresProblem, z: Array, kinds: Sequence[NDArray[np.intp]]) -> _LinearReadings:
+    def of(cls, problem: LeastSquaresProblem, z: Array, kinds: Sequence[NDArray[np.intp]]) -> LinearReadings:
+        """Of a problem, linearised at z."""
         residual = tuple(np.empty((len(part), part.width)) for part in problem.readings)
         jacobian = tuple(np.empty((len(part), part.width, z.size)) for part in problem.readings)
         for block in problem.derivatives(z):

@@ -58,3 +58,23 @@ def test_a_certified_length_ties_the_range_constant():
     shrunk = constant * (1.0 - (u[0] / 1e-4) ** 2)
     assert np.mean(estimates) == pytest.approx(shrunk, abs=4e-6)
     assert np.std(estimates) == pytest.approx(u[0], rel=0.2)
+
+
+@pytest.mark.parametrize("certificate_u_m", [2e-6, 2e-5])
+def test_no_number_of_readings_ties_the_range_constant_better_than_the_certificate(certificate_u_m):
+    """Readings without noise: what is left is the certificate's uncertainty, over the distance's derivative."""
+    nests = np.array([[-0.8, 3.1, -1.4], [0.8, 3.1, -1.4]])
+    sight = nests / np.linalg.norm(nests, axis=1)[:, None]
+
+    def apart(constant_m):
+        first, second = nests + constant_m * sight
+        return np.linalg.norm(second - first)
+
+    slope = (apart(1e-3) - apart(-1e-3)) / 2e-3
+    many = np.tile(np.eye(3) * 1e-18, (50, 1, 1))
+    first, second = (np.tile(point, (50, 1)) for point in nests + 7e-5 * sight)
+    length = station_geometry.CertifiedLength(("N1", "N2"), float(apart(0.0)), certificate_u_m)
+    estimate, u = station_geometry.range_constant(first, second, many, many, length, 1e-4)
+    by_certificate = certificate_u_m / slope
+    assert u == pytest.approx(1.0 / np.hypot(1.0 / by_certificate, 1.0 / 1e-4), rel=1e-3)
+    assert estimate == pytest.approx(7e-5 * (u / by_certificate) ** 2, rel=1e-3)

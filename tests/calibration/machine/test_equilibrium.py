@@ -138,6 +138,16 @@ def test_the_other_assembly_is_not_taken_for_the_machine(machine):
     assert np.isnan(rest.position_m).all()
 
 
+@pytest.mark.parametrize("drive", [0, 1])
+def test_one_drive_on_the_other_branch_is_enough(machine, drive):
+    """Each slider alone below the platform closes its struts as well; the first and the last drive are looked at."""
+    target = np.zeros((1, 6))
+    drives = nominal_drives(machine, target)
+    drives[0, drive] *= -1.0
+    rest = solve(machine, machine.nominal, drives, make_conditions(machine, 1).without_loads(), target)
+    assert rest.status.tolist() == [PoseStatus.OTHER_BRANCH]
+
+
 def test_a_machine_that_nothing_holds_is_singular():
     """All struts of the planar machine parallel: it can slide across them."""
     text = shipped_machine("planar4").read_text(encoding="utf-8")

@@ -11,6 +11,7 @@ __all__ = [
     "linear_model",
     "non_parametric",
     "observed_model",
+    "outlying_readings",
     "periodogram",
     "result",
     "search",

@@ -17,7 +17,8 @@ from scipy.sparse import csr_array
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linear_model import LinearModel, project_out
+from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.outlying_readings import project_out
 from calibration.effects.api import BasisSet, Contributions
 
 SIZES = 9

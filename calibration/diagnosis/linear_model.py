@@ -16,8 +16,8 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame, station_frame
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
+from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights, project_out
 from calibration.effects.context import context_of_recording
-from calibration.identification.gate import LinearReadings
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
@@ -35,9 +35,6 @@ FRAME_PRIOR = 5.0e-3  # m and rad, about the frame that was fitted to the comman
 LINEARISATION_STEPS = 2
 GATINGS = 3
 LEAST_VISITS = 20
-HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
-GROSS_SIGMAS = 15.0  # of a reading's own
-LARGEST_OUTLIER_SHARE = 0.025
 STIFFNESS_LIMIT_SIGMA = 3.0
 NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
@@ -51,8 +48,8 @@ class LinearModel(ObservedModel):
     modelled, extrapolated linearly to zero values of all unknowns. columns (n, 3, b): derivatives by every unknown,
     each times its prior standard deviation; names (b,) and sigma (u,): of the unknowns, sigma of the model's and the
     station's only. values (u,): of these, at the point of linearisation. q (n, 3, r): 1 - q q' is the inverse
-    covariance of the readings. station: as it was fitted; setup (n,): row of its set-ups. wrong (k,): rows that are left
-    out because they do not fit the others.
+    covariance of the readings. station: as it was fitted; setup (n,): row of its set-ups. wrong (k,): rows that are
+    left out because they do not fit the others.
     """
 
     station: StationModel
@@ -120,9 +117,9 @@ def _linearise_rows(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
-    keep = _fitting(observed, residual, columns)
+    keep = fitting_readings(observed, residual, columns)
     q = _inverse_covariance_factor(columns)
-    weight = _outlier_weights(residual, q)
+    weight = outlier_weights(residual, q)
     if weight is not None:
         columns = columns * weight[:, None, None]
         q = _inverse_covariance_factor(columns)
@@ -151,19 +148,6 @@ def _linearise_rows(
         q=q,
     )
     return linear, keep
-
-
-def _fitting(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
-    """Which readings (n,) are not grossly wrong by what the others say; each part of the machine has its own scale.
-
-    A strong effect of few readings reaches beyond six standard deviations too. Short of GROSS_SIGMAS a reading keeps
-    its place, with less weight; where many are beyond, an effect is the likely cause, and all stay.
-    """
-    parts = [smr.on for smr in observed.machine.smrs]
-    kind = np.unique(np.array(parts)[observed.smr], return_inverse=True)[1].astype(np.intp)
-    readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (kind,))
-    keep = readings.judge([np.ones(len(residual), dtype=bool)])[0].sigmas <= GROSS_SIGMAS
-    return keep if np.mean(~keep) < LARGEST_OUTLIER_SHARE else np.ones(len(keep), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -299,19 +283,6 @@ def _nest_columns(observed: ObservedModel, whiten: Array) -> tuple[Array, tuple[
     return out, tuple(f"nest.{observed.machine.smrs[i].name}.{c}" for i in smrs for c in "xyz")
 
 
-def _outlier_weights(residual: Array, q: Array) -> Array | None:
-    """Huber weights (n,) of outlying readings, because real instruments have heavier tails than stated.
-
-    None without outliers, and where there are many: then an effect is the likely cause, and all keep full weight.
-    """
-    weighted_residual = project_out(q, residual)
-    leverage_complement = np.maximum(1.0 - np.sum(q**2, axis=2), 0.05)
-    sigmas = np.max(np.abs(weighted_residual) / np.sqrt(leverage_complement), axis=1)
-    if not 0.0 < np.mean(sigmas > OUTLIER_SIGMA) < LARGEST_OUTLIER_SHARE:
-        return None
-    return np.sqrt(np.minimum(1.0, HUBER / sigmas))
-
-
 def usable_rows(recording: Recording) -> NDArray[np.intp]:
     """Rows for a diagnosis: calibration, repeatability, nests, verification; no flags of the station, no tables."""
     phase = np.asarray(recording["phase"])
@@ -345,13 +316,6 @@ def _require_enough_visits(machine: Machine, visits: Visits) -> None:
     require_enough_poses(machine, visits.target_m)
     if len(visits) < LEAST_VISITS:
         raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
-
-
-def project_out(q: Array, columns: Array) -> Array:
-    """(1 - q q') times columns (n, 3, k) or (n, 3): what remains once all that q (n, 3, r) spans has been fitted."""
-    flat = columns.reshape(q.shape[0] * 3, -1)
-    factor = q.reshape(len(flat), -1)
-    return np.asarray((flat - factor @ (factor.T @ flat)).reshape(columns.shape))
 
 
 def _inverse_covariance_factor(columns: Array) -> Array:

@@ -108,6 +108,27 @@ def test_few_readings_that_are_far_off_change_little():
     assert diagnose(shifted(recording, rows, 1.5e-4)).verdict == "none"
 
 
+def test_grossly_wrong_readings_are_left_out_and_nothing_else(wandering):
+    """Five millimetres off, one on each part: the rest is linearised as if they had never been made."""
+    on = {smr.name: smr.on for smr in wandering.machine.smrs}
+    parts = np.array([on[name] for name in wandering["smr"].tolist()])
+    usable = np.isin(np.arange(len(wandering)), usable_rows(wandering))
+    rows = np.array([np.flatnonzero(usable & (parts == part))[7] for part in ("platform", "slider", "floor")])
+    linear = linearise_recording(shifted(wandering, rows, 5e-3))
+    assert linear.wrong.tolist() == sorted(rows.tolist())
+    assert not set(rows.tolist()) & set(linear.rows.tolist())
+    alone = linearise_recording(wandering.take(np.delete(np.arange(len(wandering)), rows)))
+    np.testing.assert_allclose(linear.residual, alone.residual, atol=1e-6)
+
+
+def test_a_strong_effect_of_few_readings_is_none_that_is_left_out(wandering):
+    """Ten standard deviations at one visit in sixty, as after a short dwell: the rows keep their place."""
+    rows = np.flatnonzero((wandering["visit"] % 60 == 7) & (np.asarray(wandering["phase"]) == "calibration"))
+    assert rows.size > 0
+    linear = linearise_recording(shifted(wandering, rows, 7e-5))
+    assert linear.wrong.size == 0
+
+
 def test_many_readings_that_are_far_off_count_fully(wandering):
     rows = np.flatnonzero((np.asarray(wandering["smr"]) == "P1") & (wandering["visit"] % 2 == 0))
     plain, far = linearise_recording(wandering), linearise_recording(shifted(wandering, rows, 1.5e-4))

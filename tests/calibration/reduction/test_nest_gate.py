@@ -87,6 +87,14 @@ def test_a_station_that_moved_is_no_matter_of_wrong_readings():
     assert wrong_rows(spoilt(one, later[-2:], [3e-4, 0.0, 0.0])) == []
 
 
+def test_a_nest_that_was_knocked_and_put_back_is_no_matter_of_wrong_readings():
+    """Off alike at two checks in a row: its checks fail. Off at both, but not alike: two wrong readings."""
+    one = readings(8)
+    rows = np.flatnonzero((one.nest == 1) & np.isin(one.check, (7.0, 8.0)))
+    assert wrong_rows(spoilt(one, rows, [0.0, 0.0, 3e-4])) == []
+    assert wrong_rows(spoilt(one, rows, [[0.0, 0.0, 3e-4], [2e-3, 0.0, 0.0]])) == rows.tolist()
+
+
 def test_two_wrong_readings_of_a_check_leave_nobody_to_speak_for_the_station():
     assert wrong_rows(spoilt(readings(7), [10, 11], [[1e-3, 0, 0], [0, 1e-3, 0]])) == []
 

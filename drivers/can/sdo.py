@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import struct
 import threading
+import time
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -27,6 +28,7 @@ _NO_BLOCKS = (0x05040001, 0x06010000)
 _OUT_OF_STEP_CODES = (0x05030000, 0x05040000, 0x05040003, 0x05040004)  # toggle, time-out, sequence, CRC
 _HARMLESS = ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4))
 _MOST_LATE_FRAMES = 300
+_UNANSWERED = 3
 
 _Result = TypeVar("_Result")
 
@@ -74,7 +76,8 @@ class SdoAccess:
     At the start and after a failed transfer a harmless object is read before the next one begins, so that no late
     answer is taken for a new one. A read is repeated once after a lost or garbled answer. After a lost answer to a
     write the object is read back, so that nothing is written twice. Long objects are transferred in blocks if the
-    drive supports it. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
+    drive supports it. A node that has not answered three times in a row is not waited for again before three more
+    time-outs have passed. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
     """
 
     def __init__(self, line: CanLine, node_id: int, device: str, timeout_s: float = 1.0) -> None:
@@ -92,6 +95,7 @@ class SdoAccess:
         self._blocks = True
         self._out_of_step = True  # another master may have left the drive in the middle of a transfer
         self._probes = 0
+        self._unanswered, self._unanswered_s = 0, 0.0
         line.subscribe(self._client.tx_cobid, self._client.on_response)
 
     def close(self) -> None:
@@ -190,9 +194,11 @@ class SdoAccess:
     def _transfer(self, entry: DriveObject, work: Callable[[], _Result]) -> _Result:
         self._line.check()
         try:
+            if self._is_silent():
+                raise NoResponse("no answer")
             if self._out_of_step:
                 self._get_in_step()
-            return work()
+            result = work()
         except can.CanError as error:
             self._line.mark_lost(error)
             self._line.check()
@@ -200,7 +206,18 @@ class SdoAccess:
         except (SdoError, TransferAborted, ProtocolBroken, NoResponse, OSError, RuntimeError) as error:
             typed_error = self._typed_error(error, entry)
             self._out_of_step = not isinstance(typed_error, SdoRefused)
+            if not isinstance(typed_error, NoAnswer):
+                self._unanswered = 0
+            elif not self._is_silent():
+                self._unanswered, self._unanswered_s = self._unanswered + 1, time.monotonic()
             raise typed_error from error
+        self._unanswered = 0
+        return result
+
+    def _is_silent(self) -> bool:
+        """Whether the node has just not answered three times: leaving a line that is cut must not wait at every step."""
+        since_s = time.monotonic() - self._unanswered_s
+        return self._unanswered >= _UNANSWERED and since_s < _UNANSWERED * self._client.RESPONSE_TIMEOUT
 
     def _get_in_step(self) -> None:
         """Read a harmless object and discard everything before its answer; frames keep their order on the bus.

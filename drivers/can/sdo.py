@@ -28,7 +28,7 @@ _NO_BLOCKS = (0x05040001, 0x06010000)
 _OUT_OF_STEP_CODES = (0x05030000, 0x05040000, 0x05040003, 0x05040004)  # toggle, time-out, sequence, CRC
 _HARMLESS = ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4))
 _MOST_LATE_FRAMES = 300
-_UNANSWERED = 3
+_UNANSWERED = 4
 
 _Result = TypeVar("_Result")
 
@@ -76,7 +76,7 @@ class SdoAccess:
     At the start and after a failed transfer a harmless object is read before the next one begins, so that no late
     answer is taken for a new one. A read is repeated once after a lost or garbled answer. After a lost answer to a
     write the object is read back, so that nothing is written twice. Long objects are transferred in blocks if the
-    drive supports it. A node that has not answered three times in a row is not waited for again before three more
+    drive supports it. A node that has not answered four times in a row is not waited for again before four more
     time-outs have passed. All methods raise SdoRefused, NoAnswer, ProtocolError and ConnectionFailed.
     """
 
@@ -215,7 +215,7 @@ class SdoAccess:
         return result
 
     def _is_silent(self) -> bool:
-        """Whether the node has just not answered three times: leaving a line that is cut must not wait at every step."""
+        """Whether the node has just not answered: leaving a line that is cut must not wait at every step."""
         since_s = time.monotonic() - self._unanswered_s
         return self._unanswered >= _UNANSWERED and since_s < _UNANSWERED * self._client.RESPONSE_TIMEOUT
 

@@ -49,15 +49,15 @@ def test_a_silent_node_is_asked_no_more_for_a_while_and_then_once(node, sdo, mon
         with pytest.raises(NoAnswer):
             sdo.read(STATUSWORD)
     asked = node.requests
-    assert asked == 2 + 3  # the harmless object and this one; then this one, and the harmless one twice
+    assert asked == 2 + 4  # the harmless object and this one; then this one, and the harmless one three times
     now_s = sdo._unanswered_s
-    monkeypatch.setattr("drivers.can.sdo.time.monotonic", lambda: now_s + 2.9 * TIMEOUT_S)
+    monkeypatch.setattr("drivers.can.sdo.time.monotonic", lambda: now_s + 3.9 * TIMEOUT_S)
     for _ in range(10):
         with pytest.raises(NoAnswer):
             sdo.read(STATUSWORD)
     assert node.requests == asked
     node.answers = True
-    monkeypatch.setattr("drivers.can.sdo.time.monotonic", lambda: now_s + 3.1 * TIMEOUT_S)
+    monkeypatch.setattr("drivers.can.sdo.time.monotonic", lambda: now_s + 4.1 * TIMEOUT_S)
     assert sdo.read(STATUSWORD) == 7
 
 

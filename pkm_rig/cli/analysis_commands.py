@@ -54,6 +54,8 @@ def diagnose(
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
     from pkm_rig.jobs.diagnose import run_diagnosis
     from pkm_rig.jobs.measured_machine import find_measurement_folder
+    from pkm_rig.jobs.next_command import measure_more
+    from pkm_rig.jobs.session import store_if_there
     from pkm_rig.report.diagnosis_text import describe_diagnosis
     from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import find_recording
@@ -65,7 +67,10 @@ def diagnose(
     recording = find_recording(campaign, out, by_sequence=by_sequence)
     repaired = say_repaired(recording)
     diagnosis, result = run_diagnosis(recording, out, effects or (), add=add)
-    print_result(json, result | repaired, describe_diagnosis(diagnosis, result))
+    with store_if_there(out) as store:
+        is_stored = store is not None and not Path(campaign).is_dir()
+        measure_with = measure_more(store, campaign, out) if store is not None and is_stored else None
+    print_result(json, result | repaired, describe_diagnosis(diagnosis, result, measure_with))
 
 
 def poses(

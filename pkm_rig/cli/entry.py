@@ -44,7 +44,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "delete": record_commands.delete,
 }
 
-app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+app = typer.Typer(pretty_exceptions_enable=False)
 for _name, _command in COMMANDS.items():
     app.command(name=_name)(_command)
 

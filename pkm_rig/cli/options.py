@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -15,13 +16,30 @@ def rig_path(name: str) -> Path:
     return config.rig_path(name)
 
 
+def campaigns(context: typer.Context, incomplete: str) -> list[str]:
+    """Ids of the store's campaigns that begin so, for a shell that completes them; none where there is no store."""
+    import sqlite3
+
+    store = Path(context.params.get("out") or "runs") / "pkm-rig.sqlite"
+    if not store.is_file():
+        return []
+    try:
+        with closing(sqlite3.connect(f"{store.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+            rows = connection.execute("SELECT id FROM campaigns ORDER BY created DESC LIMIT 1000").fetchall()
+    except sqlite3.Error:
+        return []
+    return [str(row[0]) for row in rows if str(row[0]).startswith(incomplete)]
+
+
 RigOption = Annotated[
     Path, typer.Option("--rig", parser=rig_path, metavar="RIG.toml", help="rig file; `embedded`: the one of the demo")
 ]
 OutOption = Annotated[Path, typer.Option("--out", help="folder of the store and of reports")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object")]
-CampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store, or a recording folder")]
-StoredCampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store")]
+CampaignArgument = Annotated[
+    str, typer.Argument(help="campaign id in the store, or a recording folder", autocompletion=campaigns)
+]
+StoredCampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store", autocompletion=campaigns)]
 SequenceOption = Annotated[
     bool,
     typer.Option(

@@ -66,6 +66,7 @@ def measure(
     """Measure a calibration campaign into the store, and stop there."""
     _require_capabilities(rig, tables=False)
     from pkm_rig.jobs.measure import measure
+    from pkm_rig.jobs.next_command import command_line, rig_word
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result, progress_bar
     from pkm_rig.rig.capabilities import Need
@@ -85,12 +86,16 @@ def measure(
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
         campaign = measure(connected_rig, store, print_message, progress, resume)
-        simulated = store.header(campaign).simulated
+        simulated, stores_tables = store.header(campaign).simulated, bool(connected_rig.banks)
+    if stores_tables:
+        next_command = command_line("verify", campaign, "--rig", rig_word(rig), "--out", out)
+    else:
+        next_command = command_line("identify", campaign, "--out", out)
     print_result(
         json,
         {"campaign": campaign, "simulated": simulated},
         f"campaign {campaign}",
-        f"next: pkm-rig identify {campaign} --out {out}",
+        f"next: {next_command}",
     )
 
 
@@ -181,6 +186,7 @@ def interim_test(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption
 
 def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
     """Write the report and print the outcome; raises StoreError without a report, CampaignRefused without tables."""
+    from pkm_rig.jobs.next_command import command_line
     from pkm_rig.report.html import report_path, write_report
     from pkm_rig.report.outcome_json import outcome_json
     from pkm_rig.report.outcome_text import print_outcome
@@ -197,9 +203,8 @@ def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
     else:
         print_outcome(outcome, path)
     if failure is not None:
-        raise StoreError(
-            f"report: {failure}; the result is in the store, write it with `pkm-rig report {outcome.campaign}`"
-        )
+        again = command_line("report", outcome.campaign, "--out", out)
+        raise StoreError(f"report: {failure}; the result is in the store, write it with `{again}`")
     if not outcome.accepted:
         raise CampaignRefused(f"the tables were {outcome.decision}; see the report for residuals and conditions")
 

@@ -137,11 +137,12 @@ def import_folder(
 
 def _import_printer(source: Path, folder: Path | None, out: Path, json: bool) -> None:
     from pkm_rig.jobs.measured_machine import import_printer, printer_name
+    from pkm_rig.jobs.next_command import command_line
     from pkm_rig.report.terminal import print_result
 
     folder = folder or out / printer_name(source)
     result = import_printer(source, folder)
-    print_result(json, result, f"{result['readings']} readings: {folder}", f"next: pkm-rig identify {folder}")
+    print_result(json, result, f"{result['readings']} readings: {folder}", f"next: {command_line('identify', folder)}")
 
 
 def _import_recording(source: Path, out: Path, json: bool, *, by_sequence: bool) -> None:

@@ -13,6 +13,7 @@ __all__ = [
     "interim",
     "measure",
     "measured_machine",
+    "next_command",
     "planning",
     "session",
     "tables",

@@ -66,12 +66,14 @@ def open_rig(
             mock.clock.activity(),
             connect_rig(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path, homing=homing) as rig,
         ):
+            rig.path = path
             yield rig
         return
     scale = file.time_scale or 1.0
     clock = ScaledClock(scale, 0.0 if after is None else after.t_rig_s + after.gap_s(time.time()) * scale)
     try:
         with rig_lock(file), connect_rig(file, machine, clock, rig_path=path, homing=homing) as rig:
+            rig.path = path
             yield rig
     finally:
         clock.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -60,7 +61,9 @@ def describe_effect(effect: FoundEffect) -> str:
     return f"{effect.effect}{place}, {format_quantity(effect.size)}, probability {probability(effect.probability)}"
 
 
-def describe_diagnosis(diagnosis: Diagnosis, result: Mapping[str, Any]) -> RenderableType:
+def describe_diagnosis(
+    diagnosis: Diagnosis, result: Mapping[str, Any], measure_with: str | None = None
+) -> RenderableType:
     """The diagnosis for people; `result` is its JSON object with pictures and campaign files."""
     parts: list[RenderableType] = [
         _line(f"campaign {diagnosis.campaign}"),
@@ -100,12 +103,18 @@ def describe_diagnosis(diagnosis: Diagnosis, result: Mapping[str, Any]) -> Rende
         parts += [_line(f"- {name}: {file}") for name, file, _ in files]
         worth = [file for _, file, gain_bit in files if gain_bit >= WORTH_MEASURING_BIT]
         if worth:
-            parts.append(_line(f"next: pkm-rig measure --rig RIG.toml --campaign {worth[0]}"))
+            parts.append(_line(_measure_line(worth[0], measure_with)))
     if result["twin"] is not None:
         parts += _twin(result["twin"])
     if result["pictures"]:
         parts.append(_line(f"\npictures: {', '.join(result['pictures'].values())}"))
     return Group(*parts)
+
+
+def _measure_line(file: str, measure_with: str | None) -> str:
+    if measure_with is None:
+        return f"to measure it: `pkm-rig measure --campaign {shlex.quote(file)}`, with the campaign's rig file as --rig"
+    return f"next: {measure_with} {shlex.quote(file)}"
 
 
 def _line(content: str) -> Text:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -55,6 +56,7 @@ class Rig:
         self.sensors = PART_SENSORS
         self.extra_columns = file.plc.extra_columns()
         self.compensation = 0
+        self.path: Path | None = None  # of its rig file, where there is one
         self._poll_period_s = poll_period_s
         self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
         self.supervisor = self.new_supervisor()

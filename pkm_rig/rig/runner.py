@@ -9,6 +9,7 @@ import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import bluesky.preprocessors as bpp
@@ -21,6 +22,7 @@ from calibration.reduction.nest_checks import usable_readings
 from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DeviceError, NoAnswer, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
+from pkm_rig.rig.config import EMBEDDED, embedded_rig_path
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
@@ -193,9 +195,15 @@ def settings_event(rig: Rig) -> dict[str, Any]:
     station = rig.station.identity
     return {
         "rig_file": rig.file.model_dump(mode="json", exclude={"mock"}),
+        "rig_path": _path_word(rig.path),
         "station": None if station is None else {"name": station.name, "serial": station.serial},
         "drives": {d.name: None if d.identity is None else d.identity.serial for d in rig.drives.drives},
     }
+
+
+def _path_word(path: Path | None) -> str | None:
+    """What names a rig file after --rig, from any folder."""
+    return None if path is None else EMBEDDED if path == embedded_rig_path() else str(path.resolve())
 
 
 def new_campaign_id(rig_name: str) -> str:

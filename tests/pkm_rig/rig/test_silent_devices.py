@@ -23,7 +23,7 @@ from pkm_rig.store.store import Store, now_text
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import short_rig_file
 
-GUARD_S = 0.3
+GUARD_S = 0.5
 FAR = np.array([1.5, 1.5])
 SPEED_M_PER_S = 0.02
 STATUS_AFTER_S = 15.0

@@ -235,6 +235,13 @@ class Store:
         start = sa.select(sa.literal(0).label("position"), campaigns.c.chain).where(campaigns.c.id == campaign)
         parts = [sa.select(t.c.position, t.c.chain).where(t.c.campaign == campaign) for t in (readings, events)]
         chains = {row.position: row.chain for row in connection.execute(start.union_all(*parts))}
+        if chains.get(0) is not None:
+            head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign)).first()
+            if head is None or (head.position, head.chain) != (len(chains) - 1, chains.get(head.position)):
+                raise StoreError(
+                    f"store {self.path}: campaign '{campaign}': damaged (rows are missing or were added); "
+                    "`pkm-rig audit` says which, restore the store from a backup"
+                )
         return CampaignRows(f"store {self.path}", campaign, chains)
 
     def add_recording(self, recording: Recording) -> None:

@@ -9,9 +9,10 @@ import sys
 import pytest
 import serial
 
-from drivers.errors import ConnectionFailed
+from drivers.errors import ConnectionFailed, DeviceError
 from drivers.station.geocom import GeoComSession
 from pkm_rig.errors import StoreError
+from pkm_rig.jobs.session import open_rig
 from pkm_rig.rig import rig_lock
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.rig.config import load_rig, mock_rig_path
@@ -52,6 +53,14 @@ def test_a_rig_of_another_process_is_refused_until_that_is_killed(locks, file):
         pass
     with rig_lock.rig_lock(file):
         pass
+
+
+def test_a_command_does_not_touch_a_rig_that_another_one_has(locks, file):
+    """Nothing listens where these devices would be: they are not even asked."""
+    with rig_lock.rig_lock(file), pytest.raises(StoreError, match="the station at .* is in use by"):
+        open_rig(mock_rig_path()).__enter__()
+    with pytest.raises(DeviceError):
+        open_rig(mock_rig_path()).__enter__()
 
 
 def test_another_rig_file_with_one_of_the_devices_is_refused(locks, file):

@@ -195,7 +195,7 @@ def test_flipped_bytes_never_cause_another_error_nor_another_value(original, unt
         assert str(path) in line or "schema" in line
     else:
         for name, value in result[1].items():
-            assert value == untouched[name]
+            assert value == untouched.get(name, []), name  # a name that was changed itself has no events
 
 
 @settings(max_examples=5)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from pkm_rig.errors import StoreError
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.session_record import last_moment, session
+from pkm_rig.store.audit import audit
 from pkm_rig.store.sessions import Moment
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
@@ -140,3 +143,15 @@ def test_a_scaled_clock_goes_on_at_its_scale():
         assert 1000.0 <= clock.now_s() < 1600.0
     finally:
         clock.close()
+
+
+def test_a_session_holds_the_store_and_ends_with_the_head(broken_off):
+    store, campaign, *_ = broken_off
+    with closing(Store(store.path)) as other, pytest.raises(StoreError, match="in use"):
+        other.hold()
+    (found,) = audit(store, campaign)
+    assert found.state == "whole"
+    rows = [found.row_of[event.data["head"]] for event in store.events(campaign, "session_ended")]
+    assert len(rows) == 3
+    assert rows == sorted(rows)
+    assert rows[-1] == found.rows - 1  # the row before the last closing event

@@ -57,7 +57,7 @@ def test_a_rig_of_another_process_is_refused_until_that_is_killed(locks, file):
 
 def test_a_command_does_not_touch_a_rig_that_another_one_has(locks, file):
     """Nothing listens where these devices would be: they are not even asked."""
-    with rig_lock.rig_lock(file), pytest.raises(StoreError, match="the station at .* is in use by"):
+    with rig_lock.rig_lock(file), pytest.raises(StoreError, match=r"the station at .* is in use by"):
         open_rig(mock_rig_path()).__enter__()
     with pytest.raises(DeviceError):
         open_rig(mock_rig_path()).__enter__()

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
+import tomllib
 from contextlib import closing
 
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.recording.folder import read_folder
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.store import copies
 from pkm_rig.store.audit import audit, find_head
@@ -160,3 +162,12 @@ def test_the_commands_say_what_they_did_and_ask_before_they_delete(path, tmp_pat
     assert run(monkeypatch, capsys, "audit", "third", *out)[0] == 2
     assert run(monkeypatch, capsys, "delete", "third", "--why", "x", "--out", tmp_path / "nowhere")[0] == 2
     assert not (tmp_path / "nowhere").exists()
+
+
+def test_an_export_has_the_head_and_is_read_as_before(path, tmp_path, monkeypatch, capsys):
+    status, printed, _ = run(monkeypatch, capsys, "export", "first", tmp_path / "f", "--json", "--out", tmp_path)
+    record = tomllib.loads((tmp_path / "f" / "record.toml").read_text(encoding="utf-8"))
+    assert status == 0
+    assert record == {"campaign": "first", "head": json.loads(printed)["head"], "readings": 7}
+    assert run(monkeypatch, capsys, "audit", "first", "--head", record["head"], "--out", tmp_path)[0] == 0
+    assert len(read_folder(tmp_path / "f")) == 7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 import threading
@@ -53,8 +54,13 @@ class Interrupted(BaseException):
     """SIGINT or SIGTERM: everything unwinds, so the drives are stopped and left without power."""
 
 
+LIBRARIES = ("asyncio", "bluesky", "can", "canopen", "event_model", "matplotlib", "pymodbus")
+
+
 def main() -> None:
     """Run the command of `sys.argv` and exit with its status."""
+    for library in LIBRARIES:  # what goes wrong is raised as our own error; the last line on stderr is that
+        logging.getLogger(library).addHandler(logging.NullHandler())
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, _interrupt)

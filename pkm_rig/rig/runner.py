@@ -133,7 +133,11 @@ class Runner:
     def _end_plan(self) -> None:
         """An interrupt reaches this thread while the engine's loop continues: end its plan before anything else."""
         if self._engine.state != "idle":
-            with contextlib.suppress(Exception):
+            with (
+                contextlib.suppress(Exception),
+                open(os.devnull, "w") as quiet,
+                contextlib.redirect_stdout(quiet),  # it prints that it aborts
+            ):
                 self._engine.abort("the campaign ended")
 
     def _store_reading(self, _name: str, document: dict[str, Any]) -> None:

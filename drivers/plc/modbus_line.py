@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,12 @@ class TlsLine:
 
     def __str__(self) -> str:
         return f"{self.host}:{self.port} (TLS)"
+
+    async def try_handshake(self, timeout_s: float) -> None:
+        """Connect and leave again. Raises OSError, of which ssl.SSLError says why a handshake failed."""
+        opening = asyncio.open_connection(self.host, self.port, ssl=self.context(), server_hostname=self.host)
+        _, writer = await asyncio.wait_for(opening, timeout_s)
+        writer.transport.abort()
 
     def context(self) -> ssl.SSLContext:
         """Certificates required, host names checked, TLS 1.2 or newer. Raises OSError (ssl.SSLError included)."""

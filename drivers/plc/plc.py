@@ -18,7 +18,7 @@ from pymodbus.client.base import ModbusBaseClient
 
 from drivers.clock import HostClock, RigClock
 from drivers.errors import ConnectionFailed, NoAnswer, OtherMaster, PlcError, StaleData
-from drivers.plc.modbus_line import ModbusLine, make_client
+from drivers.plc.modbus_line import ModbusLine, TlsLine, make_client
 from drivers.plc.own_words import OwnWords
 from drivers.plc.plc_registers import PlcState, RegisterMap, decode
 
@@ -278,6 +278,8 @@ class Plc:
                 self._client.close()
             self._client = make_client(self._modbus_line, self._reply_timeout_s)
             if not await self._client.connect():
+                if isinstance(self._modbus_line, TlsLine):
+                    await self._modbus_line.try_handshake(self._reply_timeout_s)  # the library does not say why
                 raise ConnectionFailed(self.name, self.where, "no connection", _CHECK)
         return self._client
 
@@ -295,7 +297,7 @@ class Plc:
             reply: Any = future.result(timeout=3.0 * self._reply_timeout_s + 1.0)
         except ssl.SSLError as error:
             raise ConnectionFailed(
-                self.name, where, f"TLS: {error.reason or error}", "check the certificate files in the rig file"
+                self.name, where, f"TLS: {_tls_reason(error)}", "check the certificate files in the rig file"
             ) from error
         except (ModbusException, OSError, TimeoutError) as error:
             with suppress(TimeoutError, OSError):
@@ -308,6 +310,12 @@ class Plc:
 
     def _error(self, what: str, remedy: str) -> PlcError:
         return PlcError(self.name, self.where, what, remedy)
+
+
+def _tls_reason(error: ssl.SSLError) -> str:
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"the PLC's certificate is refused: {error.verify_message}"
+    return error.reason or str(error)
 
 
 async def _leave(client: ModbusBaseClient) -> None:

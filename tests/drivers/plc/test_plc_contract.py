@@ -154,6 +154,7 @@ def test_a_certificate_of_somebody_else_is_refused(tmp_path: Path) -> None:
     bench = Bench("tls", tmp_path)
     assert isinstance(bench.line, TlsLine)
     trustme.CA().cert_pem.write_to_path(tmp_path / "ca.pem")
-    with bench.clock.activity(), pytest.raises(ConnectionFailed):
+    said = "TLS: the PLC's certificate is refused: .*; check the certificate files"
+    with bench.clock.activity(), pytest.raises(ConnectionFailed, match=said):
         Plc(bench.line, clock=bench.clock, timing=PlcTiming(reply_timeout_s=0.3)).connect()
     bench.close()

@@ -9,3 +9,12 @@ class CampaignRefused(Exception):
 
 class StoreError(RuntimeError):
     """The store could not be written or read; one line."""
+
+
+CAMPAIGN_NOTE = "campaign "  # begins the note of an error that ended a campaign's session
+
+
+def campaign_of(error: BaseException) -> str | None:
+    """The campaign whose session an error ended; None if it ended none."""
+    notes = [note for note in getattr(error, "__notes__", ()) if note.startswith(CAMPAIGN_NOTE)]
+    return notes[-1].removeprefix(CAMPAIGN_NOTE) if notes else None

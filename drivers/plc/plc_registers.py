@@ -144,6 +144,7 @@ class RegisterMap:
     sequence: int = 31
     sequence_taken: int = 34
     simulated: int | None = None
+    acknowledge: int | None = None
     readings: Mapping[str, ReadingRegister] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -185,7 +186,7 @@ class RegisterMap:
         return {**temperatures, "air pressure": self.pressure_hpa, "humidity": self.humidity_percent}
 
     def _single(self) -> list[int]:
-        optional = [self.interlocks_inverted, self.master_seen, self.simulated]
+        optional = [self.interlocks_inverted, self.master_seen, self.simulated, self.acknowledge]
         return [self.heartbeat, self.interlocks, self.payload, *(a for a in optional if a is not None)]
 
     def _addresses(self) -> list[int]:
@@ -197,7 +198,7 @@ class PlcState:
     """What the PLC says at one time. `payload` is the number in the rig's list, None while being changed.
 
     `humidity` is relative, 0 to 1; `readings` are the further values of the map, each in its register's unit.
-    While `heartbeat_fresh` is False all interlocks read open.
+    While `heartbeat_fresh` is False all interlocks read open. `acknowledge` changes with each acknowledgement.
     """
 
     heartbeat: int
@@ -212,6 +213,7 @@ class PlcState:
     where: str = ""
     master_seen: bool = True
     simulated: bool = False
+    acknowledge: int = 0
     readings: Mapping[str, float] = field(default_factory=dict)
 
     def values(self) -> dict[str, float]:
@@ -302,5 +304,6 @@ def decode(
         where=where,
         master_seen=master_seen_address is None or word(master_seen_address) == 1,
         simulated=simulated_address is not None and word(simulated_address) == SIMULATED,
+        acknowledge=0 if registers.acknowledge is None else word(registers.acknowledge),
         readings={name: number(name) for name in registers.readings},
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
+import stat
 import sys
 import threading
 import traceback
@@ -15,10 +17,12 @@ import typer
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError
 from pkm_rig.cli import analysis_commands, mock_command, record_commands, rig_commands, store_commands, table_commands
+from pkm_rig.cli.terminal_operator import ask_for_pause
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.report.terminal import messages
 from pkm_rig.version import __version__
 
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
 COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "demo": rig_commands.demo,
@@ -51,7 +55,7 @@ for _name, _command in COMMANDS.items():
 
 
 class Interrupted(BaseException):
-    """SIGINT or SIGTERM: everything unwinds, so the drives are stopped and left without power."""
+    """SIGINT, SIGTERM or SIGHUP: everything unwinds, so the drives are stopped and left without power."""
 
 
 LIBRARIES = ("asyncio", "bluesky", "can", "canopen", "event_model", "matplotlib", "pymodbus")
@@ -62,8 +66,9 @@ def main() -> None:
     for library in LIBRARIES:  # what goes wrong is raised as our own error; the last line on stderr is that
         logging.getLogger(library).addHandler(logging.NullHandler())
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, _interrupt)
+        for number in STOPPING:
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as `nohup` leaves it
+                signal.signal(number, _interrupt)
     try:
         sys.exit(app(prog_name="pkm-rig", standalone_mode=False))
     except typer.TyperException as error:
@@ -112,7 +117,7 @@ def _usage_line(error: typer.TyperException) -> str:
 
 
 def _with_notes(line: str, error: BaseException) -> str:
-    """A message with what was added to the error on its way: which tables are active."""
+    """A message with what was added to the error on its way: active tables, campaign, how it goes on."""
     return "; ".join([line, *getattr(error, "__notes__", ())])
 
 
@@ -121,7 +126,19 @@ def _exit_with_line(status: int, line: str) -> NoReturn:
     sys.exit(status)
 
 
-def _interrupt(_number: int, _frame: object) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):  # one is enough: leaving safely must not be interrupted
+def _interrupt(signal_number: int, _frame: object) -> None:
+    if signal_number == signal.SIGINT and ask_for_pause():
+        return
+    if signal_number == signal.SIGHUP:
+        _leave_terminal()
+    for number in STOPPING:  # one is enough: leaving safely must not be interrupted
         signal.signal(number, signal.SIG_IGN)
     raise Interrupted
+
+
+def _leave_terminal() -> None:
+    """The terminal is gone: what is still written to it would fail, and must not keep the drives from being stopped."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        if stat.S_ISCHR(os.fstat(stream).st_mode):
+            os.dup2(nowhere, stream)

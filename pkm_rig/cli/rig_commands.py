@@ -7,20 +7,26 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pkm_rig.cli.going_on import resumable
 from pkm_rig.cli.options import JsonOption, OutOption, RigOption, StoredCampaignArgument
+from pkm_rig.cli.terminal_operator import operated_from_terminal
 from pkm_rig.errors import CampaignRefused, StoreError
 
 if TYPE_CHECKING:
     from pkm_rig.results.outcome import CampaignOutcome
+
+ResumeOption = Annotated[str | None, typer.Option("--resume", help="go on with this campaign, wherever it ended")]
 
 
 def calibrate(
     rig: RigOption,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
+    resume: ResumeOption = None,
 ) -> None:
     """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
-    _calibrate(rig, out, json)
+    with resumable("calibrate", rig, out):
+        _calibrate(rig, out, json, resume)
 
 
 def demo(
@@ -28,27 +34,38 @@ def demo(
     json: JsonOption = False,
     real_time: Annotated[bool, typer.Option(help="at time scale 1; else in virtual time, as fast as it goes")] = False,
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+    resume: ResumeOption = None,
 ) -> None:
     """The main job without hardware: `calibrate` on the embedded mock rig, over its real protocols."""
     from pkm_rig.rig.config import embedded_rig_path
 
-    _calibrate(embedded_rig_path(), out, json, real_time=real_time, seed=seed)
+    options = ["--real-time"] if real_time else []
+    options += [] if seed is None else ["--seed", str(seed)]
+    with resumable("demo", None, out, *options):
+        _calibrate(embedded_rig_path(), out, json, resume, real_time=real_time, seed=seed)
 
 
-def _calibrate(rig: Path, out: Path, json: bool, *, real_time: bool = False, seed: int | None = None) -> None:
+def _calibrate(
+    rig: Path, out: Path, json: bool, resume: str | None, *, real_time: bool = False, seed: int | None = None
+) -> None:
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, progress_bar
     from pkm_rig.rig.capabilities import Need
+    from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_store
 
-    with (
-        open_store(out, hold=True) as store,
-        open_rig(rig, needs=Need.MOTION | Need.TABLES, real_time=real_time, seed=seed) as connected_rig,
-        progress_bar() as progress,
-    ):
-        outcome = calibrate(connected_rig, store, print_message, progress)
+    needs = Need.MOTION | Need.TABLES
+    _require_campaign(resume, out)
+    with open_store(out, hold=True) as store:
+        after = None if resume is None else last_moment(store, resume)
+        with (
+            open_rig(rig, needs=needs, real_time=real_time, seed=seed, after=after) as connected_rig,
+            operated_from_terminal(connected_rig),
+            progress_bar() as progress,
+        ):
+            outcome = calibrate(connected_rig, store, print_message, progress, resume)
     _report_outcome(outcome, out, json)
 
 
@@ -78,9 +95,13 @@ def measure(
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig)
         calibration_blocks(machine, with_visits(file, campaign_file).campaign)
+    _require_campaign(resume, out)
+    options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
+        resumable("measure", rig, out, *options),
         open_store(out, hold=True) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
+        operated_from_terminal(connected_rig),
         progress_bar() as progress,
     ):
         if campaign_file is not None:
@@ -117,8 +138,10 @@ def verify(
     with open_existing_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
+        resumable("verify", rig, out),
         open_store(out, hold=True) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
+        operated_from_terminal(connected_rig),
         progress_bar() as progress,
     ):
         outcome = verify(connected_rig, store, campaign, print_message, progress)
@@ -182,6 +205,15 @@ def interim_test(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption
         print_interim_test(test_result)
     if not test_result.passed:
         raise CampaignRefused(f"interim test: {test_result.failures[0]}; have the station checked before measuring")
+
+
+def _require_campaign(resume: str | None, out: Path) -> None:
+    """Report an unknown campaign before any device is touched and before a store is made."""
+    from pkm_rig.store.store import open_existing_store
+
+    if resume is not None:
+        with open_existing_store(out) as store:
+            store.header(resume)
 
 
 def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:

@@ -31,7 +31,8 @@ def list_campaigns(
             results.print(removed_line(one), soft_wrap=True, markup=False)
     else:
         for row in rows:
-            parts = (row.campaign, row.created, row.rig, row.readings, "DAMAGED" if row.damage else row.last_event)
+            state = "DAMAGED" if row.damage else " ".join(part for part in (row.state, row.step) if part)
+            parts = (row.campaign, row.created, row.rig, row.readings, state)
             results.print("  ".join(str(part) for part in parts), soft_wrap=True, markup=False)
         if gone:
             results.print(f"{len(gone)} removed: pkm-rig list --removed --out {out}", soft_wrap=True, markup=False)

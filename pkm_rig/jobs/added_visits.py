@@ -14,6 +14,7 @@ from pkm_rig.rig.schedule import Block
 from pkm_rig.store.store import Store
 
 SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length", "plc")
+NOT_MEASURED = ("on_interlock", "accept_below_m")  # settings of a campaign that change nothing that is measured
 SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campaigns have the defaults
 
 RigFile = Mapping[str, Any]  # as the campaign's settings are stored
@@ -45,7 +46,8 @@ def _comparable_section(rig_file: RigFile, key: str, adds: bool) -> object:
     if key != "campaign":
         return section
     section = {**CampaignSettings().model_dump(mode="json"), **section}  # older campaigns lack later settings
-    return {name: value for name, value in section.items() if not adds or name not in ("visits", "targets")}
+    ignored = {*NOT_MEASURED, *(("visits", "targets") if adds else ())}
+    return {name: value for name, value in section.items() if name not in ignored}
 
 
 def first_pose(store: Store, campaign: str, visits: list[Any]) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from calibration.identification.calibration import identified_summary, identify_recording
 from pkm_rig.jobs.diagnose import try_diagnosis
-from pkm_rig.jobs.measure import measure_blocks, open_campaign
+from pkm_rig.jobs.measure import go_on, measure_blocks, open_campaign, reopen_campaign
 from pkm_rig.jobs.verify import verify_tables
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.report.diagnosis_text import diagnosis_line
@@ -18,20 +18,28 @@ from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.store import Store
 
 
-def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress) -> CampaignOutcome:
-    """Run the main job on a connected rig.
+def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: str | None = None) -> CampaignOutcome:
+    """Run the main job on a connected rig, or go on with a campaign (`resume`) wherever it ended.
 
+    What is measured stays; it is identified anew, and a verification that broke off begins anew.
     Raises DeviceError, CampaignRefused, StoreError or InputError with the machine stopped, the
     previous tables restored if the drives can still be reached, and all readings kept.
     """
     require_table_banks(rig)
     settle_tables(rig, store, notify)
-    campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
+    if resume is None:
+        campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
+    else:
+        campaign, blocks, total = reopen_campaign(rig, store, notify, resume, verify=True)
     with (
-        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "calibrate", notify) as runner,
+        open_runner(rig, store, campaign, total.show_by(progress), "calibrate", notify) as runner,
         changing_tables(rig, store, "calibrate", campaign) as change,
     ):
-        measure_blocks(runner, blocks)
+        go_on(runner, blocks, total)
+        if blocks:
+            measure_blocks(runner, blocks)
+        else:
+            rig.enable()
         notify("identifying")
         identification = identify_recording(store.recording(campaign))
         store.add_event(campaign, "identified", identified_summary(identification))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from calibration.base.errors import InputError
+from calibration.reduction.reduction import CALIBRATION
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
 from pkm_rig.results.callbacks import Notify, Progress
@@ -16,6 +18,7 @@ from pkm_rig.rig.schedule import Block, calibration_blocks
 from pkm_rig.rig.table_change import changing_tables
 from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.append import now_text
+from pkm_rig.store.campaign_state import is_measured
 from pkm_rig.store.store import Store
 
 
@@ -31,19 +34,32 @@ def measure(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: 
     if resume is None:
         campaign, blocks, total = open_campaign(rig, store, notify, verify=False)
     else:
-        campaign, blocks, total = _reopen_campaign(rig, store, notify, resume)
+        campaign, blocks, total = reopen_campaign(rig, store, notify, resume, verify=False)
     with (
-        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "measure", notify) as runner,
+        open_runner(rig, store, campaign, total.show_by(progress), "measure", notify) as runner,
         changing_tables(rig, store, "measure", campaign) as change,
     ):
-        if resume is not None and store.has_readings(campaign):
-            runner.resume(store.recording(campaign))
+        go_on(runner, blocks, total)
         measure_blocks(runner, blocks)
         change.bring_to_target()
     return campaign
 
 
-def open_campaign(rig: Rig, store: Store, notify: Notify, *, verify: bool) -> tuple[str, tuple[Block, ...], int]:
+@dataclass
+class PlannedReadings:
+    """How many readings a campaign will have; those of verification among them."""
+
+    total: int
+    verification: int = 0
+
+    def show_by(self, progress: Progress) -> Callable[[int, str], None]:
+        """Progress of a runner, which knows no total."""
+        return lambda count, what: progress(count, self.total, what)
+
+
+def open_campaign(
+    rig: Rig, store: Store, notify: Notify, *, verify: bool
+) -> tuple[str, tuple[Block, ...], PlannedReadings]:
     """Start a campaign in the store: its id, what it measures and the number of readings, with `verify` to the end."""
     problems = check_rig(rig)
     if problems:
@@ -51,15 +67,21 @@ def open_campaign(rig: Rig, store: Store, notify: Notify, *, verify: bool) -> tu
     blocks = calibration_blocks(rig.machine, rig.file.campaign)
     if verify and not has_repeated_visits(blocks):
         raise InputError("campaign.visits: none is made three times, so there would be no noise floor; repeat some")
-    total = planned_readings(rig, blocks, verify=verify)
+    total = PlannedReadings(planned_readings(rig, blocks, verify=verify))
     campaign = new_campaign_id(rig.file.rig)
     store.add_campaign(describe_campaign(rig, campaign, now_text()), rig.machine.text)
     store.add_event(campaign, "settings", settings_event(rig))
-    notify(f"campaign {campaign}: {total} readings planned")
+    notify(f"campaign {campaign}: {total.total} readings planned")
     return campaign, blocks, total
 
 
-def _reopen_campaign(rig: Rig, store: Store, notify: Notify, campaign: str) -> tuple[str, tuple[Block, ...], int]:
+def reopen_campaign(
+    rig: Rig, store: Store, notify: Notify, campaign: str, *, verify: bool
+) -> tuple[str, tuple[Block, ...], PlannedReadings]:
+    """Go on with a campaign: its id, what of it may be missing, the number of readings to come.
+
+    With `verify` also one whose measurement is complete; nothing is then missing. InputError if it has its verdict.
+    """
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))
@@ -72,13 +94,41 @@ def _reopen_campaign(rig: Rig, store: Store, notify: Notify, campaign: str) -> t
         raise InputError(
             f"campaign {campaign}: begun with another rig file or campaign file; use that, or measure anew"
         )
-    if store.events(campaign, "identified") or store.events(campaign, "verifying"):
-        raise InputError(f"campaign {campaign}: its measurement is complete; measure a new one, without --resume")
+    events = store.events(campaign)
+    verdict = next((e.kind for e in events if e.kind in ("accepted", "refused")), None)
+    if verdict is not None:
+        raise InputError(f"campaign {campaign} was verified already: {verdict}; see `pkm-rig report {campaign}`")
+    complete = is_measured(events)
+    if complete and not verify and any(e.kind in ("identified", "verifying") for e in events):
+        raise InputError(
+            f"campaign {campaign}: its measurement is complete; go on with `calibrate --resume {campaign}`, or measure "
+            "a new one, without --resume"
+        )
+    verification = planned_readings(rig, (), verify=True) if verify else 0
+    if complete and verify and not adds:
+        notify(f"campaign {campaign}: going on; it is measured")
+        return campaign, (), PlannedReadings(verification, verification)
     blocks = calibration_blocks(rig.machine, rig.file.campaign)
     if adds:
         blocks = renumber_poses(first_pose(store, campaign, current_rig_file["campaign"]["visits"]), blocks)
     notify(f"campaign {campaign}: going on{' with further visits' if adds else ''}")
-    return campaign, blocks, planned_readings(rig, blocks, verify=False)
+    return campaign, blocks, PlannedReadings(planned_readings(rig, blocks, verify=verify), verification)
+
+
+def go_on(runner: Runner, blocks: Sequence[Block], total: PlannedReadings) -> None:
+    """Take up what is stored of a campaign; progress counts it."""
+    if not runner.store.has_readings(runner.campaign):
+        return
+    recording = runner.store.recording(runner.campaign)
+    runner.resume(recording)
+    smrs = runner.devices.smrs("platform", "slider")
+    missing = [
+        replace(block, visits=tuple(v for v in block.visits if runner.devices.missing(v, CALIBRATION, smrs)))
+        for block in blocks
+    ]
+    to_come = planned_readings(runner.rig, [b for b in missing if b.visits], verify=False) if blocks else 0
+    total.total = len(recording) + to_come + total.verification
+    runner.devices.progress(len(recording), "stored")
 
 
 def planned_readings(rig: Rig, blocks: Sequence[Block], *, verify: bool) -> int:

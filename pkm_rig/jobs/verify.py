@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import bluesky.plan_stubs as bps
-
 from calibration.base.errors import InputError
 from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
@@ -15,12 +13,12 @@ from drivers.drives.table_bank import CompensationState
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.acceptance import evaluate_campaign, last_verification_attempt, require_possible_limits
 from pkm_rig.jobs.diagnose import try_diagnosis
-from pkm_rig.jobs.measure import planned_readings
+from pkm_rig.jobs.measure import PlannedReadings, go_on, planned_readings
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome, WrittenTable
-from pkm_rig.rig.plans import Plan, verification
+from pkm_rig.rig.plans import put_on, verification
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import check_rig, require_table_banks
 from pkm_rig.rig.runner import Runner, open_runner
@@ -45,12 +43,13 @@ def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Prog
         raise InputError(f"campaign {campaign} was verified already; measure a new one")
     diagnosis = try_diagnosis(store.recording(campaign))
     notify(diagnosis_line(diagnosis))
-    total = planned_readings(rig, (), verify=True)
+    planned = planned_readings(rig, (), verify=True)
+    total = PlannedReadings(planned, planned)
     with (
-        open_runner(rig, store, campaign, lambda n, what: progress(n, total, what), "verify", notify) as runner,
+        open_runner(rig, store, campaign, total.show_by(progress), "verify", notify) as runner,
         changing_tables(rig, store, "verify", campaign) as change,
     ):
-        runner.resume(store.recording(campaign))
+        go_on(runner, (), total)
         rig.enable()
         return verify_tables(runner, identification, diagnosis, change, notify)
 
@@ -73,7 +72,7 @@ def verify_tables(
     for block in blocks:
         payload = block.payload
         notify(f"verifying with payload '{rig.file.payloads[payload].name}'")
-        runner.run(_payload(runner, payload), "payload")
+        runner.run(put_on(runner.devices, payload), "payload")
         rig.compensate(None)
         rig.refresh_atmosphere()
         runner.run(verification(runner.devices, block, "verification_before"), "verification before")
@@ -102,10 +101,6 @@ def verify_tables(
         notify(f"the result is {outcome.decision}; back to {change.description}")
         change.bring_to_target()
     return replace(outcome, head=store.head(campaign))
-
-
-def _payload(runner: Runner, payload: int) -> Plan:
-    yield from bps.abs_set(runner.devices.payload, payload, wait=True)
 
 
 def table_summary(rig: Rig, states: Sequence[CompensationState]) -> dict[str, dict[str, Any]]:

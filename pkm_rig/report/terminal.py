@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -57,6 +58,7 @@ messages = PeopleConsole(stderr=True)
 results = PeopleConsole()
 
 
+LINE_PERIOD_S = 60.0
 SIMULATED = "SIMULATED: by simulated devices, not on a machine"
 
 
@@ -106,9 +108,31 @@ def say_repaired(recording: Recording) -> dict[str, str]:
     return {"repaired": text}
 
 
+class ProgressLines:
+    """Progress where nobody watches: one line a minute, and one for each phase."""
+
+    def __init__(self, say: Callable[[str], None], host_s: Callable[[], float] = time.monotonic) -> None:
+        self._say, self._host_s = say, host_s
+        self._done, self._phase, self._said_s = 0, "", host_s()
+
+    def advance(self, count: int, total: int, phase: str) -> None:
+        """Count readings."""
+        self._done += count
+        now_s = self._host_s()
+        if phase == self._phase and now_s - self._said_s < LINE_PERIOD_S:
+            return
+        if phase == "nests" and now_s - self._said_s < LINE_PERIOD_S:  # between all others
+            return
+        self._phase, self._said_s = phase, now_s
+        self._say(f"{self._done} of {total} readings: {phase.replace('_', ' ')}")
+
+
 @contextmanager
 def progress_bar() -> Iterator[ReportProgress]:
-    """A progress bar on stderr."""
+    """A progress bar on stderr; one line a minute where that is no terminal."""
+    if not messages.is_terminal:
+        yield ProgressLines(print_message).advance
+        return
     columns = (
         TextColumn("{task.description:20.20}"),
         BarColumn(),

@@ -9,6 +9,7 @@ __all__ = [
     "device_sections",
     "devices",
     "drive_tables",
+    "operator",
     "plans",
     "plc_connection",
     "rig",
@@ -22,5 +23,6 @@ __all__ = [
     "supervision",
     "table_change",
     "table_recovery",
+    "waiting",
     "worker",
 ]

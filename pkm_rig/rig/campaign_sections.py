@@ -90,6 +90,11 @@ class CampaignSettings(Section):
         description="Largest error after compensation with which tables are accepted, by the payload's number; left "
         "out, it need only fall.",
     )
+    on_interlock: Literal["stop", "suspend"] = Field(
+        default="stop",
+        description="What an interlock that opens does to a campaign: `stop` ends it, `suspend` has it wait until it "
+        "is acknowledged; the drives are stopped and without power either way.",
+    )
     payload_timeout_s: float = Field(
         gt=0.0, default=3600.0, description="Longest wait for the PLC to report a payload that was asked for."
     )

@@ -7,6 +7,7 @@ lends the campaign's turn on the rig clock.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +22,7 @@ from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
 from pkm_rig.rig.standstill import Standstill
+from pkm_rig.rig.waiting import Waiting
 from pkm_rig.rig.worker import Worker, WorkStatus
 
 TARGET_TOLERANCE_M = 0.02
@@ -117,12 +119,39 @@ class PayloadDevice:
     name = "payload"
     parent = None
 
-    def __init__(self, rig: Rig, worker: Worker) -> None:
-        self._rig, self._worker = rig, worker
+    def __init__(self, rig: Rig, worker: Worker, say: Callable[[str], None]) -> None:
+        self._rig, self._worker, self._say = rig, worker, say
 
     def set(self, number: int) -> WorkStatus:
-        """Have a payload put on."""
+        """Have a payload put on; the PLC is told, and whoever stands at the terminal or reads the log."""
+        if self._rig.supervisor.state().payload != number:
+            load = self._rig.file.payloads[number]
+            self._say(f"payload needed: put on '{load.name}' ({load.mass_kg:g} kg) and acknowledge at the PLC")
         return self._worker.submit(f"payload {number}", lambda: self._rig.change_payload(number))
+
+
+class WaitingDevice:
+    """`set(why)`: have the campaign wait, without power, until it is acknowledged."""
+
+    name = "waiting"
+    parent = None
+
+    def __init__(self, worker: Worker, waiting: Waiting) -> None:
+        self._worker, self._waiting = worker, waiting
+
+    def broken(self) -> bool:
+        """Whether an interlock has broken what was done last."""
+        return self._worker.pardoned is not None
+
+    def asked(self) -> bool:
+        """Whether it has to wait: the operator has asked for a pause, or an interlock has opened."""
+        return self.broken() or self._waiting.asked()
+
+    def set(self, _why: object = None) -> WorkStatus:
+        """Wait for the operator."""
+        error, self._worker.pardoned = self._worker.pardoned, None
+        why = "paused" if error is None else f"suspended: {error}"
+        return self._worker.submit(why, lambda: self._waiting.hold(why))
 
 
 class WaitDevice:

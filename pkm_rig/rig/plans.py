@@ -17,9 +17,10 @@ from calibration.base.arrays import Array
 from calibration.instruments.station_geometry import across_line_of_sight
 from drivers.errors import DrivesMoved
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
+from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, WaitingDevice
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block, PlannedVisit
+from pkm_rig.rig.waiting import VisitBroken
 
 Plan = Generator[Msg, Any, Any]
 MEASURED_ANEW = "visit_measured_anew"
@@ -42,8 +43,13 @@ class CampaignDevices:
     wait: WaitDevice
     progress: Callable[[int, str], None]
     note: Callable[[str, dict[str, Any]], None]
+    waiting: WaitingDevice
     first_nests: dict[str, Array]
     stored: set[tuple[str, int, int, str]] = field(default_factory=set)
+
+    def missing(self, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> list[str]:
+        """Reflectors that a visit has no stored reading of."""
+        return [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in self.stored]
 
     def smrs(self, *on: str) -> list[str]:
         """Names of the reflectors on some parts."""
@@ -53,17 +59,22 @@ class CampaignDevices:
 def prepare(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
     """Warm-up and repeatability check: before anything is measured that counts."""
     first, second = [visit for block in blocks for visit in block.visits][:2]
-    yield from bps.abs_set(devices.payload, 0, wait=True)
-    yield from _warm_up(devices, [first, second])
+    yield from put_on(devices, 0)
+    yield from _until_done(devices, lambda: _warm_up(devices, [first, second]))
     yield from nest_check(devices)
-    yield from _repeatability(devices, first)
+    yield from _until_done(devices, lambda: _repeatability(devices, first))
 
 
 def calibration(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
     """All blocks, a nest check before, between and after."""
     for block in blocks:
-        yield from bps.abs_set(devices.payload, block.payload, wait=True)
+        yield from put_on(devices, block.payload)
         yield from visits(devices, block, "calibration", devices.smrs("platform", "slider"))
+
+
+def put_on(devices: CampaignDevices, payload: int) -> Plan:
+    """Have a payload put on."""
+    yield from _until_done(devices, lambda: _set(devices, devices.payload, payload))
 
 
 def verification(devices: CampaignDevices, block: Block, phase: str) -> Plan:
@@ -82,11 +93,54 @@ def visits(devices: CampaignDevices, block: Block, phase: str, smrs: Sequence[st
     yield from nest_check(devices)
 
 
+def _until_done(devices: CampaignDevices, part: Callable[[], Plan]) -> Plan:
+    """A part of a campaign; it is made anew where the campaign had to wait during it."""
+    while True:
+        try:
+            return (yield from part())
+        except VisitBroken:
+            yield from _wait_for_operator(devices)
+
+
+def _wait_for_operator(devices: CampaignDevices) -> Plan:
+    """Wait until the campaign may go on; again if an interlock opens as it does."""
+    while True:
+        yield from bps.abs_set(devices.waiting, None, wait=True)
+        if not devices.waiting.asked():
+            return
+
+
+def _set(devices: CampaignDevices, device: Any, value: object) -> Plan:
+    """Have a device do something. Raises VisitBroken before it if a pause is asked for, after it if it was broken."""
+    _require(not devices.waiting.asked())
+    yield from bps.abs_set(device, value, wait=True)
+    _require(not devices.waiting.broken())
+
+
+def _require(done: bool) -> None:
+    if not done:
+        raise VisitBroken
+
+
 def nest_check(devices: CampaignDevices) -> Plan:
     """Measure the floor nests; a shift beyond the limit is measured again, then the campaign ends.
 
     The readings since the last good check are in the store and stay out of every analysis.
     """
+    yield from _until_done(devices, lambda: _nest_check(devices))
+
+
+def _nest_check(devices: CampaignDevices) -> Plan:
+    number, sequence = devices.tags.nest_check, devices.tags.sequence
+    try:
+        yield from _measure_nests(devices)
+    except VisitBroken:
+        if devices.tags.sequence == sequence:  # readings before it need the number that follows theirs
+            devices.tags.nest_check = number
+        raise
+
+
+def _measure_nests(devices: CampaignDevices) -> Plan:
     limit = devices.rig.file.campaign.nest_limit_m
     for attempt in range(2):
         devices.tags.nest_check += 1
@@ -105,42 +159,55 @@ def nest_check(devices: CampaignDevices) -> Plan:
 
 
 def _visit(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
-    """One visit; where the drives have moved during it, it is measured anew as a whole, once.
+    """One visit; where the drives have moved during it, it is measured anew as a whole, once; where the campaign had to
+    wait during it, as often as that.
 
     The readings of the visit that was given up stay in the store; those in place of them name it (`replaces_visit`).
     """
-    missing = [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in devices.stored]
+    missing = devices.missing(visit, phase, smrs)
     if not missing:
         return
-    try:
-        yield from _read_all(devices, visit, phase, missing)
-    except DrivesMoved as error:
-        tags = devices.tags
-        devices.note(MEASURED_ANEW, {"visit": tags.visit_number, "reason": str(error)})
-        tags.replaces_visit = tags.visit_number
+    tags = devices.tags
+    replaced, has_moved = -1, False
+    while True:
+        sequence, tags.replaces_visit = tags.sequence, replaced
         try:
             yield from _read_all(devices, visit, phase, missing)
+        except VisitBroken:
+            yield from _wait_for_operator(devices)
+        except DrivesMoved as error:
+            if has_moved:
+                raise
+            has_moved = True
+            devices.note(MEASURED_ANEW, {"visit": tags.visit_number, "reason": str(error)})
+        else:
+            return
         finally:
             tags.replaces_visit = -1
+        if tags.sequence > sequence:  # a visit without readings is nothing to replace
+            replaced = tags.visit_number
 
 
 def _read_all(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> Plan:
-    yield from bps.abs_set(devices.machine, visit, wait=True)
+    yield from _set(devices, devices.machine, visit)
     for smr in smrs:
         yield from _read(devices, phase, smr)
 
 
 def _read(devices: CampaignDevices, phase: str, smr: str) -> Plan:
-    """One reading, kept before anything else happens. Raises DrivesMoved, without a reading.
+    """One reading, kept before anything else happens. Raises DrivesMoved and VisitBroken, without a reading.
 
     In bluesky's messages, not its plan stubs: each call of a stub records a stack, some 10,000 times a campaign.
     """
     devices.tags.phase = phase
+    _require(not devices.waiting.asked())
     yield Msg("checkpoint")
     yield Msg("set", devices.station, smr, group=_AIMED)
     yield Msg("wait", None, group=_AIMED)
+    _require(not devices.waiting.broken())
     yield Msg("trigger", devices.station, group=_MEASURED)
     yield Msg("wait", None, group=_MEASURED)
+    _require(not devices.waiting.broken())
     if devices.station.moved is not None:
         raise devices.station.moved
     yield Msg("create", None, name="primary")
@@ -169,8 +236,8 @@ def _warm_up(devices: CampaignDevices, between: Sequence[PlannedVisit]) -> Plan:
             )
         devices.progress(0, "warm-up")
         for visit in between:
-            yield from bps.abs_set(devices.machine, replace(visit, dwell_s=0.0), wait=True)
-        yield from bps.abs_set(devices.wait, settings.warm_up_step_s, wait=True)
+            yield from _set(devices, devices.machine, replace(visit, dwell_s=0.0))
+        yield from _set(devices, devices.wait, settings.warm_up_step_s)
 
 
 def _fastest_rate(history: Sequence[tuple[float, dict[str, float]]]) -> float | None:
@@ -189,7 +256,7 @@ def _repeatability(devices: CampaignDevices, visit: PlannedVisit) -> Plan:
     smr = devices.smrs("platform")[0]
     points = []
     for _ in range(settings.repeatability_visits):
-        yield from bps.abs_set(devices.machine, visit, wait=True)
+        yield from _set(devices, devices.machine, visit)
         points.append((yield from _read(devices, "repeatability", smr)))
     mean = np.mean(points, axis=0)
     across = across_line_of_sight(np.array(points) - mean, mean)

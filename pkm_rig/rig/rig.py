@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from drivers.plc.plc_registers import PlcState
 from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
 from pkm_rig.rig.config import PART_SENSORS, RigFile
+from pkm_rig.rig.operator import Nobody, Operator
 from pkm_rig.rig.station_air import StationAir
 from pkm_rig.rig.supervision import Supervisor
 
@@ -60,6 +61,7 @@ class Rig:
         self._poll_period_s = poll_period_s
         self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
         self.supervisor = self.new_supervisor()
+        self.operator: Operator = Nobody()
 
     def new_supervisor(self) -> Supervisor:
         """Supervision that has not been started: one that has tripped stays so."""
@@ -82,6 +84,22 @@ class Rig:
         out = [station.name] if station.identity is not None and station.identity.simulated else []
         out += [f"drive {drive.name}" for drive in drives if drive.identity is not None and drive.identity.simulated]
         return (*out, *([self.plc.name] if self.supervisor.state().simulated else []))
+
+    @contextlib.contextmanager
+    def supervised_without_power(self) -> Iterator[int | None]:
+        """The drives stand without power, and interlocks may be open meanwhile; gives the payload that is on.
+
+        Supervision that has tripped begins anew. Raises what it finds beside interlocks.
+        """
+        before = self.supervisor
+        if before.trip is not None:
+            before.stop()
+            self.supervisor = self.new_supervisor()
+        with self.supervisor.during_payload_change():
+            if self.supervisor is not before:
+                self.supervisor.start()
+            self.drives.disable()
+            yield self.supervisor.state().payload
 
     # --- motion
 

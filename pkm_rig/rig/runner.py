@@ -23,10 +23,11 @@ from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DeviceError, NoAnswer, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.config import EMBEDDED, embedded_rig_path
-from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice
+from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, WaitingDevice
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.session_record import session
+from pkm_rig.rig.waiting import Waiting
 from pkm_rig.rig.worker import Worker
 from pkm_rig.store.store import Store
 from pkm_rig.version import __version__
@@ -38,19 +39,32 @@ EXPECTED_ERRORS = (DeviceError, CampaignRefused, StoreError)
 class Runner:
     """One campaign on one rig. `stage` is what plans are written against."""
 
-    def __init__(self, rig: Rig, store: Store, campaign: str, progress: Callable[[int, str], None]) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        store: Store,
+        campaign: str,
+        progress: Callable[[int, str], None],
+        notify: Callable[[str], None] = lambda _line: None,
+    ) -> None:
         self.rig, self.store, self.campaign = rig, store, campaign
-        self._worker = Worker()
+
+        def note(kind: str, data: dict[str, Any]) -> None:
+            store.add_event(campaign, kind, data)
+
+        self._waiting = Waiting(rig, notify, note)
+        self._worker = Worker(self._waiting.suspends_at)
         tags = ReadingTags()
         self.devices = CampaignDevices(
             rig=rig,
             tags=tags,
             machine=MachineDevice(rig, self._worker, tags),
-            payload=PayloadDevice(rig, self._worker),
+            payload=PayloadDevice(rig, self._worker, notify),
             station=StationDevice(rig, self._worker, tags),
             wait=WaitDevice(rig, self._worker),
             progress=progress,
-            note=lambda kind, data: store.add_event(campaign, kind, data),
+            note=note,
+            waiting=WaitingDevice(self._worker, self._waiting),
             first_nests={},
         )
         self._engine = RunEngine({}, context_managers=[])
@@ -100,6 +114,7 @@ class Runner:
             with open(os.devnull, "w") as quiet, contextlib.redirect_stdout(quiet):
                 self._engine(bpp.run_wrapper(plan, md={"campaign": self.campaign, "purpose": purpose}))
         except BaseException as error:
+            self._waiting.end()
             cause = self._first_cause(error)
             with contextlib.suppress(DeviceError):
                 self.rig.stop(str(cause) or "interrupted")
@@ -178,7 +193,7 @@ def open_runner(
 ) -> Iterator[Runner]:
     """A runner that is closed in the end: one session of the campaign."""
     with session(rig, store, campaign, command, notify):
-        runner = Runner(rig, store, campaign, progress)
+        runner = Runner(rig, store, campaign, progress, notify)
         try:
             yield runner
         finally:

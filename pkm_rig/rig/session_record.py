@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from calibration.base.errors import InputError
-from pkm_rig.errors import CampaignRefused, StoreError
+from pkm_rig.errors import CAMPAIGN_NOTE, CampaignRefused, StoreError
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import require_same_kind
@@ -56,6 +56,7 @@ def session(
     try:
         yield number
     except BaseException as error:
+        error.add_note(CAMPAIGN_NOTE + campaign)
         with contextlib.suppress(StoreError):
             end = {"session": number, **now(), "why": _why(error), "reason": str(error) or "interrupted"}
             store.add_event(campaign, ENDED, end | {"head": store.head(campaign)})

@@ -3,6 +3,7 @@
 __all__ = [
     "append",
     "audit",
+    "campaign_state",
     "chain",
     "connections",
     "copies",

@@ -43,6 +43,21 @@ class Lock:
             self._file = -1
 
 
+def is_held(path: Path) -> bool:
+    """Whether some process has the lock of a file; False without the file."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
 def user_name() -> str:
     """Who runs this process."""
     try:

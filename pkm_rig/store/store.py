@@ -22,9 +22,10 @@ from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from pkm_rig.errors import StoreError
 from pkm_rig.store.append import append_campaign, append_event, append_readings, head_of, now_text
+from pkm_rig.store.campaign_state import campaign_state
 from pkm_rig.store.chain import canonical
 from pkm_rig.store.connections import engine_for_writing, writer
-from pkm_rig.store.lock import Lock
+from pkm_rig.store.lock import Lock, is_held
 from pkm_rig.store.migrate import bring_up_to_date, engine_for_reading
 from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns, table_changes
 from pkm_rig.store.sessions import with_sessions
@@ -51,6 +52,8 @@ class CampaignSummary(NamedTuple):
     rig: str
     readings: int
     last_event: str
+    state: str = ""
+    step: str = ""
     damage: str = ""
 
 
@@ -88,13 +91,21 @@ class Store:
         if self._lock is not None:
             self._lock.release()
 
+    def in_use(self) -> bool:
+        """Whether a command holds the store for a campaign."""
+        return is_held(self._lock_path)
+
+    @property
+    def _lock_path(self) -> Path:
+        return self.path.with_name(f"{self.path.name}.lock")
+
     def hold(self) -> None:
         """Keep other campaigns out until the store is closed; again does nothing.
 
         Raises StoreError, naming it, if another process holds the store. Reading needs no permission.
         """
         if self._lock is None:
-            self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}")
+            self._lock = Lock(self._lock_path, f"store {self.path}")
 
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
@@ -154,11 +165,13 @@ class Store:
         """All campaigns, oldest first; a damaged one says so and does not hide the others."""
         with self.reading() as connection:
             ids = connection.execute(sa.select(campaigns.c.id).order_by(campaigns.c.created)).scalars().all()
-        return [self._summary(campaign) for campaign in ids]
+        in_use = self.in_use()
+        return [self._summary(campaign, in_use=in_use) for campaign in ids]
 
-    def _summary(self, campaign: object) -> CampaignSummary:
+    def _summary(self, campaign: object, *, in_use: bool) -> CampaignSummary:
         where = f"store {self.path}: campaign {campaign!r:.120}"
         name, created, rig, count, last_event, damage = repr(campaign), "", "", 0, "", ""
+        state, step = "", ""
         try:
             name = stored_text(campaign, where)
             with self.reading() as connection:
@@ -168,9 +181,10 @@ class Store:
                 last_event = "" if last is None else stored_text(last.kind, f"{where}, last event")
                 head = self._campaign(connection, name)
                 created, rig = head.created, stored_text(head.description.get("rig"), f"{where}, rig")
+            state, step = campaign_state(self.events(name), store_in_use=in_use)
         except StoreError as error:
             damage = str(error)
-        return CampaignSummary(name, created, rig, count, last_event, damage)
+        return CampaignSummary(name, created, rig, count, last_event, state, step, damage)
 
     def removed(self) -> list[RemovedCampaign]:
         """What stays of campaigns that were removed, in the order of their removal."""

@@ -48,7 +48,7 @@ def test_the_recording_folder_is_identified_as_it_was(folder: Recording) -> None
 
 def test_the_store_holds_the_same_readings_and_its_outcome(folder: Recording, out: Path) -> None:
     with open_store(out) as store:
-        ((campaign, _, rig, readings, last, _),) = store.campaigns()
+        ((campaign, _, rig, readings, last, *_),) = store.campaigns()
         assert (campaign, rig, readings, last) == (EXPECTED["campaign"], "embedded-mock", 667, "refused")
         recording = store.recording(campaign)
         outcome = stored_outcome(store, campaign)

@@ -159,6 +159,7 @@ def _rigid_methods(
 
         def from_measured_poses(rows: NDArray[np.bool_]) -> Predictor:
             model = rigid_model(equal)
+            rows = rows & np.all(np.isfinite(measured_poses.coordinates), axis=1)  # a visit broken off may have no pose
             some = MeasuredPoses(
                 measured_poses.visits.take(rows), measured_poses.coordinates[rows], measured_poses.covariance[rows]
             )

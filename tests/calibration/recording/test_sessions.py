@@ -96,3 +96,13 @@ def test_no_effect_of_time_is_tested_across_a_break(whole, risen):
     assert not any("unknown time" in reason for reason in plain.not_tested.values())
     assert "backlash" not in refused
     assert found.verdict == plain.verdict
+
+
+def test_a_visit_that_broke_off_after_one_reading_is_no_error(whole):
+    """It has no pose of its own, which the closures from measured poses must not take for one."""
+    is_calibration = np.asarray(whole["phase"]) == "calibration"
+    visit = whole["visit"][np.flatnonzero(is_calibration)[40]]
+    keep = np.ones(len(whole), dtype=bool)
+    keep[np.flatnonzero(is_calibration & (whole["visit"] == visit))[1:]] = False
+    identified = identify_recording(whole.take(keep))
+    assert "per_leg_closure" in {baseline.name for baseline in identified.baselines}

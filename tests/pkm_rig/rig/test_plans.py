@@ -19,8 +19,8 @@ def refused(tmp_path, **changes):
         with pytest.raises(CampaignRefused) as caught:
             measure(rig, store, lambda _: None, lambda *_: None)
         assert not any(drive.axis.powered for drive in mock.drives)
-    campaign, _, _, readings, last, _ = store.campaigns()[0]
-    assert last == "failed"
+    campaign, _, _, readings, _, state, step, _ = store.campaigns()[0]
+    assert (state, step) == ("refused", "measuring")
     assert store.events(campaign, "failed")[0].data["reason"] == str(caught.value)
     store.close()
     assert "\n" not in str(caught.value)

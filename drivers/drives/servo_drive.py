@@ -288,6 +288,10 @@ class ServoDrive:
             raise DriveFault(
                 self.name, self.where, "the drive has restarted, its compensation is off", "connect to it again"
             )
+        self.require_heartbeat()
+
+    def require_heartbeat(self) -> None:
+        """Raise StaleData if the drive has been silent for too long; nothing is asked of it."""
         if self.heartbeat() is Heartbeat.LOST:
             age_s = self.messages.heartbeat_age_s()
             raise StaleData(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from drivers.drives import objects
 from drivers.drives.table_bank import CompensationMode, TableBank
 from drivers.errors import DeviceError, TableError
 
@@ -71,6 +72,16 @@ def _go_back(before: Activation) -> bool:
         before.confirm()
         return True
     return False
+
+
+def answering(banks: Sequence[TableBank]) -> list[TableBank]:
+    """The banks of drives that answer one short question; a silent one costs a single time-out."""
+    found = []
+    for bank in banks:
+        with suppress(DeviceError):
+            bank.drive.sdo.read(objects.DEVICE_TYPE, retry=False)
+            found.append(bank)
+    return found
 
 
 def switch_off(banks: Sequence[TableBank]) -> None:

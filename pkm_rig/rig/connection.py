@@ -126,6 +126,7 @@ def _shut_down_safely(rig: Rig) -> None:
         rig.drives.disable()
     for drive in rig.drives.drives:
         with contextlib.suppress(DeviceError):
+            drive.require_heartbeat()  # a silent one would cost several time-outs
             drive.stop_master_watchdog()
 
 

@@ -101,6 +101,8 @@ def doubt(states: Sequence[CompensationState], names: Sequence[str]) -> str | No
 def tables_line(rig: Rig, store: Store | None) -> str:
     """Which tables are active, in one line, whatever state the rig is in."""
     try:
+        for bank in rig.banks:
+            bank.drive.require_heartbeat()
         states = read_states(rig)
     except DeviceError as error:
         return f"tables: unknown: {error.device} could not be reached; `pkm-rig tables show` tells"

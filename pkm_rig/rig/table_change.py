@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from typing import Any, Literal
 
 from drivers.drives.table_bank import CompensationState
+from drivers.drives.table_group import answering
+from drivers.drives.table_group import switch_off as switch_off_banks
 from drivers.drives.table_image import TableImage, encode_table
 from drivers.errors import DeviceError, TableError
 from pkm_rig.errors import StoreError
@@ -104,6 +106,20 @@ class TableChange:
         self._rig.bring_tables_to([images[bank.drive.name] for bank in self._rig.banks], on=self.target.on)
         self._add(DONE, {})
 
+    def fall_back(self) -> None:
+        """After a failure: the same as far as the drives answer; while one is silent, the others use no table.
+
+        The change then stays unfinished, and the next command that connects ends it.
+        """
+        banks = answering(self._rig.banks)
+        if len(banks) == len(self._rig.banks):
+            self.bring_to_target()
+            return
+        for bank in banks:
+            with suppress(DeviceError):
+                bank.drive.disable()
+        switch_off_banks(banks)
+
     def give_up(self, why: str) -> None:
         """End the change without touching the drives."""
         self._add(GIVEN_UP, {"why": why})
@@ -146,7 +162,7 @@ def changing_tables(rig: Rig, store: Store, purpose: Purpose, campaign: str) -> 
     except BaseException as error:
         with suppress(DeviceError, StoreError):
             if not change.ended and not change.accepted:
-                change.bring_to_target()
+                change.fall_back()
         error.add_note(tables_line(rig, store))
         raise
 

@@ -56,6 +56,7 @@ class MortalBus(EmbeddedBus):
     """The host's bus. What other threads of a dead host send is lost."""
 
     life = Life()
+    unheard, lost = 0, 0  # a node that hears nothing of what is sent, and how many frames it missed
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         if threading.current_thread() is not threading.main_thread():
@@ -65,7 +66,10 @@ class MortalBus(EmbeddedBus):
             self.life.write()
         else:
             self.life.live()
-        super().send(msg, timeout)
+        if msg.arbitration_id & 0x7F != self.unheard or not self.unheard:
+            super().send(msg, timeout)
+        else:
+            self.lost += 1
 
 
 class MortalStore(Store):
@@ -119,10 +123,12 @@ class TablesBench:
         probe.shutdown()
 
     @contextmanager
-    def host(self, last: int = 0, seen: Callable[[], None] = lambda: None) -> Iterator[tuple[Rig, Store, Life]]:
+    def host(
+        self, last: int = 0, seen: Callable[[], None] = lambda: None, guard_s: float | None = None
+    ) -> Iterator[tuple[Rig, Store, Life]]:
         """A program that is connected, until it ends or dies before its write number `last` after connecting.
 
-        `seen` is called before each write.
+        `seen` is called before each write; `guard_s` is the host time in which an answer has to come.
         """
         life = Life(0, seen)
 
@@ -136,7 +142,7 @@ class TablesBench:
         try:
             with (
                 contextlib.suppress(Killed),
-                connect_rig(self.file, self.machine, self.mock.clock, bus) as rig,
+                connect_rig(self.file, self.machine, self.mock.clock, bus, guard_s=guard_s) as rig,
             ):
                 life.writes, life.last = 0, last
                 yield rig, store, life

@@ -301,6 +301,26 @@ def test_an_error_says_that_the_drives_could_not_be_reached(bench):
     assert bench.used() == [FORMER, FORMER]
 
 
+def test_while_one_drive_is_silent_the_others_use_no_table_and_nobody_waits_long(bench):
+    bench.reset(bench.former)
+    with bench.host(guard_s=1.0) as (rig, store, _):
+        bus = rig.drives.line.network.bus
+
+        def silence(change):
+            bus.unheard = 2
+            interrupt(change)
+
+        with pytest.raises(KeyboardInterrupt) as ended:
+            try_tables(rig, store, silence)
+        assert "unknown: right could not be reached" in ended.value.__notes__[0]
+        assert bus.lost <= 8  # of which each costs a time-out
+        assert unfinished_change(rig, store) is not None
+        bus.unheard = 0
+    assert bench.compensations[0].mode == 0
+    assert recover(bench) is not None
+    assert bench.used() == [FORMER, FORMER]
+
+
 def test_tables_that_are_not_in_use_any_more_get_no_verdict(bench):
     bench.reset(bench.former)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import Any
 
@@ -9,6 +10,9 @@ import can
 from can.interfaces.virtual import VirtualBus
 
 from pkm_rig.rig.clock import RigClock
+
+# A frame for a bus that has just been emptied would hold the clock for ever.
+_leaving = threading.Lock()
 
 
 class EmbeddedBus(VirtualBus):
@@ -39,10 +43,11 @@ class EmbeddedBus(VirtualBus):
             data=msg.data,
             channel=self.channel_id,
         )
-        for bus_queue in list(self.channel):
-            if bus_queue is not self.queue:
-                self._clock.hold()
-                bus_queue.put(frame)
+        with _leaving:
+            for bus_queue in list(self.channel):
+                if bus_queue is not self.queue:
+                    self._clock.hold()
+                    bus_queue.put(frame)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self._release_frame()
@@ -57,7 +62,8 @@ class EmbeddedBus(VirtualBus):
 
     def shutdown(self) -> None:
         """Leave the channel and let go of the frames that nobody will read."""
-        super().shutdown()
+        with _leaving:
+            super().shutdown()
         self._release_frame()
         while not self.queue.empty():
             self.queue.get_nowait()

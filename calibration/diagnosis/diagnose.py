@@ -34,6 +34,7 @@ from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.recording.recording import Recording
 
 CLUES = 4
+NAMED = 5  # wrong readings
 SAFEGUARDS = 2  # non-parametric alternatives added when noise-free readings are estimated: the catalogue has gaps
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
 OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
@@ -130,7 +131,7 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
         ),
         visits=_visit_gaps(linear, field),
         spectra=spectra(likelihood, by_drive),
-        remarks=_remarks(search_result, verdict, noise_floor_m),
+        remarks=(*_left_out(linear), *_remarks(search_result, verdict, noise_floor_m)),
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 
@@ -230,6 +231,16 @@ def _visit_gaps(linear: LinearModel, field: GapField) -> VisitGaps:
         payload_kg=context.payload_kg[first_rows],
         dwell_s=context.dwell_s[first_rows],
     )
+
+
+def _left_out(linear: LinearModel) -> tuple[str, ...]:
+    """The readings that are left out, the first of them by name."""
+    if not linear.wrong.size:
+        return ()
+    uid, smr = (np.asarray(linear.recording[name])[linear.wrong[:NAMED]] for name in ("uid", "smr"))
+    names = ", ".join(f"{name} of {reflector}" for name, reflector in zip(uid, smr, strict=True))
+    others = f" and {linear.wrong.size - NAMED} more" if linear.wrong.size > NAMED else ""
+    return (f"left out, grossly wrong by what all others say: {names}{others}",)
 
 
 def _remarks(search_result: SearchResult, verdict: str, noise_floor_m: float | None) -> tuple[str, ...]:

@@ -105,7 +105,10 @@ def test_few_readings_that_are_far_off_change_little():
     recording = recorded(plant(80))
     on_platform = np.flatnonzero(np.char.startswith(np.asarray(recording["smr"]), "P"))
     rows = np.random.default_rng(2).choice(on_platform, 3, replace=False)
-    assert diagnose(shifted(recording, rows, 1.5e-4)).verdict == "none"
+    diagnosis = diagnose(shifted(recording, rows, 1.5e-4))
+    assert diagnosis.verdict == "none"
+    remark = next(remark for remark in diagnosis.remarks if remark.startswith("left out"))
+    assert all(str(uid) in remark for uid in np.asarray(recording["uid"])[rows])
 
 
 def test_grossly_wrong_readings_are_left_out_and_nothing_else(wandering):

@@ -142,7 +142,7 @@ COLUMNS: tuple[Column, ...] = (
     _number("hz_rad", "Horizontal angle, clockwise: mean of `samples`, reduced to face 1."),
     _number("v_rad", "Zenith angle: mean of `samples`, reduced to face 1."),
     _number("slope_distance_m", "Slope distance as the station gave it: mean of `samples`."),
-    _number("station", "Number of the set-up."),
+    _count("station", "Number of the set-up: one more each time that the station was knocked, moved or set up anew."),
     _number("face", "1, 2, or 0 for the mean of both."),
     _number("prism_constant_m", "Prism constant with which the distance was measured."),
     _number("ppm", "Atmospheric correction with which the distance was measured."),

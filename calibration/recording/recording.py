@@ -118,7 +118,7 @@ def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping
             column.check(columns[column.name])
         except InputError as error:
             raise _input_error(recording, str(error)) from None
-    for check in (_check_geometry, _check_names):
+    for check in (_check_geometry, _check_names, _check_setups):
         check(recording)
     return recording
 
@@ -139,6 +139,16 @@ def _check_geometry(recording: Recording) -> None:
     smallest = np.linalg.eigvalsh(recording.covariances_m2)[:, 0]
     if np.any(smallest <= 0.0):
         raise _input_error(recording, f"row {int(np.argmin(smallest)) + 1} has no proper covariance")
+
+
+def _check_setups(recording: Recording) -> None:
+    """A visit is measured from one set-up of the station."""
+    at_pose = np.asarray(recording["phase"]) != "nests"
+    pairs = np.unique(np.column_stack([recording["visit"], recording["station"]])[at_pose], axis=0)
+    twice = np.flatnonzero(np.diff(pairs[:, 0]) == 0.0)
+    if twice.size:
+        visit = int(pairs[twice[0], 0])
+        raise _input_error(recording, f"visit {visit} has readings of two set-ups (station); number its visits apart")
 
 
 def _check_names(recording: Recording) -> None:

@@ -7,26 +7,17 @@ import random
 import subprocess
 import sys
 from dataclasses import asdict
-from functools import cache
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
 from benchmarks.kill_sweep.checks import Measured, changed_readings, drive_problems, measured, problems
 from benchmarks.kill_sweep.processes import Ended, HostProcess, MockProcess, StoreView, wait_until
 from benchmarks.kill_sweep.strikes import RECOVERY_OPERATIONS, Chain, Strike
-from pkm_rig.cli.rig_commands import calibrate
 
 KILLED = -9
 DEVICE = 3
 MOST_SESSIONS = 25
 SESSION_LIMIT_S = 60.0  # after a device was struck
-
-
-@cache
-def goes_on() -> bool:
-    """Whether `calibrate` takes up a campaign again; else `measure` does, and `verify` begins anew."""
-    return "resume" in signature(calibrate).parameters
 
 
 class Untouched:
@@ -60,7 +51,6 @@ class ChainRun:
         self._operations, self._readings = operations, readings
         self.results: list[dict[str, Any]] = []
         self._in_tables = False
-        self._measured = False
 
     def run(self, reference: Measured) -> list[dict[str, Any]]:
         """All strikes, then to the end; one result a strike."""
@@ -151,19 +141,13 @@ class ChainRun:
 
     def _go_on(self, kill: str = "none") -> Ended:
         """Go on to the end, or until the host is killed."""
-        ended = HostProcess(self._arguments(), self.folder, kill).wait()
-        if ended.status == 0 and not goes_on() and not self._measured:
-            self._measured = True
-            return HostProcess(self._arguments(), self.folder, kill).wait()
-        return ended
+        return HostProcess(self._arguments(), self.folder, kill).wait()
 
     def _arguments(self) -> list[str]:
         """The command that goes on with what is there."""
         common = ["--rig", str(self.mock.rig), "--out", str(self.out)]
         campaign = self.view.campaign()
-        if not goes_on() and self._measured:
-            return ["verify", str(campaign), *common]
-        return ["calibrate" if goes_on() else "measure", *common, *(["--resume", campaign] if campaign else [])]
+        return ["calibrate", *common, *(["--resume", campaign] if campaign else [])]
 
     def _final_problems(self, ended: Ended, before: dict[str, str], reference: Measured) -> list[str]:
         campaign = self.view.campaign()

@@ -32,8 +32,8 @@ def list_campaigns(
     else:
         for row in rows:
             state = "DAMAGED" if row.damage else " ".join(part for part in (row.state, row.step) if part)
-            parts = (row.campaign, row.created, row.rig, row.readings, state)
-            results.print("  ".join(str(part) for part in parts), soft_wrap=True, markup=False)
+            parts = (row.campaign, row.created, row.rig, row.readings, state, "SIMULATED" if row.simulated else "")
+            results.print("  ".join(str(part) for part in parts).rstrip(), soft_wrap=True, markup=False)
         if gone:
             results.print(f"{len(gone)} removed: pkm-rig list --removed --out {out}", soft_wrap=True, markup=False)
     damaged = [row.damage for row in rows if row.damage]

@@ -10,7 +10,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
@@ -31,6 +31,7 @@ from pkm_rig.store.schema import campaigns, events, heads, readings, removed_cam
 from pkm_rig.store.sessions import with_sessions
 from pkm_rig.store.stored_rows import (
     CampaignRows,
+    CampaignSummary,
     RemovedCampaign,
     StoredCampaign,
     StoredEvent,
@@ -42,19 +43,6 @@ from pkm_rig.store.stored_rows import (
 )
 
 STORE_NAME = "pkm-rig.sqlite"
-
-
-class CampaignSummary(NamedTuple):
-    """A campaign in a list; where `damage` says something, the rest is what could be read."""
-
-    campaign: str
-    created: str
-    rig: str
-    readings: int
-    last_event: str
-    state: str = ""
-    step: str = ""
-    damage: str = ""
 
 
 class Store:
@@ -171,7 +159,7 @@ class Store:
     def _summary(self, campaign: object, *, in_use: bool) -> CampaignSummary:
         where = f"store {self.path}: campaign {campaign!r:.120}"
         name, created, rig, count, last_event, damage = repr(campaign), "", "", 0, "", ""
-        state, step = "", ""
+        state, step, simulated = "", "", False
         try:
             name = stored_text(campaign, where)
             with self.reading() as connection:
@@ -181,10 +169,11 @@ class Store:
                 last_event = "" if last is None else stored_text(last.kind, f"{where}, last event")
                 head = self._campaign(connection, name)
                 created, rig = head.created, stored_text(head.description.get("rig"), f"{where}, rig")
+                simulated = head.description.get("simulated") is True
             state, step = campaign_state(self.events(name), store_in_use=in_use)
         except StoreError as error:
             damage = str(error)
-        return CampaignSummary(name, created, rig, count, last_event, state, step, damage)
+        return CampaignSummary(name, created, rig, count, last_event, state, step, damage, simulated)
 
     def removed(self) -> list[RemovedCampaign]:
         """What stays of campaigns that were removed, in the order of their removal."""

@@ -23,6 +23,20 @@ class StoredCampaign(NamedTuple):
     chain: str | None
 
 
+class CampaignSummary(NamedTuple):
+    """A campaign in a list; where `damage` says something, the rest is what could be read."""
+
+    campaign: str
+    created: str
+    rig: str
+    readings: int
+    last_event: str
+    state: str = ""
+    step: str = ""
+    damage: str = ""
+    simulated: bool = False
+
+
 class StoredReading(NamedTuple):
     """A reading: its unique name, its number in the campaign and its columns."""
 

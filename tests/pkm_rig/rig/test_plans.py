@@ -19,7 +19,7 @@ def refused(tmp_path, **changes):
         with pytest.raises(CampaignRefused) as caught:
             measure(rig, store, lambda _: None, lambda *_: None)
         assert not any(drive.axis.powered for drive in mock.drives)
-    campaign, _, _, readings, _, state, step, _ = store.campaigns()[0]
+    campaign, _, _, readings, _, state, step, *_ = store.campaigns()[0]
     assert (state, step) == ("refused", "measuring")
     assert store.events(campaign, "failed")[0].data["reason"] == str(caught.value)
     store.close()

@@ -89,6 +89,8 @@ def test_a_campaign_does_not_go_on_with_devices_of_another_kind(rig_of, tmp_path
     assert rig_of(*mock, ask=begin("version-0.1", old=True))[1] == "goes on"
     with open_store(tmp_path) as store:
         assert [store.header(name).simulated for name in ("real", "mock", "version-0.1")] == [False, True, False]
+        assert {row.campaign: row.simulated for row in store.campaigns()}["mock"] is True
+        assert sum(row.simulated for row in store.campaigns()) == 1
         *_, on_mock = rig_of(*real, ask=lambda rig: [refusal(rig, store, "mock")])
     assert "measured with simulated devices, and none of these devices is simulated" in on_mock
 

@@ -79,21 +79,13 @@ class Store:
         if self._lock is not None:
             self._lock.release()
 
-    def in_use(self) -> bool:
-        """Whether a command holds the store for a campaign."""
-        return is_held(self._lock_path)
-
-    @property
-    def _lock_path(self) -> Path:
-        return self.path.with_name(f"{self.path.name}.lock")
-
     def hold(self) -> None:
         """Keep other campaigns out until the store is closed; again does nothing.
 
         Raises StoreError, naming it, if another process holds the store. Reading needs no permission.
         """
         if self._lock is None:
-            self._lock = Lock(self._lock_path, f"store {self.path}")
+            self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}")
 
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
@@ -153,7 +145,7 @@ class Store:
         """All campaigns, oldest first; a damaged one says so and does not hide the others."""
         with self.reading() as connection:
             ids = connection.execute(sa.select(campaigns.c.id).order_by(campaigns.c.created)).scalars().all()
-        in_use = self.in_use()
+        in_use = is_held(self.path.with_name(f"{self.path.name}.lock"))
         return [self._summary(campaign, in_use=in_use) for campaign in ids]
 
     def _summary(self, campaign: object, *, in_use: bool) -> CampaignSummary:

@@ -131,6 +131,8 @@ class ChainRun:
                 struck += f": {self.mock.tell(f'drive restart {drive}')}"
         ended = host.wait(SESSION_LIMIT_S if struck else 900.0)
         wrong = []
+        if struck is None and ended.status != 0:
+            wrong.append(f"before the strike: status {ended.status}: {ended.last_line}")
         if strike.victim == "mock" and struck is not None:
             self.mock.start()
         if struck is not None and ended.status not in (0, DEVICE):

@@ -146,7 +146,7 @@ class StoreView:
 
     def kinds(self) -> list[str]:
         """Kinds of all events, in their order."""
-        return [str(kind) for (kind,) in self._rows("SELECT kind FROM events ORDER BY id")]
+        return [str(kind) for (kind,) in self._rows("SELECT kind FROM events ORDER BY rowid")]
 
     def _rows(self, query: str) -> list[tuple[Any, ...]]:
         if not self._path.is_file():

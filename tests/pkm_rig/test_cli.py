@@ -129,7 +129,7 @@ def test_bad_input_is_one_line_and_status_2(run, arguments, status, complaint, f
     assert done.stdout == ""
 
 
-CONNECTING = ("calibrate", "measure", "verify", "check", "home", "interim-test")
+CONNECTING = ("calibrate", "measure", "verify", "check", "home", "interim-test", "tables")
 
 
 @pytest.mark.parametrize("command", CONNECTING)

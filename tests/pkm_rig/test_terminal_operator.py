@@ -105,4 +105,4 @@ def test_a_terminal_that_is_gone_stops_the_campaign(at_terminal, tmp_path):
         [sys.executable, "-m", "pkm_rig.cli", "list", "--out", str(tmp_path / "out")],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-    assert "interrupted measuring" in listed.stdout
+    assert "interrupted" in listed.stdout

@@ -102,3 +102,19 @@ def test_a_copy_of_a_corrupt_file_is_not_taken_for_one(path, tmp_path):
     with pytest.raises(StoreError, match=r"copy\.sqlite.*(damaged|malformed)"):
         back_up(path, tmp_path / "copy.sqlite")
     assert not (tmp_path / "copy.sqlite").exists()
+
+
+def test_a_copy_whose_index_contradicts_its_rows_is_refused(path, tmp_path):
+    """Nothing but SQLite's own check of the whole file finds that."""
+    ((uid,),) = rows(path, "SELECT uid FROM readings WHERE campaign = 'first' AND position = 3")
+    pages = bytearray(path.read_bytes())
+    index = next(
+        n
+        for n in range(0, len(pages), 4096)
+        if uid.encode() in pages[n : n + 4096] and b"x_m" not in pages[n : n + 4096]
+    )
+    at = pages.index(uid.encode(), index)
+    pages[at] ^= 1
+    path.write_bytes(pages)
+    with pytest.raises(StoreError, match=r"the copy is damaged \(.*index"):
+        back_up(path, tmp_path / "copy.sqlite")

@@ -78,16 +78,17 @@ def measure(
     store: Store,
     *,
     resume: str | None = None,
+    new_setup: bool = False,
     notify: Callable[[str], None] = lambda _line: None,
     progress: Callable[[int, int, str], None] = lambda _count, _total, _phase: None,
 ) -> str:
-    """Measure a calibration campaign into the store, or continue one with `resume`; its id.
+    """Measure a calibration campaign into the store, or continue one with `resume`, in a `new_setup` if asked; its id.
 
     `notify` gets lines of text, `progress` the readings since its last call, those of the campaign and the phase.
     """
     from pkm_rig.jobs.measure import measure
 
-    return measure(rig, store, notify, progress, resume)
+    return measure(rig, store, notify, progress, resume, new_setup=new_setup)
 
 
 def calibrate(

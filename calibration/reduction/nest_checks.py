@@ -14,6 +14,8 @@ from calibration.recording.recording import Recording
 from calibration.reduction.grouped_readings import replaced_readings
 from calibration.reduction.nest_gate import gate_nests
 
+TIES = ("nests", "repeatability")  # phases that place a set-up and tell nothing of the machine's accuracy
+
 
 def nest_shift(recording: Recording) -> tuple[NDArray[np.intp], Array]:
     """Nest checks (c,) and the largest shift of a nest across the line of sight since its set-up's first check (c,)."""
@@ -55,12 +57,27 @@ def usable_readings(recording: Recording, next_check: int | None = None) -> NDAr
     return np.where(is_nest, opened, opened & closed) & ~replaced_readings(recording)
 
 
+def drop_unused_setups(recording: Recording, keep: float | None = None) -> Recording:
+    """A recording without the later set-ups in which nothing usable was measured but nests and what ties them.
+
+    They were given up, some because a nest had moved, and must not spoil the others. keep: one that stays.
+    """
+    phase, setup = np.asarray(recording["phase"]), recording["station"]
+    numbers = np.unique(setup)
+    if len(numbers) == 1:
+        return recording
+    measured = usable_readings(recording) & ~np.isin(phase, TIES)
+    return recording.take(np.isin(setup, [numbers[0], keep or numbers[0], *np.unique(setup[measured])]))
+
+
 def drop_unclosed_readings(recording: Recording) -> Recording:
-    """A recording without the readings whose closing nest check was left out, though later ones were made.
+    """A recording without set-ups that were given up, and without the readings whose closing nest check was left out,
+    though later ones were made.
 
     The station may have had other settings than it was given (`Runner.resume`), or it was taken away: unlike those next
     to a failed check, they carry no information about the machine.
     """
+    recording = drop_unused_setups(recording)
     setup = setups_of_checks(recording)
     last = max(setup, default=-1)
     numbers = recording["nest_check"].astype(int).tolist()

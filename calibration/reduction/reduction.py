@@ -24,7 +24,7 @@ from calibration.reduction.common_points import NestEstimate
 from calibration.reduction.data_checks import check_units
 from calibration.reduction.grouped_readings import group_by_visit, replaced_readings
 from calibration.reduction.left_out import MODEL, NEST, VISIT, LeftOutReading
-from calibration.reduction.nest_checks import usable_readings
+from calibration.reduction.nest_checks import drop_unused_setups, usable_readings
 from calibration.reduction.nest_gate import gate_nests
 from calibration.reduction.pose_filter import FilteredPoses, filter_poses
 from calibration.reduction.range_constant import range_constant_of
@@ -112,7 +112,7 @@ def reduce(
         wrong = tuple(reading for reading in basis.left_out if reading.reason == MODEL)
     if wrong:
         recording = recording.take(~np.isin(np.asarray(recording["uid"]), [reading.name for reading in wrong]))
-    recording, wrong_nests = gate_nests(recording)
+    recording, wrong_nests = gate_nests(drop_unused_setups(recording))
     dropped = {}
     usable = usable_readings(recording)
     replaced = replaced_readings(recording)

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from pkm_rig.results.outcome import CampaignOutcome
 
 ResumeOption = Annotated[str | None, typer.Option("--resume", help="go on with this campaign, wherever it ended")]
+NewSetupOption = Annotated[
+    bool, typer.Option("--new-setup", help="the station stands anew: tie it to where it stood, then go on")
+]
 
 
 def calibrate(
@@ -23,10 +26,11 @@ def calibrate(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     resume: ResumeOption = None,
+    new_setup: NewSetupOption = False,
 ) -> None:
     """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
     with resumable("calibrate", rig, out):
-        _calibrate(rig, out, json, resume)
+        _calibrate(rig, out, json, resume, new_setup=new_setup)
 
 
 def demo(
@@ -35,6 +39,7 @@ def demo(
     real_time: Annotated[bool, typer.Option(help="at time scale 1; else in virtual time, as fast as it goes")] = False,
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
     resume: ResumeOption = None,
+    new_setup: NewSetupOption = False,
 ) -> None:
     """The main job without hardware: `calibrate` on the embedded mock rig, over its real protocols."""
     from pkm_rig.rig.config import embedded_rig_path
@@ -42,11 +47,18 @@ def demo(
     options = ["--real-time"] if real_time else []
     options += [] if seed is None else ["--seed", str(seed)]
     with resumable("demo", None, out, *options):
-        _calibrate(embedded_rig_path(), out, json, resume, real_time=real_time, seed=seed)
+        _calibrate(embedded_rig_path(), out, json, resume, new_setup=new_setup, real_time=real_time, seed=seed)
 
 
 def _calibrate(
-    rig: Path, out: Path, json: bool, resume: str | None, *, real_time: bool = False, seed: int | None = None
+    rig: Path,
+    out: Path,
+    json: bool,
+    resume: str | None,
+    *,
+    new_setup: bool,
+    real_time: bool = False,
+    seed: int | None = None,
 ) -> None:
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
@@ -57,7 +69,7 @@ def _calibrate(
     from pkm_rig.store.store import open_store
 
     needs = Need.MOTION | Need.TABLES
-    _require_campaign(resume, out)
+    _require_campaign(resume, out, new_setup=new_setup)
     with open_store(out, hold=True) as store:
         after = None if resume is None else last_moment(store, resume)
         with (
@@ -65,7 +77,7 @@ def _calibrate(
             operated_from_terminal(connected_rig),
             progress_bar() as progress,
         ):
-            outcome = calibrate(connected_rig, store, print_message, progress, resume)
+            outcome = calibrate(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
     _report_outcome(outcome, out, json)
 
 
@@ -79,6 +91,7 @@ def measure(
     campaign_file: Annotated[
         Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")
     ] = None,
+    new_setup: NewSetupOption = False,
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
     _require_capabilities(rig, tables=False)
@@ -95,7 +108,7 @@ def measure(
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig)
         calibration_blocks(machine, with_visits(file, campaign_file).campaign)
-    _require_campaign(resume, out)
+    _require_campaign(resume, out, new_setup=new_setup)
     options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
         resumable("measure", rig, out, *options),
@@ -106,7 +119,7 @@ def measure(
     ):
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
-        campaign = measure(connected_rig, store, print_message, progress, resume)
+        campaign = measure(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
         simulated, stores_tables = store.header(campaign).simulated, bool(connected_rig.banks)
     if stores_tables:
         next_command = command_line("verify", campaign, "--rig", rig_word(rig), "--out", out)
@@ -125,6 +138,7 @@ def verify(
     rig: RigOption,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
+    new_setup: NewSetupOption = False,
 ) -> None:
     """Write the tables of a measured campaign, verify them by measuring, keep them or restore the previous ones."""
     _require_capabilities(rig, tables=True)
@@ -144,7 +158,7 @@ def verify(
         operated_from_terminal(connected_rig),
         progress_bar() as progress,
     ):
-        outcome = verify(connected_rig, store, campaign, print_message, progress)
+        outcome = verify(connected_rig, store, campaign, print_message, progress, new_setup=new_setup)
     _report_outcome(outcome, out, json)
 
 
@@ -207,10 +221,13 @@ def interim_test(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption
         raise CampaignRefused(f"interim test: {test_result.failures[0]}; have the station checked before measuring")
 
 
-def _require_campaign(resume: str | None, out: Path) -> None:
-    """Report an unknown campaign before any device is touched and before a store is made."""
+def _require_campaign(resume: str | None, out: Path, *, new_setup: bool) -> None:
+    """Report an unknown campaign, or none, before any device is touched and before a store is made."""
+    from calibration.base.errors import InputError
     from pkm_rig.store.store import open_existing_store
 
+    if new_setup and resume is None:
+        raise InputError("--new-setup: of which campaign? give it with --resume ID")
     if resume is not None:
         with open_existing_store(out) as store:
             store.header(resume)

@@ -16,6 +16,7 @@ __all__ = [
     "next_command",
     "planning",
     "session",
+    "setup_tie",
     "tables",
     "verify",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from calibration.identification.calibration import identified_summary, identify_recording
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.measure import go_on, measure_blocks, open_campaign, reopen_campaign
+from pkm_rig.jobs.setup_tie import tie_to_earlier_setups
 from pkm_rig.jobs.verify import verify_tables
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.report.diagnosis_text import diagnosis_line
@@ -18,8 +19,18 @@ from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.store import Store
 
 
-def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: str | None = None) -> CampaignOutcome:
+def calibrate(
+    rig: Rig,
+    store: Store,
+    notify: Notify,
+    progress: Progress,
+    resume: str | None = None,
+    *,
+    new_setup: bool = False,
+) -> CampaignOutcome:
     """Run the main job on a connected rig, or go on with a campaign (`resume`) wherever it ended.
+
+    It goes on in the last set-up of the station, or in a `new_setup`.
 
     What is measured stays; it is identified anew, and a verification that broke off begins anew.
     Raises DeviceError, CampaignRefused, StoreError or InputError with the machine stopped, the
@@ -35,7 +46,8 @@ def calibrate(rig: Rig, store: Store, notify: Notify, progress: Progress, resume
         open_runner(rig, store, campaign, total.show_by(progress), "calibrate", notify) as runner,
         changing_tables(rig, store, "calibrate", campaign) as change,
     ):
-        go_on(runner, blocks, total)
+        go_on(runner, blocks, total, new_setup=new_setup)
+        tie_to_earlier_setups(runner, total)
         if blocks:
             measure_blocks(runner, blocks)
         else:

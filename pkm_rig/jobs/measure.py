@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 from calibration.base.errors import InputError
 from calibration.reduction.reduction import CALIBRATION
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
+from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.rig.plans import Plan, calibration, prepare
 from pkm_rig.rig.rig import Rig
@@ -22,13 +23,22 @@ from pkm_rig.store.campaign_state import is_measured
 from pkm_rig.store.store import Store
 
 
-def measure(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: str | None = None) -> str:
+def measure(
+    rig: Rig,
+    store: Store,
+    notify: Notify,
+    progress: Progress,
+    resume: str | None = None,
+    *,
+    new_setup: bool = False,
+) -> str:
     """Prepare and measure a calibration campaign, compensation off meanwhile; returns its id.
 
     Every reading is in the store as soon as it is taken. `resume` continues a campaign that broke off: what is stored
     is not measured again, provided that a nest check finds the station where it was. Visits that the rig file did not
-    list when the campaign was begun are added to it.
-    Raises DeviceError, CampaignRefused, StoreError, and InputError if the rig file is a different one.
+    list when the campaign was begun are added to it. It goes on in the last set-up of the station, or in a `new_setup`.
+    Raises DeviceError, CampaignRefused, StoreError, and InputError if the rig file is a different one or the set-up
+    cannot be tied to those before.
     """
     settle_tables(rig, store, notify)
     if resume is None:
@@ -39,22 +49,11 @@ def measure(rig: Rig, store: Store, notify: Notify, progress: Progress, resume: 
         open_runner(rig, store, campaign, total.show_by(progress), "measure", notify) as runner,
         changing_tables(rig, store, "measure", campaign) as change,
     ):
-        go_on(runner, blocks, total)
+        go_on(runner, blocks, total, new_setup=new_setup)
+        tie_to_earlier_setups(runner, total)
         measure_blocks(runner, blocks)
         change.bring_to_target()
     return campaign
-
-
-@dataclass
-class PlannedReadings:
-    """How many readings a campaign will have; those of verification among them."""
-
-    total: int
-    verification: int = 0
-
-    def show_by(self, progress: Progress) -> Callable[[int, str], None]:
-        """Progress of a runner, which knows no total."""
-        return lambda count, what: progress(count, self.total, what)
 
 
 def open_campaign(
@@ -115,11 +114,13 @@ def reopen_campaign(
     return campaign, blocks, PlannedReadings(planned_readings(rig, blocks, verify=verify), verification)
 
 
-def go_on(runner: Runner, blocks: Sequence[Block], total: PlannedReadings) -> None:
-    """Take up what is stored of a campaign; progress counts it."""
+def go_on(runner: Runner, blocks: Sequence[Block], total: PlannedReadings, *, new_setup: bool = False) -> None:
+    """Take up what is stored of a campaign, in its last set-up or in a new one; progress counts it."""
     if not runner.store.has_readings(runner.campaign):
         return
     recording = runner.store.recording(runner.campaign)
+    if new_setup:
+        runner.begin_setup(recording)
     runner.resume(recording)
     smrs = runner.devices.smrs("platform", "slider")
     missing = [

@@ -13,7 +13,8 @@ from drivers.drives.table_bank import CompensationState
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.acceptance import evaluate_campaign, last_verification_attempt, require_possible_limits
 from pkm_rig.jobs.diagnose import try_diagnosis
-from pkm_rig.jobs.measure import PlannedReadings, go_on, planned_readings
+from pkm_rig.jobs.measure import go_on, planned_readings
+from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
@@ -28,10 +29,13 @@ from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.store import Store
 
 
-def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Progress) -> CampaignOutcome:
+def verify(
+    rig: Rig, store: Store, campaign: str, notify: Notify, progress: Progress, *, new_setup: bool = False
+) -> CampaignOutcome:
     """Verify a measured campaign: identify it, measure before, write and activate its tables, measure after.
 
-    The readings join the campaign, whose frame and nests they need: the station must not have been moved.
+    The readings join the campaign, whose frame and nests they need: in its last set-up of the station, which must not
+    have been moved, or in a `new_setup`.
     """
     require_table_banks(rig)
     settle_tables(rig, store, notify)
@@ -49,7 +53,8 @@ def verify(rig: Rig, store: Store, campaign: str, notify: Notify, progress: Prog
         open_runner(rig, store, campaign, total.show_by(progress), "verify", notify) as runner,
         changing_tables(rig, store, "verify", campaign) as change,
     ):
-        go_on(runner, (), total)
+        go_on(runner, (), total, new_setup=new_setup)
+        tie_to_earlier_setups(runner, total)
         rig.enable()
         return verify_tables(runner, identification, diagnosis, change, notify)
 

@@ -60,10 +60,12 @@ class PointingFrame:
 class ReadingTags:
     """Labels of the next reading; set by the plan's devices and stored with each reading.
 
-    `replaces_visit`: the visit that the present one is made in place of, -1 without one.
+    `replaces_visit`: the visit that the present one is made in place of, -1 without one. `setup`: number of the
+    station's set-up.
     """
 
     phase: str = "repeatability"
+    setup: int = 1
     visit: PlannedVisit | None = None
     visit_number: int = -1
     replaces_visit: int = -1
@@ -280,7 +282,7 @@ class StationDevice:
             "hz_rad": mean.hz_rad,
             "v_rad": mean.v_rad,
             "slope_distance_m": mean.slope_distance_m,
-            "station": 1.0,
+            "station": float(tags.setup),
             "face": 0.0 if settings.two_face else float(first.face),
             "prism_constant_m": first.prism_constant_m,
             "ppm": first.ppm,

@@ -72,6 +72,13 @@ def calibration(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
         yield from visits(devices, block, "calibration", devices.smrs("platform", "slider"))
 
 
+def tie_setup(devices: CampaignDevices, block: Block) -> Plan:
+    """Visit poses of earlier set-ups again, warmed up, all reflectors, between nest checks."""
+    yield from put_on(devices, block.payload)
+    yield from _until_done(devices, lambda: _warm_up(devices, block.visits[:2]))
+    yield from visits(devices, block, "repeatability", devices.smrs("platform", "slider"))
+
+
 def put_on(devices: CampaignDevices, payload: int) -> Plan:
     """Have a payload put on."""
     yield from _until_done(devices, lambda: _set(devices, devices.payload, payload))
@@ -154,7 +161,7 @@ def _measure_nests(devices: CampaignDevices) -> Plan:
         if attempt:
             raise CampaignRefused(
                 f"nest check: a floor nest moved {shift * 1e6:.0f} um (limit {limit * 1e6:.0f} um); "
-                "secure the station's stand and start again; readings since the last good check are not used"
+                "secure the station's stand and go on with --new-setup; readings since the last good check are not used"
             )
 
 

@@ -33,6 +33,7 @@ from pkm_rig.store.store import Store
 from pkm_rig.version import __version__
 
 SETTINGS = "settings_since_check"
+NEW_SETUP = "new_setup"
 EXPECTED_ERRORS = (DeviceError, CampaignRefused, StoreError)
 
 
@@ -84,11 +85,14 @@ class Runner:
     def resume(self, recording: Recording) -> None:
         """Go on with a stored campaign: its numbers, first nest check as the reference, what can be used is kept.
 
-        The next nest check closes what has been measured since the last one, but only where the station was found with
-        the settings that it had been given: else it leaves out the number that those readings would need, so that they
-        are never used.
+        The next nest check closes what has been measured since the last one, but only in the same set-up, and where the
+        station was found with the settings that it had been given: else it leaves out the number that those readings
+        would need, so that they are never used. A set-up that was begun (`begin_setup`) has no first check yet.
         """
         tags = self.devices.tags
+        begun = [int(event.data["setup"]) for event in self.store.events(self.campaign, NEW_SETUP)]
+        tags.setup = max(_last_setup(recording), *begun) if begun else _last_setup(recording)
+        is_new = tags.setup > _last_setup(recording)
         tags.sequence = int(recording["sequence"].max()) + 1
         tags.visit_number = int(recording["visit"].max())
         last = int(recording["nest_check"].max())
@@ -96,15 +100,21 @@ class Runner:
         settings_unchanged = (
             self.rig.station.settings_unchanged_on_connect or {"check": last, "held": True} in settings_events
         )
-        tags.nest_check = (
-            last if settings_unchanged and {"check": last, "held": False} not in settings_events else last + 1
-        )
+        closes = not is_new and settings_unchanged and {"check": last, "held": False} not in settings_events
+        tags.nest_check = last if closes else last + 1
         nests = recording.rows("nests")
+        nests = nests.take(nests["station"] == tags.setup)
         for name, position in zip(nests["smr"], nests.positions_m, strict=True):
             self.devices.first_nests.setdefault(str(name), position)
-        measured = usable_readings(recording, tags.nest_check + 1) & (np.asarray(recording["phase"]) == CALIBRATION)
+        usable = usable_readings(recording, None if is_new else tags.nest_check + 1)
+        measured = usable & (np.asarray(recording["phase"]) == CALIBRATION)
         for pose, pass_, smr in zip(*(recording[name][measured] for name in ("pose", "pass", "smr")), strict=True):
             self.devices.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
+
+    def begin_setup(self, recording: Recording) -> None:
+        """Have the campaign go on in a new set-up of the station, at the rig file's place of it: before `resume`."""
+        place = self.rig.file.station.model_dump(mode="json", include={"position_m", "heading_rad"})
+        self.store.add_event(self.campaign, NEW_SETUP, {"setup": _last_setup(recording) + 1, **place})
 
     def run(self, plan: Plan, purpose: str) -> None:
         """Run a plan to its end; on any failure all drives are stopped and the first cause is raised."""
@@ -180,6 +190,10 @@ class Runner:
             deepest = status_error or deepest
             cause = cause.__cause__ or status_error or cause.__context__
         return deepest
+
+
+def _last_setup(recording: Recording) -> int:
+    return int(recording["station"].max())
 
 
 @contextmanager

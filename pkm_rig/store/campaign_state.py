@@ -55,7 +55,7 @@ def _step(events: Sequence[StoredEvent]) -> str:
         if event.kind == "finished" and plan == "verification before":
             return "writing"
         if plan is not None:
-            return "measuring" if plan == "calibration" else "verifying"
+            return "measuring" if plan in ("calibration", "set-up") else "verifying"
     return ""
 
 

@@ -144,6 +144,16 @@ def test_a_command_that_connects_refuses_without_a_rig(run, command, tmp_path, m
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("command", ["calibrate", "measure", "demo"])
+def test_a_new_set_up_is_one_of_a_campaign(run, command, tmp_path):
+    done = run(
+        command, "--new-setup", "--out", tmp_path / "runs", *(() if command == "demo" else ("--rig", "embedded"))
+    )
+    assert done.returncode == 2
+    assert "give it with --resume ID" in last_line(done)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_no_other_command_connects():
     """What takes a rig file and may go without one neither connects nor is a real rig: `poses` and `mock`."""
     without = {name for name, function in COMMANDS.items() if takes_rig(function) is False}

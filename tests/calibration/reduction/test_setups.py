@@ -16,7 +16,7 @@ from calibration.instruments.station_geometry import point_covariances, points_t
 from calibration.recording.recording import make_recording
 from calibration.reduction.common_points import NestEstimate, common_nests
 from calibration.reduction.figures import setup_part
-from calibration.reduction.nest_checks import drop_unclosed_readings, nest_shift, usable_readings
+from calibration.reduction.nest_checks import drop_unclosed_readings, drop_unused_setups, nest_shift, usable_readings
 from calibration.reduction.nest_distances import require_equal_nest_distances
 from calibration.reduction.recording_setups import require_common_points, setups_of, tied_by_nests
 from calibration.reduction.reduction import reduce
@@ -214,6 +214,21 @@ def test_a_check_of_a_later_set_up_does_not_close_readings_of_an_earlier_one(mov
     assert set(broken["station"][broken["nest_check"] == closing]) == {2.0}
     assert not usable_readings(broken)[open_].any()
     assert len(broken) - len(drop_unclosed_readings(broken)) == np.count_nonzero(open_)
+
+
+def test_a_set_up_that_was_given_up_is_in_no_result(moved):
+    """Only nests were measured in the third, and one of them stood elsewhere."""
+    third = moved["station"] == 3.0
+    given_up = moved.take(~third | (np.asarray(moved["phase"]) == "nests"))
+    spoilt = (given_up["station"] == 3.0) & (np.asarray(given_up["smr"]) == "N1")
+    given_up = replace(given_up, columns={**given_up.columns, "z_m": given_up["z_m"] + 1e-3 * spoilt})
+    without = moved.take(~third)
+    found, expected = (reduce(recording) for recording in (given_up, without))
+    assert found.setups.numbers.tolist() == [1, 2]
+    assert found.poses.coordinates == pytest.approx(expected.poses.coordinates, abs=0.0)
+    assert set(drop_unclosed_readings(given_up)["station"]) == {1.0, 2.0}
+    assert set(drop_unused_setups(given_up, keep=3.0)["station"]) == {1.0, 2.0, 3.0}
+    assert len(drop_unused_setups(moved)) == len(moved)
 
 
 def test_range_errors_act_along_the_sight():

@@ -104,17 +104,17 @@ class Plc:
             raise
 
     def close(self) -> None:
-        """Close the connection and end its thread. May be called again."""
-        loop, self._loop = self._loop, None
-        if loop is None or self._thread is None:
-            return
-        client, self._client = self._client, None
-        if client is not None:
+        """Close the connection and end its thread, after the request in hand. May be called again."""
+        with self._lock:
+            loop, self._loop = self._loop, None
+            if loop is None or self._thread is None:
+                return
+            client, self._client = self._client, None
             with suppress(TimeoutError):
-                asyncio.run_coroutine_threadsafe(_leave(client), loop).result(timeout=5.0)
-        loop.call_soon_threadsafe(loop.stop)
-        self._thread.join(timeout=5.0)
-        loop.close()
+                asyncio.run_coroutine_threadsafe(_shut_down(client), loop).result(timeout=5.0)
+            loop.call_soon_threadsafe(loop.stop)
+            self._thread.join(timeout=5.0)
+            loop.close()
 
     def read(self) -> PlcState:
         """All values in one block read.
@@ -294,7 +294,10 @@ class Plc:
             raise RuntimeError(f"{self.name} is not connected: call connect() first")
         try:
             future = asyncio.run_coroutine_threadsafe(work(), self._loop)
-            reply: Any = future.result(timeout=3.0 * self._reply_timeout_s + 1.0)
+            try:
+                reply: Any = future.result(timeout=3.0 * self._reply_timeout_s + 1.0)
+            finally:
+                future.cancel()
         except ssl.SSLError as error:
             raise ConnectionFailed(
                 self.name, where, f"TLS: {_tls_reason(error)}", "check the certificate files in the rig file"
@@ -326,3 +329,13 @@ async def _leave(client: ModbusBaseClient) -> None:
         transport.abort()
     for _ in range(5):
         await asyncio.sleep(0)
+
+
+async def _shut_down(client: ModbusBaseClient | None) -> None:
+    """Leave the loop without tasks: one that is destroyed while it waits would say so on stderr."""
+    if client is not None:
+        await _leave(client)
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)

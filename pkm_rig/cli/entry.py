@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import signal
@@ -84,6 +85,9 @@ def main() -> None:
     except (DeviceError, StoreError) as error:
         _exit_with_line(DEVICE, _with_notes(str(error), error))
     except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.EIO:  # a terminal may be gone before its signal comes
+            _leave_terminal()
+            _exit_with_line(DEVICE, _with_notes("the terminal is gone; the drives were stopped", error))
         messages.print(traceback.format_exc(), style="dim", markup=False)
         _exit_with_line(
             INTERNAL,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import select
+import shlex
 import signal
 import subprocess
 import sys
@@ -40,12 +41,12 @@ def test_ctrl_c_asks_once_and_enter_acknowledges_only_while_it_waits():
 class AtTerminal:
     """`pkm-rig demo` at a pseudo-terminal."""
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, out: Path, before: str = "") -> None:
         self.master, slave = pty.openpty()
+        command = shlex.join([sys.executable, "-m", "pkm_rig.cli", "demo", "--out", str(out)])
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "pkm_rig.cli", "demo", "--out", str(out)],
-            stdin=slave, stdout=slave, stderr=slave, start_new_session=True, preexec_fn=None,
-        )  # fmt: skip
+            ["sh", "-c", f"{before}exec {command}"], stdin=slave, stdout=slave, stderr=slave, start_new_session=True
+        )
         os.close(slave)
         self.text = ""
 
@@ -101,8 +102,17 @@ def test_a_terminal_that_is_gone_stops_the_campaign(at_terminal, tmp_path):
     os.close(at_terminal.master)
     at_terminal.process.wait(LIMIT_S)
     assert at_terminal.process.returncode == 3
-    listed = subprocess.run(
-        [sys.executable, "-m", "pkm_rig.cli", "list", "--out", str(tmp_path / "out")],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert "interrupted" in listed.stdout
+    assert "interrupted" in listed(tmp_path / "out")
+
+
+def test_a_terminal_that_is_gone_without_a_signal_stops_the_campaign(tmp_path):
+    terminal = AtTerminal(tmp_path / "out", "trap '' HUP; ")
+    terminal.wait_for("readings planned")
+    os.close(terminal.master)
+    assert terminal.process.wait(LIMIT_S) == 3
+    assert "failed measuring" in listed(tmp_path / "out")
+
+
+def listed(out: Path) -> str:
+    command = [sys.executable, "-m", "pkm_rig.cli", "list", "--out", str(out)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout

@@ -112,7 +112,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 def test_identity_units_heartbeat_and_watchdog(bench: Bench) -> None:
     for node, drive in enumerate(bench.drives, start=1):
         assert drive.identity is not None
-        assert drive.identity.serial & 0xFFFF == 1000 + node
+        assert drive.identity.serial == int.from_bytes(b"SIM", "big") << 8 | node
         assert drive.limits_m == pytest.approx((-0.5, 0.5))
         assert drive.heartbeat() is Heartbeat.ALIVE
         assert drive.sdo.read(DriveObject(0x1016, 1, "<I", "watch")) == 127 << 16 | 60_000

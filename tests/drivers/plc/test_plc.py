@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import math
 import socket
 import struct
@@ -207,6 +208,28 @@ def test_a_peer_that_does_not_answer() -> None:
         )
         with pytest.raises(NoAnswer, match="no answer"):
             plc.connect()
+
+
+def test_leaving_during_a_request_waits_for_its_end(server: ModbusPlc, plc: Plc) -> None:
+    plc.connect()
+    silence, failures = threading.Event(), []
+
+    def read() -> None:
+        try:
+            plc.read()
+        except Exception as error:
+            failures.append(error)
+
+    server._loop.call_soon_threadsafe(silence.wait)
+    reading = threading.Thread(target=read)
+    reading.start()
+    while not plc._lock.locked() and reading.is_alive():
+        pass
+    plc.close()
+    silence.set()
+    reading.join()
+    assert [type(error) for error in failures] == [NoAnswer]
+    gc.collect()  # a coroutine that nobody has waited for complains here
 
 
 def test_a_wrong_unit(server: ModbusPlc) -> None:

@@ -148,5 +148,5 @@ def test_only_a_campaign_that_promises_something_is_recommended(gain_bit, recomm
     page = io.StringIO()
     Console(file=page, width=120).print(diagnosis_text.describe_diagnosis(diagnosis, result))
     assert "FILE.toml" in page.getvalue()
-    assert ("next: pkm-rig measure" in page.getvalue()) is recommended
+    assert ("pkm-rig measure --campaign FILE.toml" in page.getvalue()) is recommended
     assert "-0.00" not in page.getvalue()

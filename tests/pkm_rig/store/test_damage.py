@@ -127,7 +127,7 @@ def test_a_list_names_the_damaged_campaign_and_shows_the_others(path, column, va
     assert "campaign 'first'" in err.splitlines()[-1]
     assert "damaged" in err.splitlines()[-1]
     assert "DAMAGED" in next(line for line in out.splitlines() if line.startswith("first"))
-    assert "finished" in next(line for line in out.splitlines() if line.startswith("second"))
+    assert "measured" in next(line for line in out.splitlines() if line.startswith("second"))
     status, out, _ = run(monkeypatch, capsys, "list", "--json", "--out", path.parent)
     listed = {row["campaign"]: row["damage"] for row in json.loads(out)["campaigns"]}
     assert listed["first"]

@@ -48,8 +48,8 @@ class BasisSet:
     """One way in which an effect may act: numbers of its columns, standard deviations relative to the size.
 
     parameters: values of the effect's other parameters in this basis set; weight: its prior against the effect's other
-    basis sets. For the tangent of a curve, curve: the point at which it was taken; size: weights with which the first
-    coefficients add up to the size.
+    basis sets. size: weights with which the first coefficients add up to the size, where that is not what the effect
+    says. For the tangent of a curve, curve: the point at which it was taken.
     """
 
     columns: tuple[int, ...]
@@ -82,13 +82,18 @@ class BasisSets:
         *,
         share: float = FLEXIBLE_SHARE,
         weight: float = 1.0,
+        sign: float = 1.0,
         **parameters: float,
     ) -> None:
-        """A basis set of the main columns, and a second one with flexible columns of `share` times the size."""
-        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight))
+        """A basis set of the main columns, and a second one with flexible columns of `share` times the size.
+
+        sign: of the size for a positive coefficient of the first column.
+        """
+        size = () if sign == 1.0 else (sign,)
+        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=size))
         if flexible:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
-            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight))
+            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=size))
 
     form = former_name("add_set")
     forms = former_name("sets")

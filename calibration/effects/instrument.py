@@ -10,7 +10,8 @@ from calibration.effects.basis_functions import random_walk_basis, scale_to_symm
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 ONSETS = 12
-PER_KELVIN = 0.93e-6  # change of the refractive index of air
+PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
+TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
 
 
@@ -32,13 +33,17 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
 
 
 def refraction(inputs: EffectInputs, _: int) -> BasisSets:
-    """Light bends towards cold air: the angle error grows with distance and depends on the light path and the time."""
+    """Light bends towards cold air: the angle error grows with distance and depends on the light path and the time.
+
+    Everything seems further towards the warm air. A gradient that rises upwards therefore makes the vertical angle,
+    which counts from the zenith, too small; one that rises clockwise makes the horizontal angle too large.
+    """
     sets, t, p = BasisSets(), inputs.context.elapsed_s, inputs.sight_m
     across, height = scale_to_symmetric(p[:, 0]), scale_to_symmetric(p[:, 2])
     warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
     angle_per_gradient = 0.5 * PER_KELVIN
-    for channel in ("light.v", "light.hz"):
+    for channel, towards_warm in TOWARDS_WARM.items():
         uniform = sets.add((channel, angle_per_gradient * one))
         warm = sets.add((channel, angle_per_gradient * warming))
         powers = np.stack([across, height, across * height, across**2, height**2, across**3, height**3], axis=1)
@@ -50,9 +55,9 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
             )
         )
         slowly = sets.add((channel, angle_per_gradient * warming[:, None] * powers))
-        sets.add_set(uniform, varying, share=0.5)
+        sets.add_set(uniform, varying, share=0.5, sign=towards_warm)
         sets.add_set(varying)
-        sets.add_set(warm, (*uniform, *slowly), share=0.5)
+        sets.add_set(warm, (*uniform, *slowly), share=0.5, sign=towards_warm)
     return sets
 
 

@@ -1,0 +1,235 @@
+"""Every threshold of the verdict on hand-made evidence, just below and just above it.
+
+The numbers are those of docs/explanation/diagnosis-method.md, written out: the tests do not ask the settings for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import search
+from calibration.diagnosis.findings.effect_summary import equivalent_effects
+from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.verdict import presence_probability, probabilities
+from calibration.effects.catalogue import load_catalogue
+from calibration.machine.description import load_machine
+from calibration.recording.header import DisturbanceLevels
+from tests.calibration.diagnosis.campaigns import PLANAR
+
+CATALOGUE = load_catalogue()
+MACHINE = load_machine(PLANAR)
+INPUTS = SimpleNamespace(machine=MACHINE)
+E = np.e
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A cause of which only the evidence matters; a share of the verdict's signal is left beside it."""
+
+    name: str
+    log_evidence: float
+    place: str = "left"
+    left_of_signal: float = 0.0
+    contributions: tuple[str, ...] = ()
+
+    @property
+    def effect(self):
+        return CATALOGUE.effect(self.name)
+
+    @property
+    def best(self):
+        return SimpleNamespace(coefficients=np.ones(1))
+
+
+def found(*causes: Evidence, explained: float | None = None, excess: float = 0.0) -> SimpleNamespace:
+    """The result of a search: all evidence, and how much is explained."""
+    explained = max((c.log_evidence for c in causes), default=0.0) if explained is None else explained
+    return SimpleNamespace(ranking=causes, causes=causes[:1], log_evidence=explained, excess_log_evidence=excess)
+
+
+@pytest.mark.parametrize(("log_evidence", "likely"), [(6.9, False), (7.1, True)])
+def test_an_effect_needs_log_evidence_of_seven_to_be_likelier_than_none(log_evidence, likely):
+    assert (probabilities(found(Evidence("backlash", log_evidence)))[NONE] < 0.5) is likely
+    alone = probabilities(found(Evidence("backlash", 1.0), explained=1.0, excess=log_evidence - 1.0))
+    assert (alone[NONE] < 0.5) is likely
+
+
+@pytest.mark.parametrize(("explained", "threshold"), [(0.0, 12.0), (100.0, 15.0), (1000.0, 42.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_unknown_has_even_odds_at_twelve_and_three_per_cent_of_what_is_explained(explained, threshold, side):
+    p = probabilities(found(Evidence("backlash", explained), excess=threshold + side))
+    assert (p[UNKNOWN] > p["backlash"]) is (side > 0.0)
+
+
+@pytest.mark.parametrize(("explained", "threshold", "width"), [(0.0, 12.0, 4.0), (1000.0, 42.0, 12.0)])
+def test_the_odds_of_unknown_change_by_e_over_a_width_of_four_and_eight_per_mille(explained, threshold, width):
+    p = probabilities(found(Evidence("backlash", explained), excess=threshold + width))
+    assert p[UNKNOWN] / p["backlash"] == pytest.approx(E)
+
+
+@pytest.mark.parametrize(("strongest", "temperature"), [(100.0, 2.0), (1000.0, 11.0)])
+def test_differences_are_divided_by_one_and_a_hundredth_of_the_strongest_evidence(strongest, temperature):
+    p = probabilities(found(Evidence("backlash", strongest), Evidence("latency", strongest - temperature)))
+    assert p["backlash"] / p["latency"] == pytest.approx(E)
+
+
+def test_probabilities_without_any_effect_are_those_of_none_and_unknown():
+    p = probabilities(found(excess=20.0))
+    assert set(p) == {NONE, UNKNOWN}
+    assert p[UNKNOWN] == pytest.approx(1.0 / (1.0 + E ** -(20.0 - 7.0)))
+
+
+def test_a_further_cause_has_even_odds_at_log_evidence_of_seven():
+    ranking = {"backlash": 0.8, NONE: 0.1, UNKNOWN: 0.1}
+    assert presence_probability(Evidence("latency", 7.0), ranking) == pytest.approx(0.4)
+
+
+class HandMade:
+    """A likelihood without any algebra: every column is the signal; a rival leaves the share of it that it says."""
+
+    linear = SimpleNamespace(machine=MACHINE, on_platform=np.array([True, True, False, True]))
+
+    def __init__(self, signal: np.ndarray, left: float = 1.0) -> None:
+        self.signal, self.left = signal, left
+
+    def columns(self, contributions):
+        return self.signal[:, :, None]
+
+    def apply(self, columns):
+        return self.left * columns
+
+
+def equivalent(monkeypatch, main: Evidence, *rivals: Evidence, sigma: float = 1.0) -> tuple[str, ...]:
+    """Names that are equivalent to the first, whose signal is `sigma` RMS in both coordinates of the plane."""
+    signal = np.zeros((4, 3))
+    signal[:, :2] = sigma
+    likelihood = HandMade(signal)
+    monkeypatch.setattr(
+        "calibration.diagnosis.findings.effect_summary.include_cause",
+        lambda likelihood, rival: HandMade(likelihood.signal, rival.left_of_signal),
+    )
+    return equivalent_effects(found(main, *rivals), likelihood, main.name)[0]
+
+
+@pytest.mark.parametrize(("left", "same"), [(0.299, True), (0.301, False)])
+def test_predictions_are_equivalent_below_three_tenths_of_sigma(monkeypatch, left, same):
+    rival = Evidence("latency", 99.0, left_of_signal=left)
+    assert equivalent(monkeypatch, Evidence("backlash", 100.0), rival) == (("latency",) if same else ())
+
+
+def test_the_difference_counts_in_sigma_not_over_the_signal(monkeypatch):
+    rival = Evidence("latency", 99.0, left_of_signal=0.1)
+    assert equivalent(monkeypatch, Evidence("backlash", 100.0), rival, sigma=2.9) == ("latency",)
+    assert equivalent(monkeypatch, Evidence("backlash", 100.0), rival, sigma=3.1) == ()
+
+
+@pytest.mark.parametrize(("verdict", "limit"), [(20.0, 9.0), (100.0, 85.0), (1000.0, 940.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_an_effect_is_excluded_ten_and_a_twentieth_below_the_verdict(monkeypatch, verdict, limit, side):
+    rival = Evidence("latency", limit + side)
+    assert equivalent(monkeypatch, Evidence("backlash", verdict), rival) == (("latency",) if side > 0.0 else ())
+
+
+def test_six_rivals_are_compared(monkeypatch):
+    names = [name for name in CATALOGUE.names if name != "backlash"][:7]
+    rivals = [Evidence(name, 99.0 - 0.1 * k) for k, name in enumerate(names)]
+    assert equivalent(monkeypatch, Evidence("backlash", 100.0), *rivals) == tuple(names[:6])
+
+
+def searched(monkeypatch, *rounds: list[Evidence], rest: float = 100.0, alone: float = 0.0):
+    """A search that finds these causes, the strongest of each round first; what remains has evidence `rest`."""
+    steps = iter([*rounds, []])
+    monkeypatch.setattr(search, "rank_effects", lambda *_: next(steps))
+    monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
+    monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, []))
+    monkeypatch.setattr(
+        search, "rank_non_parametric", lambda likelihood, _: [Evidence("", rest if "+" in likelihood else alone)]
+    )
+    return search.search_causes("none", INPUTS, [])
+
+
+@pytest.mark.parametrize(("gain", "count"), [(5.9, 0), (6.1, 1)])
+def test_an_effect_is_included_from_log_evidence_of_six(monkeypatch, gain, count):
+    assert len(searched(monkeypatch, [Evidence("backlash", gain)]).causes) == count
+
+
+@pytest.mark.parametrize(
+    ("second", "limit"),
+    [
+        (Evidence("backlash", 0.0, "left"), 60.0),
+        (Evidence("latency", 0.0, ""), 12.0),
+        (Evidence("guide_angular", 0.0, "right"), 12.0),
+        (Evidence("guide_angular", 0.0, "left"), 60.0),
+        (Evidence("joint_clearance", 0.0, "left_upper"), 60.0),
+    ],
+)
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_a_further_cause_adds_six_per_mille_or_three_per_cent_at_the_same_part(monkeypatch, second, limit, side):
+    first = Evidence("backlash", 2000.0, "left")
+    result = searched(monkeypatch, [first], [replace(second, log_evidence=limit + side)])
+    assert len(result.causes) == (2 if side > 0.0 else 1)
+
+
+def test_a_further_cause_costs_ten_and_two_per_cent(monkeypatch):
+    result = searched(monkeypatch, [Evidence("backlash", 2000.0)], [Evidence("latency", 100.0, "")])
+    assert result.log_evidence == pytest.approx(2100.0 - 10.0 - 0.02 * 2100.0)
+
+
+def test_three_causes_are_enough(monkeypatch):
+    rounds = [[Evidence(name, 100.0, "")] for name in ("latency", "refraction", "tracker_drift", "servo_settling")]
+    assert [c.name for c in searched(monkeypatch, *rounds).causes] == ["latency", "refraction", "tracker_drift"]
+
+
+@pytest.mark.parametrize(("rest", "count"), [(3.9, 1), (4.1, 2)])
+def test_the_search_ends_where_what_remains_has_log_evidence_below_four(monkeypatch, rest, count):
+    rounds = [[Evidence("backlash", 100.0)], [Evidence("latency", 50.0, "")]]
+    assert len(searched(monkeypatch, *rounds, rest=rest).causes) == count
+
+
+@pytest.mark.parametrize(("rest", "alone"), [(3.9, 0), (4.1, 1)])
+def test_alternatives_alone_are_tried_where_the_causes_leave_more_than_four(monkeypatch, rest, alone):
+    assert (
+        len(searched(monkeypatch, [Evidence("backlash", 100.0)], rest=rest, alone=50.0).non_parametric_alone) == alone
+    )
+
+
+def place(name: str, log_evidence: float) -> search._PlaceEvidence:
+    return search._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
+
+
+@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 25.0), (20.0, 6.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_curves_are_fitted_above_a_quarter_of_the_strongest_evidence_and_six(monkeypatch, strongest, limit, side):
+    logs = {"link_stiffness": strongest, "joint_clearance": limit + side}
+    refined = []
+    monkeypatch.setattr(search, "_evidence_by_place", lambda _, __, effect: [place("left_upper", logs[effect.name])])
+    monkeypatch.setattr(
+        search, "_refine_with_curves", lambda _, __, effect, places: refined.append(effect.name) or places
+    )
+    search.rank_effects(None, INPUTS, [CATALOGUE.effect(name) for name in logs])
+    assert refined == [name for name in logs if side > 0.0 or name == "link_stiffness"]
+
+
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, side):
+    tried = []
+    effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
+    monkeypatch.setattr(search, "fit_curves", lambda *_: None)
+    likelihood = SimpleNamespace(
+        linear=SimpleNamespace(recording=SimpleNamespace(file=SimpleNamespace(nuisance=DisturbanceLevels())))
+    )
+    places = [place("left_upper", 100.0), place("right_lower", 60.0 + side)]
+    search._refine_with_curves(likelihood, INPUTS, effect, places)
+    assert tried == ([0, 3] if side > 0.0 else [0])
+
+
+@pytest.mark.parametrize(
+    ("declared_m", "smallest_m"), [(0.0, 2e-6), (0.9e-6, 2e-6), (1.1e-6, 2.2e-6), (2.4e-4, 4.8e-4), (2.6e-4, 5e-4)]
+)
+def test_twice_what_is_declared_is_the_smallest_size_at_most_half_of_the_largest(declared_m, smallest_m):
+    effect = CATALOGUE.effect("tracker_drift")
+    assert effect.smallest_size(DisturbanceLevels(drift_m=declared_m)) == pytest.approx(smallest_m)

@@ -143,3 +143,19 @@ def test_air_that_warms_moves_a_station_that_follows_it():
         one.effect.apply_to_sight(one.motion_states(t_s=t), s)
         changes.append(np.linalg.norm(points(s.hz_rad[0], s.v_rad[0], s.distance_m[0]) - before))
     assert changes[1] == pytest.approx(2.0 * changes[0], rel=1e-3)
+
+
+def test_ordinary_drift_has_the_declared_deviation_after_an_hour():
+    """Across the line of sight at the station's distance; along it there is the shift alone, half of the variance."""
+    size, distance_m, seeds = 5e-6, 3.2, 300
+    across, along = [], []
+    for seed in range(seeds):
+        one = Alone("ordinary_drift", size, seed=seed)
+        s = sight_of(np.array([[[0.0, distance_m, 0.0]]]))
+        hz, v, d = s.hz_rad.item(), s.v_rad.item(), s.distance_m.item()
+        one.effect.apply_to_sight(one.motion_states(3600.0), s)
+        across += [distance_m * (s.hz_rad.item() - hz), distance_m * (s.v_rad.item() - v)]
+        along.append(s.distance_m.item() - d)
+    for values, variance in ((across, size**2), (along, 0.5 * size**2)):
+        bound = 4.0 * np.sqrt(2.0 / len(values))
+        assert np.mean(np.square(values)) == pytest.approx(variance, rel=bound)

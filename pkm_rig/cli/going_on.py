@@ -23,9 +23,11 @@ def resumable(command: str, rig: Path | None, out: Path, *options: str) -> Itera
         if campaign is not None and (
             isinstance(error, DeviceError | StoreError | CampaignRefused) or not isinstance(error, Exception)
         ):
+            from pkm_rig.jobs.next_command import rig_word
+
             words = ["pkm-rig", command]
             words += [campaign] if command == "verify" else []
-            words += [] if rig is None else ["--rig", str(rig)]
+            words += [] if rig is None else ["--rig", rig_word(rig)]
             words += [*options, "--out", str(out)]
             words += [] if command == "verify" else ["--resume", campaign]
             error.add_note(GO_ON + shlex.join(words))

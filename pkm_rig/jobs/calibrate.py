@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calibration.identification.calibration import identified_summary, identify_recording
+from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.measure import go_on, measure_blocks, open_campaign, reopen_campaign
 from pkm_rig.jobs.setup_tie import tie_to_earlier_setups
@@ -32,12 +33,15 @@ def calibrate(
 
     It goes on in the last set-up of the station, or in a `new_setup`.
 
-    What is measured stays; it is identified anew, and a verification that broke off begins anew.
+    What is measured stays; it is identified anew, and a verification that broke off begins anew; where
+    only the tables had to be brought to where the verdict wants them, that is all that is done.
     Raises DeviceError, CampaignRefused, StoreError or InputError with the machine stopped, the
     previous tables restored if the drives can still be reached, and all readings kept.
     """
     require_table_banks(rig)
-    settle_tables(rig, store, notify)
+    settled = settle_tables(rig, store, notify)
+    if resume is not None and settled is not None and settled.campaign == resume and settled.judged:
+        return stored_outcome(store, resume)
     if resume is None:
         campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
     else:

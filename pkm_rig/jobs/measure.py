@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from calibration.base.errors import InputError
-from calibration.reduction.reduction import CALIBRATION
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
@@ -122,12 +120,7 @@ def go_on(runner: Runner, blocks: Sequence[Block], total: PlannedReadings, *, ne
     if new_setup:
         runner.begin_setup(recording)
     runner.resume(recording)
-    smrs = runner.devices.smrs("platform", "slider")
-    missing = [
-        replace(block, visits=tuple(v for v in block.visits if runner.devices.missing(v, CALIBRATION, smrs)))
-        for block in blocks
-    ]
-    to_come = planned_readings(runner.rig, [b for b in missing if b.visits], verify=False) if blocks else 0
+    to_come = planned_readings(runner.rig, runner.devices.missing_of(blocks), verify=False) if blocks else 0
     total.total = len(recording) + to_come + total.verification
     runner.devices.progress(len(recording), "stored")
 

@@ -11,7 +11,12 @@ from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
 from drivers.drives.table_bank import CompensationState
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.acceptance import evaluate_campaign, last_verification_attempt, require_possible_limits
+from pkm_rig.jobs.acceptance import (
+    evaluate_campaign,
+    last_verification_attempt,
+    require_possible_limits,
+    stored_outcome,
+)
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.measure import go_on, planned_readings
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
@@ -38,7 +43,9 @@ def verify(
     have been moved, or in a `new_setup`.
     """
     require_table_banks(rig)
-    settle_tables(rig, store, notify)
+    settled = settle_tables(rig, store, notify)
+    if settled is not None and settled.campaign == campaign and settled.judged:
+        return stored_outcome(store, campaign)
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))

@@ -15,6 +15,7 @@ from bluesky.utils import Msg
 
 from calibration.base.arrays import Array
 from calibration.instruments.station_geometry import across_line_of_sight
+from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DrivesMoved
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, WaitingDevice
@@ -51,6 +52,12 @@ class CampaignDevices:
         """Reflectors that a visit has no stored reading of."""
         return [smr for smr in smrs if (phase, visit.pose, visit.pass_, smr) not in self.stored]
 
+    def missing_of(self, blocks: Sequence[Block]) -> list[Block]:
+        """The blocks of a calibration without the visits that are stored."""
+        smrs = self.smrs("platform", "slider")
+        parts = [tuple(v for v in block.visits if self.missing(v, CALIBRATION, smrs)) for block in blocks]
+        return [replace(block, visits=part) for block, part in zip(blocks, parts, strict=True) if part]
+
     def smrs(self, *on: str) -> list[str]:
         """Names of the reflectors on some parts."""
         return [smr.name for smr in self.rig.machine.smrs if smr.on in on]
@@ -66,10 +73,10 @@ def prepare(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
 
 
 def calibration(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
-    """All blocks, a nest check before, between and after."""
-    for block in blocks:
+    """What is missing of all blocks, a nest check before, between and after; a complete one needs no payload."""
+    for block in devices.missing_of(blocks):
         yield from put_on(devices, block.payload)
-        yield from visits(devices, block, "calibration", devices.smrs("platform", "slider"))
+        yield from visits(devices, block, CALIBRATION, devices.smrs("platform", "slider"))
 
 
 def tie_setup(devices: CampaignDevices, block: Block) -> Plan:

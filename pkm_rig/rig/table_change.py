@@ -70,9 +70,12 @@ class TableChange:
     @property
     def accepted(self) -> bool:
         """Whether the verdict on its tables is stored, and they may stay."""
-        if self.campaign is None or not self.trials:
-            return False
-        return any(event.data.get(VERDICT) == self.id for event in self._store.events(self.campaign, "accepted"))
+        return self._has_verdict("accepted")
+
+    @property
+    def judged(self) -> bool:
+        """Whether it was ended, not given up, with a verdict on its tables: its campaign is complete."""
+        return self.end in (KEPT, DONE) and (self.accepted or self._has_verdict("refused"))
 
     def compensate(self, images: Sequence[TableImage]) -> list[CompensationState]:
         """Store these tables, then use them on trial and power the drives again; see `Rig.compensate`."""
@@ -123,6 +126,11 @@ class TableChange:
     def give_up(self, why: str) -> None:
         """End the change without touching the drives."""
         self._add(GIVEN_UP, {"why": why})
+
+    def _has_verdict(self, verdict: str) -> bool:
+        if self.campaign is None or not self.trials:
+            return False
+        return any(event.data.get(VERDICT) == self.id for event in self._store.events(self.campaign, verdict))
 
     def _tried(self) -> dict[str, bytes]:
         images = self.trials[-1]["images"]

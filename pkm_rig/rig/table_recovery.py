@@ -21,23 +21,29 @@ from pkm_rig.rig.table_change import TableChange, changes_of
 from pkm_rig.store.store import Store
 
 
-def settle_tables(rig: Rig, store: Store | None, notify: Callable[[str], None]) -> None:
+def settle_tables(rig: Rig, store: Store | None, notify: Callable[[str], None]) -> TableChange | None:
     """End what was left unfinished, then switch off what is in doubt on all drives; says what it does.
 
-    Without a store only the drives can be asked. Raises DeviceError and StoreError.
+    The change that was ended, if there was one. Without a store only the drives can be asked.
+    Raises DeviceError and StoreError.
     """
-    end_unfinished_change(rig, store, notify)
+    change = end_unfinished_change(rig, store, notify)
     why = doubt(read_states(rig), [bank.drive.name for bank in rig.banks])
     if why is not None:
         rig.switch_compensation(None)
         notify(f"{why}; compensation is now off on all drives")
+    return change
 
 
-def end_unfinished_change(rig: Rig, store: Store | None, notify: Callable[[str], None]) -> None:
-    """Finish a change whose tables were accepted, undo any other, and say so. Raises DeviceError and StoreError."""
+def end_unfinished_change(rig: Rig, store: Store | None, notify: Callable[[str], None]) -> TableChange | None:
+    """Finish a change whose tables were accepted, undo any other, and say so; the change, if there was one.
+
+    Raises DeviceError and StoreError.
+    """
     change = None if store is None else unfinished_change(rig, store)
     if change is not None and store is not None:
         _end(rig, store, change, notify)
+    return change
 
 
 def unfinished_change(rig: Rig, store: Store) -> TableChange | None:

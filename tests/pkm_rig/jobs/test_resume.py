@@ -74,7 +74,7 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
     file, machine = short_rig_file(seed=4)
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
-        left = iter(range(60))
+        left = iter(range(169))  # so many of the third block's visits are whole
 
         def breaks(_advance, _total, what):
             if what == "calibration" and next(left, None) is None:
@@ -89,8 +89,11 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
         before = store.recording(campaign)
         rig.drives.clear_stop()
         rig.drives.fault_reset()
-        measure(rig, store, silent, silent, resume=campaign)
+        said, counts = [], []
+        measure(rig, store, said.append, lambda *count: counts.append(count[:2]), resume=campaign)
         after = store.recording(campaign)
+        assert not [line for line in said if "payload needed" in line and "400 kg" in line]  # complete with it
+        assert {total for _, total in counts} == {sum(advance for advance, _ in counts)} == {len(after)}
         with pytest.raises(InputError, match="not measured here"):
             measure(rig, store, silent, silent, resume="nothing")
         rig.file = file.model_copy(update={"campaign": file.campaign.model_copy(update={"seed": 9})})

@@ -95,13 +95,17 @@ def calibrate(
     rig: Rig,
     store: Store,
     *,
+    resume: str | None = None,
     notify: Callable[[str], None] = lambda _line: None,
     progress: Callable[[int, int, str], None] = lambda _count, _total, _phase: None,
 ) -> CampaignOutcome:
-    """The main job: measure, identify, diagnose, write tables, verify them; refused tables are taken back."""
+    """The main job: measure, identify, diagnose, write tables, verify them; refused tables are taken back.
+
+    `resume` goes on with a campaign wherever it ended; the rig is connected with `goes_on`.
+    """
     from pkm_rig.jobs.calibrate import calibrate
 
-    return calibrate(rig, store, notify, progress)
+    return calibrate(rig, store, notify, progress, resume)
 
 
 def read_recording(folder: str | Path) -> Recording:

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import secrets
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -15,6 +16,7 @@ from typing import Any
 import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky import RunEngine
+from bluesky.utils import DuringTask
 
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
@@ -35,6 +37,24 @@ from pkm_rig.version import __version__
 SETTINGS = "settings_since_check"
 NEW_SETUP = "new_setup"
 EXPECTED_ERRORS = (DeviceError, CampaignRefused, StoreError)
+
+
+class _Interrupted(BaseException):
+    """KeyboardInterrupt on its way through the engine, which would take that for a wish to pause its plan."""
+
+
+class _UntilDone(DuringTask):
+    """The thread that runs a plan waits for its end; nothing else happens in it."""
+
+    def __init__(self) -> None:
+        """Nothing to prepare; typed, as the engine's is not."""
+
+    def block(self, blocking_event: threading.Event) -> None:
+        """Wait for the event."""
+        try:
+            blocking_event.wait()
+        except KeyboardInterrupt:
+            raise _Interrupted from None
 
 
 class Runner:
@@ -68,7 +88,7 @@ class Runner:
             waiting=WaitingDevice(self._worker, self._waiting),
             first_nests={},
         )
-        self._engine = RunEngine({}, context_managers=[])
+        self._engine = RunEngine({}, context_managers=[], during_task=_UntilDone())
         self._engine.log.logger.addHandler(logging.NullHandler())  # causes are raised, not logged with tracebacks
         self._engine.subscribe(self._store_reading, "event")
         self._failure: BaseException | None = None
@@ -178,6 +198,8 @@ class Runner:
         """The device's or the store's own error behind what the engine raised; supervision's trip comes first."""
         if self.rig.supervisor.trip is not None:
             return self.rig.supervisor.trip
+        if isinstance(error, _Interrupted):
+            return KeyboardInterrupt()
         if self._failure is not None:
             return self._failure
         cause: BaseException | None = error

@@ -102,7 +102,8 @@ def test_a_terminal_that_is_gone_stops_the_campaign(at_terminal, tmp_path):
     os.close(at_terminal.master)
     at_terminal.process.wait(LIMIT_S)
     assert at_terminal.process.returncode == 3
-    assert "interrupted" in listed(tmp_path / "out")
+    shown = listed(tmp_path / "out")
+    assert "interrupted" in shown or "failed measuring" in shown  # a write may fail before the signal is handled
 
 
 def test_a_terminal_that_is_gone_without_a_signal_stops_the_campaign(tmp_path):

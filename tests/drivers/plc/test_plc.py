@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import math
 import socket
 import struct
@@ -238,7 +237,6 @@ def test_leaving_during_a_request_waits_for_its_end(server: ModbusPlc, plc: Plc)
     silence.set()
     reading.join()
     assert [type(error) for error in failures] == [NoAnswer]
-    gc.collect()  # a coroutine that nobody has waited for complains here
 
 
 def test_a_wrong_unit(server: ModbusPlc) -> None:

@@ -218,27 +218,6 @@ def test_a_peer_that_does_not_answer() -> None:
             plc.connect()
 
 
-def test_leaving_during_a_request_waits_for_its_end(server: ModbusPlc, plc: Plc) -> None:
-    plc.connect()
-    silence, failures = threading.Event(), []
-
-    def read() -> None:
-        try:
-            plc.read()
-        except Exception as error:
-            failures.append(error)
-
-    server._loop.call_soon_threadsafe(silence.wait)
-    reading = threading.Thread(target=read)
-    reading.start()
-    while not plc._lock.locked() and reading.is_alive():
-        pass
-    plc.close()
-    silence.set()
-    reading.join()
-    assert [type(error) for error in failures] == [NoAnswer]
-
-
 def test_a_wrong_unit(server: ModbusPlc) -> None:
     plc = Plc(TcpLine("127.0.0.1", server.port), unit=9, clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.2))
     with pytest.raises((NoAnswer, PlcError)):

@@ -218,6 +218,27 @@ def test_a_peer_that_does_not_answer() -> None:
             plc.connect()
 
 
+def test_leaving_during_a_request_waits_for_its_end() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:  # answers nothing
+        port = listener.getsockname()[1]
+        plc = Plc(TcpLine("127.0.0.1", port), clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.1))
+        failures: list[Exception] = []
+
+        def connect() -> None:
+            try:
+                plc.connect()
+            except Exception as error:
+                failures.append(error)
+
+        connecting = threading.Thread(target=connect)
+        connecting.start()
+        while not plc._lock.locked() and connecting.is_alive():
+            pass
+        plc.close()
+        connecting.join()
+    assert [type(error) for error in failures] == [NoAnswer]
+
+
 def test_a_wrong_unit(server: ModbusPlc) -> None:
     plc = Plc(TcpLine("127.0.0.1", server.port), unit=9, clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.2))
     with pytest.raises((NoAnswer, PlcError)):

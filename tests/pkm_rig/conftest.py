@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import sys
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import pytest
 
+from pkm_rig.cli import main
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
@@ -16,6 +19,48 @@ SHORT = {
     "warm_up_rate_k_per_h": 20.0,
     "nest_every_visits": 8,
 }
+
+
+class Done(NamedTuple):
+    """A command that has ended: its status and what it printed."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """One command, in this process."""
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["pkm-rig", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return Done(int(ended.value.code or 0), printed.out, printed.err)
+
+    return command
+
+
+class Stopped(BaseException):
+    """As an operator's interrupt ends a command: what it does on leaving still reaches drives and store."""
+
+
+def silent(*_):
+    """Says nothing, for `notify` and `progress`."""
+
+
+def stop_after(readings):
+    """A `progress` that stops the command after so many readings of the calibration."""
+    left = iter(range(readings))
+
+    def progress(_advance, _total, what):
+        if what == "calibration" and next(left, None) is None:
+            raise Stopped
+
+    return progress
 
 
 def short_rig_file(seed: int = 5, **changes: object):

@@ -6,40 +6,15 @@ import inspect
 import json
 import re
 import socket
-import sys
 from contextlib import closing
-from dataclasses import dataclass
 
 import pytest
 
 from calibration.recording.folder import write_folder
-from pkm_rig.cli import main
 from pkm_rig.cli.entry import COMMANDS
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.store.store import Store, open_store
 from tests.pkm_rig.plant_recording import record
-
-
-@dataclass
-class Done:
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """One command, in this process."""
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["pkm-rig", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return Done(int(ended.value.code or 0), printed.out, printed.err)
-
-    return command
 
 
 def last_line(done):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +20,6 @@ from calibration.identification.calibration import identify_recording
 from calibration.machine.description import parse_machine
 from calibration.recording.folder import read_folder, write_folder
 from calibration.recording.header import RecordingFile
-from pkm_rig.cli import main
 from pkm_rig.jobs.measured_machine import printer_name
 from pkm_rig.report import pictures
 from pkm_rig.report.notation import literal
@@ -31,19 +29,6 @@ from tests.pkm_rig.plant_recording import record
 
 NAMES = ["[/b]", "[red]x", r"$\frac{$", "$", ":smile:", "_hidden", "a%s{0}", "<b>&amp;", "..", "CON", "‘’", "x" * 200]
 HOSTILE = st.one_of(st.sampled_from([*NAMES, "\x1b[2J", "\x9b31m", "a\u202eb", "\r", "\x07"]), st.text(max_size=30))
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["pkm-rig", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return int(ended.value.code or 0), printed.out, printed.err
-
-    return command
 
 
 def with_names(recording, smr, payload):

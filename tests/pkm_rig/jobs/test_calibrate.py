@@ -25,12 +25,8 @@ from pkm_rig.report.outcome_json import outcome_json
 from pkm_rig.report.outcome_text import print_outcome, short_table
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 from tests.pkm_rig.rig.test_rig import flat_table
-
-
-def silent(*_):
-    return None
 
 
 @pytest.fixture(scope="module")

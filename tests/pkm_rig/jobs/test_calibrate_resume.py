@@ -22,7 +22,7 @@ from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.table_recovery import unfinished_change
 from pkm_rig.store.store import STORE_NAME
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
-from tests.pkm_rig.conftest import short_rig_file
+from tests.pkm_rig.conftest import Stopped, short_rig_file, silent
 from tests.pkm_rig.tables_bench import Killed, TablesBench
 
 POSES, VERIFICATION_POSES = 6, 12
@@ -33,14 +33,6 @@ STOPS = (  # where it ends, whether by a kill, and what `pkm-rig list` says then
     ("accepted", True, "accepted"),
 )
 OFF, KEPT, ON_TRIAL = 0, 1, 2  # modes of compensation
-
-
-def silent(*_):
-    return None
-
-
-class Stopped(BaseException):
-    """As an operator's interrupt ends a command: what it does on leaving still reaches drives and store."""
 
 
 @dataclass

@@ -16,12 +16,8 @@ from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.config import with_visits
 from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 from tests.pkm_rig.diagnosis_example import example, planned
-
-
-def silent(*_):
-    return None
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +22,6 @@ from mock_devices.recordings.design import DesignOptions, draw_design
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import DisturbanceLevels, MockSettings
-from pkm_rig.cli import main
 from pkm_rig.jobs import diagnose
 from pkm_rig.report import diagnosis_text
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
@@ -38,34 +36,12 @@ MACHINE = shipped_machine("planar4")
 
 
 @dataclass
-class Done:
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@dataclass
 class Added:
     """Where a diagnosis was written, and what was found."""
 
     out: Path
     found: Diagnosis
     result: dict
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """One command, in this process."""
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["pkm-rig", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return Done(int(ended.value.code or 0), printed.out, printed.err)
-
-    return command
 
 
 def record(folder, *effects, visits=100, platform_only=False):

@@ -18,7 +18,7 @@ from pkm_rig.jobs.verify import verify
 from pkm_rig.rig.session_record import last_moment
 from pkm_rig.store.copies import back_up
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+from tests.pkm_rig.conftest import Stopped, mock_and_rig, short_rig_file, silent, stop_after
 
 CHANGES = {
     "seed": 4,
@@ -27,24 +27,6 @@ CHANGES = {
     "nest_every_visits": 5,
     "verification_poses": 8,
 }
-
-
-class Stopped(BaseException):
-    """As an operator's interrupt ends a command."""
-
-
-def silent(*_):
-    return None
-
-
-def stop_after(readings):
-    left = iter(range(readings))
-
-    def progress(_advance, _total, what):
-        if what == "calibration" and next(left, None) is None:
-            raise Stopped
-
-    return progress
 
 
 def rig_at(place):

@@ -11,11 +11,7 @@ from drivers.errors import DeviceError
 from pkm_rig.jobs.added_visits import is_same_rig
 from pkm_rig.jobs.measure import measure
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
-
-
-def silent(*_):
-    return None
+from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 
 
 def keys_of(recording, rows):

@@ -19,16 +19,12 @@ from pkm_rig.rig.session_record import last_moment
 from pkm_rig.store.store import Store
 from pkm_rig.virtual.new_rig import with_values, write_new_rig
 from pkm_rig.virtual.served_rig import serve_mock_rig
-from tests.pkm_rig.conftest import mock_and_rig
+from tests.pkm_rig.conftest import mock_and_rig, silent
 
 SCALE = 60.0
 SETTINGS = {"calibration_poses": 8}
 PAUSE_S = 10.0  # that the first session is said to have ended earlier
 JITTER_S = 0.1  # of the computer, between two looks at its clocks
-
-
-def silent(*_):
-    return None
 
 
 def interrupt_at(reading):

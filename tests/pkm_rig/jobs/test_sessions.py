@@ -16,25 +16,7 @@ from pkm_rig.rig.session_record import last_moment, session
 from pkm_rig.store.audit import audit
 from pkm_rig.store.sessions import Moment
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
-
-
-class Stopped(BaseException):
-    """As an operator's interrupt ends a command."""
-
-
-def silent(*_):
-    return None
-
-
-def stop_after(readings):
-    left = iter(range(readings))
-
-    def progress(_advance, _total, what):
-        if what == "calibration" and next(left, None) is None:
-            raise Stopped
-
-    return progress
+from tests.pkm_rig.conftest import Stopped, mock_and_rig, short_rig_file, silent, stop_after
 
 
 @pytest.fixture(scope="module")

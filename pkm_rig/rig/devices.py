@@ -128,7 +128,9 @@ class PayloadDevice:
         """Have a payload put on; the PLC is told, and whoever stands at the terminal or reads the log."""
         if self._rig.supervisor.state().payload != number:
             load = self._rig.file.payloads[number]
-            self._say(f"payload needed: put on '{load.name}' ({load.mass_kg:g} kg) and acknowledge at the PLC")
+            simulated = self._rig.supervisor.state().simulated
+            who = "the simulated PLC has it put on" if simulated else "put it on and acknowledge at the PLC"
+            self._say(f"payload needed: '{load.name}' ({load.mass_kg:g} kg); {who}")
         return self._worker.submit(f"payload {number}", lambda: self._rig.change_payload(number))
 
 

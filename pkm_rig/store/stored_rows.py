@@ -120,7 +120,7 @@ class CampaignRows:
         """A row of `events`, as it was written."""
         where = f"{self._where}, event {row.kind!r:.80} (row {row.position!r:.20})"
         created, kind = stored_text(row.created, where), stored_text(row.kind, where)
-        event = StoredEvent(created, kind, stored_object(row.data, where))
+        event = StoredEvent(created, kind, _EventData(stored_object(row.data, where), where))
         after, position = self._before(row, where)
         if after is not None:
             self._compare(row, where, event_link(after, self._campaign, position, *event), event.data)
@@ -141,6 +141,17 @@ class CampaignRows:
     def _compare(self, row: Any, where: str, chain: str, data: object) -> None:
         if row.chain != chain or row.data != canonical(data):
             raise _damaged(where, "not as it was written")
+
+
+class _EventData(dict[str, Any]):
+    """What was written with an event: a key that is asked for and is not there is damage, and names the row."""
+
+    def __init__(self, data: Mapping[str, Any], where: str) -> None:
+        super().__init__(data)
+        self._where = where
+
+    def __missing__(self, key: str) -> NoReturn:
+        raise _damaged(self._where, f"no '{key}'")
 
 
 def read_table_change(row: Any, where: str) -> StoredTableChange:

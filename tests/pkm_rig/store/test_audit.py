@@ -307,6 +307,15 @@ def test_a_changed_row_is_never_used(path):
         assert len(store.recording("second")) == 7
 
 
+def test_a_campaign_whose_last_row_is_missing_is_never_used(path):
+    change(path, f"DELETE FROM events WHERE campaign = 'first' AND position = {ROWS}")
+    with closing(Store(path, read_only=True)) as store:
+        for read in (store.recording, store.events):
+            with pytest.raises(StoreError, match=r"campaign 'first': damaged \(rows are missing"):
+                read("first")
+        assert len(store.events("second")) == 3
+
+
 def test_content_that_no_json_has_is_refused():
     with pytest.raises(ValueError, match="JSON compliant"):
         chain.canonical({"a": float("nan")})

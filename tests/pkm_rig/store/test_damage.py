@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -13,12 +14,11 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.recording.recording import Recording
-from pkm_rig.cli import main
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.store.audit import audit
 from pkm_rig.store.store import Store, open_store
 from tests.either import either
-from tests.pkm_rig.store.stores import change, rows, small_store, version_0_1_store
+from tests.pkm_rig.store.stores import change, drop_triggers, rows, small_store, version_0_1_store
 
 EXPECTED = (InputError, StoreError, CampaignRefused)
 OLD = "embedded-mock-20261122-035604-9d78"
@@ -71,16 +71,6 @@ def states(path):
         return [one.state for one in audit(store)]
 
 
-def run(monkeypatch, capsys, *arguments):
-    """Status and what a command printed on both streams."""
-    monkeypatch.setattr("sys.argv", ["pkm-rig", *map(str, arguments)])
-    monkeypatch.setattr("signal.signal", lambda *_: None)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed = capsys.readouterr()
-    return ended.value.code or 0, printed.out, printed.err
-
-
 @pytest.mark.parametrize(
     ("table", "column", "value"),
     [
@@ -120,31 +110,43 @@ def test_a_damaged_row_is_named_and_the_rest_is_used(path, table, column, value)
         ("created", "X'FF'"),
     ],
 )
-def test_a_list_names_the_damaged_campaign_and_shows_the_others(path, column, value, monkeypatch, capsys):
+def test_a_list_names_the_damaged_campaign_and_shows_the_others(path, column, value, run):
     change(path, f"UPDATE campaigns SET {column} = {value} WHERE id = 'first'")
-    status, out, err = run(monkeypatch, capsys, "list", "--out", path.parent)
+    status, out, err = run("list", "--out", path.parent)
     assert status == 3
     assert "campaign 'first'" in err.splitlines()[-1]
     assert "damaged" in err.splitlines()[-1]
     assert "DAMAGED" in next(line for line in out.splitlines() if line.startswith("first"))
     assert "measured" in next(line for line in out.splitlines() if line.startswith("second"))
-    status, out, _ = run(monkeypatch, capsys, "list", "--json", "--out", path.parent)
+    status, out, _ = run("list", "--json", "--out", path.parent)
     listed = {row["campaign"]: row["damage"] for row in json.loads(out)["campaigns"]}
     assert listed["first"]
     assert listed["second"] == ""
 
 
 @pytest.mark.parametrize("command", ["show", "export", "identify", "diagnose", "audit", "report"])
-def test_every_command_on_a_damaged_campaign_ends_with_one_line(path, command, monkeypatch, capsys):
+def test_every_command_on_a_damaged_campaign_ends_with_one_line(path, command, run):
     change(path, f"UPDATE readings SET data = {NOT_UTF_8} WHERE campaign = 'first' AND position = 2")
     change(path, f"UPDATE events SET data = {NOT_UTF_8} WHERE campaign = 'first' AND position = 8")
     folder = [path.parent / "exported"] if command == "export" else []
-    status, _, err = run(monkeypatch, capsys, command, "first", *folder, "--out", path.parent)
+    status, _, err = run(command, "first", *folder, "--out", path.parent)
     assert status == (1 if command == "audit" else 3)
     assert "row 2" in err or "row 8" in err
     assert len(err.splitlines()) == 1
     if command in ("export", "show", "audit"):
-        assert run(monkeypatch, capsys, command, "second", *folder, "--out", path.parent)[0] == 0
+        assert run(command, "second", *folder, "--out", path.parent)[0] == 0
+
+
+def test_an_event_of_version_0_1_without_a_key_that_is_needed_is_named(tmp_path, run):
+    path = version_0_1_store(tmp_path / "pkm-rig.sqlite")
+    Store(path).close()  # as the present version has it
+    ((campaign,),) = rows(path, "SELECT id FROM campaigns")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        drop_triggers(connection)
+        connection.execute("UPDATE events SET data = REPLACE(data, '\"temperatures_c\"', '\"temperature_c\"')")
+    status, _, err = run("report", campaign, "--out", tmp_path)
+    assert status == 3
+    assert re.search(r"event 'activated' \(row \d+\): damaged \(no 'temperatures_c'\)", err.splitlines()[-1])
 
 
 def test_an_id_that_is_no_text_does_not_hide_the_others(path):

@@ -72,13 +72,18 @@ def test_a_process_whose_time_does_not_fall_is_found_all_the_same(whole):
     assert risen["t_rig_s"][20] - risen["t_rig_s"][19] == pytest.approx(SCALE * (host[20] - host[19]))
 
 
-def test_after_a_restart_of_the_computer_the_events_say_it(whole):
+@pytest.mark.parametrize("off_s", [0.0, 3600.0])
+def test_after_a_restart_of_the_computer_the_events_say_it(whole, off_s):
     anew = begin_anew(whole)
     host = anew["t_host_s"].copy()
     host[200:] -= host[200] - 30.0
     anew = replace(anew, columns={**anew.columns, "t_host_s": host})
-    risen = with_sessions(anew, events_of(whole))
-    assert np.diff(risen["t_rig_s"])[199] == pytest.approx(np.diff(whole["t_rig_s"])[199], abs=2.0 * SCALE)
+    later = replace(
+        whole, columns={**whole.columns, "t_host_s": whole["t_host_s"] + off_s * (whole["sequence"] >= 200)}
+    )
+    risen = with_sessions(anew, events_of(later))
+    expected_s = np.diff(whole["t_rig_s"])[199] + SCALE * off_s
+    assert np.diff(risen["t_rig_s"])[199] == pytest.approx(expected_s, abs=2.0 * SCALE)
     assert {s.time for s in risen.file.sessions[1:]} == {"repaired"}
 
 

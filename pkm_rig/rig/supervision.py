@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from drivers.drives.drive_group import DriveGroup
-from drivers.errors import DeviceError, InterlockOpen, StaleData
+from drivers.errors import DeviceError, InterlockOpen, PlcError, StaleData
 from drivers.plc.plc import Plc
 from drivers.plc.plc_registers import PlcState
 from pkm_rig.rig.clock import RigClock
@@ -185,12 +185,12 @@ class Supervisor:
             state.require_safe()
         missing = [name for name in self._required if name not in state.interlocks]
         if missing:
-            raise InterlockOpen("PLC", "register map", f"no interlock '{missing[0]}'", "correct the rig file")
+            raise PlcError("PLC", "register map", f"no interlock '{missing[0]}'", "correct the rig file")
         for drive in self._drives.drives:
             drive.check()
         if self._state is None or state.payload != self._payload:
             if self._moving and self._state is not None:
-                raise InterlockOpen("PLC", "payload", "the payload changed during a motion", "check the platform")
+                raise PlcError("PLC", "payload", "the payload changed during a motion", "check the platform")
             self._payload = state.payload
             self._on_payload(state.payload)
         self._state = state

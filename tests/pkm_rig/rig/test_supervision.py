@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.can.can_line import CanLine
-from drivers.errors import DeviceError, InterlockOpen, OtherMaster, StaleData
+from drivers.errors import DeviceError, InterlockOpen, OtherMaster, PlcError, StaleData
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
@@ -120,7 +120,7 @@ def test_a_payload_that_changes_during_a_motion_stops_the_drives(short_rig):
     rig.clock.call_at(rig.clock.now_s() + 0.5, lambda: mock.plant.put_on(1))
     with pytest.raises(DeviceError):
         rig.move(CENTRE + 0.3, 0.1)
-    assert isinstance(rig.supervisor.trip, InterlockOpen)
+    assert isinstance(rig.supervisor.trip, PlcError)
     assert "changed during a motion" in str(rig.supervisor.trip)
     rig.clock.sleep_s(1.0)
     assert not any(drive.is_moving(rig.clock.now_s()) for drive in mock.drives)

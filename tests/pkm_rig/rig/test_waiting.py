@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.reduction.nest_checks import usable_readings
-from drivers.errors import InterlockOpen
+from drivers.errors import InterlockOpen, PlcError
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.device_sections import RegisterEntry
 from pkm_rig.store.store import Store
@@ -120,5 +120,22 @@ def test_an_interlock_ends_a_campaign_unless_the_rig_file_says_otherwise(tmp_pat
                 mock.plc.set_interlock(GUARD, good=False)
 
         with pytest.raises(InterlockOpen, match="guard closed"):
+            measure(rig, store, lambda _line: None, meddle)
+    store.close()
+
+
+def test_another_payload_in_motion_ends_a_campaign_that_interlocks_would_suspend(tmp_path):
+    file, machine = short_rig_file(seed=4, on_interlock="suspend", **SHORT)
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+        rig.operator = script = Script(mock, rig)
+        script.steps = ["enter"] * 5
+        readings = iter(range(15))  # to the end of the third visit
+
+        def meddle(_advance, _total, what):
+            if what == "calibration" and next(readings, None) == 14:
+                rig.clock.call_at(rig.clock.now_s() + 0.5, lambda: mock.plant.put_on(1))
+
+        with pytest.raises(PlcError, match="changed during a motion"):
             measure(rig, store, lambda _line: None, meddle)
     store.close()

@@ -15,7 +15,6 @@ from pkm_rig.store.audit import audit
 from pkm_rig.store.copies import back_up
 from pkm_rig.store.store import Store
 from tests.pkm_rig.store.stores import change, rows, small_store, version_0_1_store
-from tests.pkm_rig.store.test_damage import run
 
 WRITES = """
 import sys
@@ -49,24 +48,24 @@ def test_a_backup_while_a_campaign_is_written_is_whole(path, tmp_path):
     assert sorted(counts) == counts
 
 
-def test_a_backup_is_one_file_and_replaces_none(path, tmp_path, monkeypatch, capsys):
+def test_a_backup_is_one_file_and_replaces_none(path, tmp_path, run):
     out = ["--out", tmp_path]
     file = tmp_path / "deep" / "copy.sqlite"
-    status, printed, _ = run(monkeypatch, capsys, "backup", file, "--json", *out)
+    status, printed, _ = run("backup", file, "--json", *out)
     assert (status, json.loads(printed)) == (0, {"file": str(file), "campaigns": 2, "broken": []})
     assert [found.name for found in file.parent.iterdir()] == ["copy.sqlite"]
     assert rows(file, "PRAGMA journal_mode") == [("delete",)]
     before = file.read_bytes()
-    status, _, err = run(monkeypatch, capsys, "backup", file, *out)
+    status, _, err = run("backup", file, *out)
     assert (status, "exists already" in err) == (2, True)
     assert file.read_bytes() == before
-    assert run(monkeypatch, capsys, "backup", tmp_path / "other.sqlite", "--out", tmp_path / "nowhere")[0] == 2
+    assert run("backup", tmp_path / "other.sqlite", "--out", tmp_path / "nowhere")[0] == 2
     assert not (tmp_path / "other.sqlite").exists()
 
 
-def test_a_backup_of_a_damaged_store_is_made_and_says_so(path, tmp_path, monkeypatch, capsys):
+def test_a_backup_of_a_damaged_store_is_made_and_says_so(path, tmp_path, run):
     change(path, "UPDATE readings SET sequence = 99 WHERE campaign = 'first' AND position = 3")
-    status, _, err = run(monkeypatch, capsys, "backup", tmp_path / "copy.sqlite", "--out", tmp_path)
+    status, _, err = run("backup", tmp_path / "copy.sqlite", "--out", tmp_path)
     assert status == 1
     assert "the copy is as the store, and that is damaged" in err
     assert "row 3" in err

@@ -19,7 +19,6 @@ from pkm_rig.store.lock import user_name
 from pkm_rig.store.removal import archive_campaign, delete_campaign
 from pkm_rig.store.store import Store
 from tests.pkm_rig.store.stores import change, rows, small_recording, small_store, version_0_1_store
-from tests.pkm_rig.store.test_damage import run
 
 OLD = "embedded-mock-20261122-035604-9d78"
 
@@ -138,36 +137,36 @@ def test_only_campaigns_whose_removal_is_on_record_can_be_deleted(store, path):
                 )
 
 
-def test_the_commands_say_what_they_did_and_ask_before_they_delete(path, tmp_path, monkeypatch, capsys):
+def test_the_commands_say_what_they_did_and_ask_before_they_delete(path, tmp_path, run):
     out = ["--out", tmp_path]
-    status, _, err = run(monkeypatch, capsys, "delete", "first", "--why", "wrong", *out)
+    status, _, err = run("delete", "first", "--why", "wrong", *out)
     assert (status, "give --yes" in err) == (2, True)
-    status, printed, _ = run(monkeypatch, capsys, "delete", "first", "--why", "wrong [/b]", "--yes", "--json", *out)
+    status, printed, _ = run("delete", "first", "--why", "wrong [/b]", "--yes", "--json", *out)
     assert status == 0
     assert json.loads(printed)["why"] == "wrong [/b]"
-    status, printed, _ = run(monkeypatch, capsys, "archive", "second", tmp_path / "a.sqlite", "--why", "sold", *out)
+    status, printed, _ = run("archive", "second", tmp_path / "a.sqlite", "--why", "sold", *out)
     assert (status, "archived to" in printed) == (0, True)
-    status, printed, _ = run(monkeypatch, capsys, "list", *out)
+    status, printed, _ = run("list", *out)
     assert printed.startswith("2 removed: pkm-rig list --removed")
-    status, printed, _ = run(monkeypatch, capsys, "list", "--removed", *out)
+    status, printed, _ = run("list", "--removed", *out)
     assert "deleted on" in printed
     assert "wrong [/b]" in printed
-    status, printed, _ = run(monkeypatch, capsys, "audit", "second", "--out", tmp_path / "a.sqlite")
+    status, printed, _ = run("audit", "second", "--out", tmp_path / "a.sqlite")
     head = printed.split("head ")[1].strip()
     for where in (tmp_path, tmp_path / "a.sqlite"):
-        assert run(monkeypatch, capsys, "audit", "--head", head.upper(), "--out", where)[0] == 0
-        status, _, err = run(monkeypatch, capsys, "audit", "--head", "0" * 64, "--out", where)
+        assert run("audit", "--head", head.upper(), "--out", where)[0] == 0
+        status, _, err = run("audit", "--head", "0" * 64, "--out", where)
         assert (status, "is not in the record" in err) == (1, True)
-    assert run(monkeypatch, capsys, "audit", "--head", "abc", *out)[0] == 2
-    assert run(monkeypatch, capsys, "audit", "third", *out)[0] == 2
-    assert run(monkeypatch, capsys, "delete", "third", "--why", "x", "--out", tmp_path / "nowhere")[0] == 2
+    assert run("audit", "--head", "abc", *out)[0] == 2
+    assert run("audit", "third", *out)[0] == 2
+    assert run("delete", "third", "--why", "x", "--out", tmp_path / "nowhere")[0] == 2
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_an_export_has_the_head_and_is_read_as_before(path, tmp_path, monkeypatch, capsys):
-    status, printed, _ = run(monkeypatch, capsys, "export", "first", tmp_path / "f", "--json", "--out", tmp_path)
+def test_an_export_has_the_head_and_is_read_as_before(path, tmp_path, run):
+    status, printed, _ = run("export", "first", tmp_path / "f", "--json", "--out", tmp_path)
     record = tomllib.loads((tmp_path / "f" / "record.toml").read_text(encoding="utf-8"))
     assert status == 0
     assert record == {"campaign": "first", "head": json.loads(printed)["head"], "readings": 7}
-    assert run(monkeypatch, capsys, "audit", "first", "--head", record["head"], "--out", tmp_path)[0] == 0
+    assert run("audit", "first", "--head", record["head"], "--out", tmp_path)[0] == 0
     assert len(read_folder(tmp_path / "f")) == 7

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
 ROOT = Path(__file__).parents[1]
 Ran = Literal["green", "red", "time-out"]
+WAITING = 10.0
 
 
 @contextmanager
@@ -30,18 +33,27 @@ def copied_tree() -> Iterator[Path]:
 
 
 def run_tests(tree: Path, tests: Sequence[str], limit_s: float) -> tuple[Ran, str]:
-    """Run tests of a copy until the first failure; the last lines tell which. Only collected tests count as green."""
+    """Run tests of a copy until the first failure; the last lines tell which. Only collected tests count as green.
+
+    The limit is processor time, so that other work on the computer ends no test; one that waits for ever has
+    `WAITING` times as long.
+    """
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", *tests]
+    pytest = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", *tests]
+    command = ["sh", "-c", f'ulimit -t {math.ceil(limit_s)}; exec "$@"', "sh", *pytest]
     with subprocess.Popen(
         command, cwd=tree, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
     ) as process:
         try:
-            said, _ = process.communicate(timeout=limit_s)
+            said, _ = process.communicate(timeout=WAITING * limit_s)
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)  # its own session: the tests and what they started
+            os.killpg(process.pid, signal.SIGKILL)  # its own session: the tests and what they started
             process.communicate()
-            return "time-out", f"not done in {limit_s:g} s"
+            return "time-out", f"not done in {WAITING * limit_s:g} s"
+    if process.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        return "time-out", f"not done in {limit_s:g} s of processor time"
     lines = said.decode("utf-8", "replace").strip().splitlines()
     failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
     last = (failed or lines or ["nothing was said"])[-1]

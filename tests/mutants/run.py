@@ -38,7 +38,7 @@ ROOMS = {
 }
 SURVIVORS = Path(__file__).with_name("survivors.toml")
 KILLED_SHARE, EQUIVALENT_SHARE = 0.85, 0.10
-LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # a mutant may loop: it has this many times the time of the tests without it
+LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # of processor time: a mutant may loop; times what the tests take without it
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.base.outliers import GATE_SIGMAS, own_sigmas
+from calibration.base.outliers import GATE_SIGMAS, scale_of
 from calibration.base.rotation import skew
 from calibration.recording.header import AccuracyEntry
 from calibration.recording.recording import Recording
@@ -75,7 +75,9 @@ def wrong_nest_readings(readings: NestReadings, accuracy: AccuracyEntry) -> Wron
     """Readings beyond the gate, the worst first, while another nest of their check speaks for the station.
 
     If all nests of a check are off, or a nest from one check to the next alike, the station or the nest has moved: such
-    readings stay, for the nest check to fail (`nest_checks.usable_readings`).
+    readings stay, for the nest check to fail (`nest_checks.usable_readings`). The scale of the standard deviations is
+    that of the others once the worst is left out: of a handful of readings, at a campaign's begin, a single wrong one
+    would widen it by itself.
     """
     n = len(readings)
     covariance = _covariance(readings, accuracy)
@@ -83,18 +85,20 @@ def wrong_nest_readings(readings: NestReadings, accuracy: AccuracyEntry) -> Wron
     left = np.arange(n)
     inverse = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     off_m = readings.position_m - place
+    judged = _judge(inverse, off_m)
     wrong, sizes, sigmas = [], [], []
-    while left.size:
-        distance, deviation = _judge(inverse, off_m[left])
-        own = own_sigmas(distance, 3, np.zeros(left.size, dtype=np.intp))
-        worst = int(np.argmax(own))
-        if own[worst] <= GATE_SIGMAS:
+    while left.size > 1:
+        distance, deviation = judged
+        worst = int(np.argmax(distance))
+        others = _without(inverse, worst)
+        judged = _judge(others, np.delete(off_m[left], worst, axis=0))
+        own = float(distance[worst]) / scale_of(judged[0], 3)
+        if own <= GATE_SIGMAS:
             break
         wrong.append(int(left[worst]))
         sizes.append(float(np.linalg.norm(deviation[worst])))
-        sigmas.append(float(own[worst]))
-        left = np.delete(left, worst)
-        inverse = _without(inverse, worst)
+        sigmas.append(own)
+        left, inverse = np.delete(left, worst), others
     alone = np.array([_stands_alone(readings, i, wrong, covariance) for i in wrong], dtype=bool)
     order = np.flatnonzero(alone)
     return WrongNestReadings(np.array(wrong, dtype=np.intp)[order], np.array(sizes)[order], np.array(sigmas)[order])

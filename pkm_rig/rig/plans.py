@@ -13,7 +13,6 @@ import bluesky.plan_stubs as bps
 import numpy as np
 from bluesky.utils import Msg
 
-from calibration.base.arrays import Array
 from calibration.instruments.station_geometry import across_line_of_sight
 from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DrivesMoved
@@ -32,8 +31,9 @@ _AIMED, _MEASURED = "aimed", "measured"  # groups of messages that are waited fo
 class CampaignDevices:
     """The devices of one campaign and what the plans share.
 
-    `note` keeps an event in the store. `stored` holds (phase, pose, pass, SMR) of readings of an earlier run of the
-    campaign, which are not taken again.
+    `note` keeps an event in the store. `nest_shift_m` says how far the last nest check there is off the first of its
+    set-up, by the rule of every later analysis. `stored` holds (phase, pose, pass, SMR) of readings of an earlier run
+    of the campaign, which are not taken again.
     """
 
     rig: Rig
@@ -45,7 +45,7 @@ class CampaignDevices:
     progress: Callable[[int, str], None]
     note: Callable[[str, dict[str, Any]], None]
     waiting: WaitingDevice
-    first_nests: dict[str, Array]
+    nest_shift_m: Callable[[], float]
     stored: set[tuple[str, int, int, str]] = field(default_factory=set)
 
     def missing(self, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> list[str]:
@@ -158,11 +158,9 @@ def _measure_nests(devices: CampaignDevices) -> Plan:
     limit = devices.rig.file.campaign.nest_limit_m
     for attempt in range(2):
         devices.tags.nest_check += 1
-        shift = 0.0
         for nest in devices.smrs("floor"):
-            position = yield from _read(devices, "nests", nest)
-            start = devices.first_nests.setdefault(nest, position)
-            shift = max(shift, float(np.linalg.norm(across_line_of_sight(position - start, start))))
+            yield from _read(devices, "nests", nest)
+        shift = devices.nest_shift_m()
         if shift <= limit:
             return
         if attempt:

@@ -20,7 +20,7 @@ from bluesky.utils import DuringTask
 
 from calibration.recording.header import RecordingFile, StationEntry
 from calibration.recording.recording import Recording
-from calibration.reduction.nest_checks import usable_readings
+from calibration.reduction.nest_checks import nest_shift, usable_readings
 from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DeviceError, NoAnswer, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
@@ -86,7 +86,7 @@ class Runner:
             progress=progress,
             note=note,
             waiting=WaitingDevice(self._worker, self._waiting),
-            first_nests={},
+            nest_shift_m=lambda: float(nest_shift(store.recording(campaign))[1][-1]),
         )
         self._engine = RunEngine({}, context_managers=[], during_task=_UntilDone())
         self._engine.log.logger.addHandler(logging.NullHandler())  # causes are raised, not logged with tracebacks
@@ -103,7 +103,7 @@ class Runner:
             loop.close()
 
     def resume(self, recording: Recording) -> None:
-        """Go on with a stored campaign: its numbers, first nest check as the reference, what can be used is kept.
+        """Go on with a stored campaign: its numbers; what can be used is kept.
 
         The next nest check closes what has been measured since the last one, but only in the same set-up, and where the
         station was found with the settings that it had been given: else it leaves out the number that those readings
@@ -122,10 +122,6 @@ class Runner:
         )
         closes = not is_new and settings_unchanged and {"check": last, "held": False} not in settings_events
         tags.nest_check = last if closes else last + 1
-        nests = recording.rows("nests")
-        nests = nests.take(nests["station"] == tags.setup)
-        for name, position in zip(nests["smr"], nests.positions_m, strict=True):
-            self.devices.first_nests.setdefault(str(name), position)
         usable = usable_readings(recording, None if is_new else tags.nest_check + 1)
         measured = usable & (np.asarray(recording["phase"]) == CALIBRATION)
         for pose, pass_, smr in zip(*(recording[name][measured] for name in ("pose", "pass", "smr")), strict=True):

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calibration.reduction.nest_checks import usable_readings
+from calibration.reduction.nest_gate import gate_nests
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.devices import rigid_fit
+from pkm_rig.rig.session_record import last_moment
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
+from tests.pkm_rig.conftest import Stopped, mock_and_rig, short_rig_file, silent
 
 
 def refused(tmp_path, **changes):
@@ -43,6 +49,51 @@ def test_a_station_that_moved_is_refused_after_a_second_look(tmp_path):
     reason, readings = refused(tmp_path, nest_limit_m=1e-9)
     assert reason.startswith("nest check")
     assert readings == 2 + 3 + 2 + 2
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["in one session", "resumed"])
+def test_a_wrong_first_reading_of_a_nest_does_not_end_the_campaign(tmp_path, stopped):
+    """The reflector sat 2 mm aside in its nest, and was put right after it had been measured once."""
+    usual, machine = short_rig_file()
+    store = Store(tmp_path / "store.sqlite")
+
+    def put(mock, off_m):
+        machine = mock.plant._machine
+        smrs = [
+            replace(smr, position_m=(smr.position_m[0] + off_m, *smr.position_m[1:])) if smr.name == "N1" else smr
+            for smr in machine.file.smrs
+        ]
+        mock.plant._machine = replace(machine, file=replace(machine.file, smrs=tuple(smrs)))
+
+    def campaign(off_m, campaign_id=None, start_s=0.0):
+        with mock_and_rig(usual, machine, start_s=start_s) as (mock, rig):
+            put(mock, off_m)
+            readings = itertools.count(1)
+
+            def progress(advance, _total, what):
+                if advance and off_m and what == "nests" and next(readings) == 1:
+                    put(mock, -off_m)
+                if what == "repeatability" and stopped and off_m:
+                    raise Stopped
+
+            measure(rig, store, silent, progress, campaign_id)
+
+    try:
+        if stopped:
+            with pytest.raises(Stopped):
+                campaign(2e-3)
+            interrupted = store.campaigns()[0][0]
+            campaign(0.0, interrupted, last_moment(store, interrupted).t_rig_s)
+        else:
+            campaign(2e-3)
+        recording = store.recording(store.campaigns()[0][0])
+        left_out = gate_nests(recording)[1]
+        assert [reading.name for reading in left_out] == [recording["uid"][0]]
+        assert left_out[0].size == pytest.approx(2e-3, rel=0.1)
+        counted = np.asarray(recording["phase"]) == "calibration"
+        assert usable_readings(recording)[counted].all()
+    finally:
+        store.close()
 
 
 def test_a_station_too_far_aside_is_refused_before_anything_is_stored(tmp_path):

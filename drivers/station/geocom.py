@@ -43,6 +43,7 @@ _CODES = re.compile(r"%R1P,(\d+),\d+(?:,\d+)?:(\d+)")
 _WITHOUT_CHECKSUM = re.compile(r"%R1P,0,\d+:")
 _CHECK_LINE = "check cable, baud rate and that nothing else uses the port"
 _BUSY_PAUSE_S = 0.1
+_NULL_PROCESS_S = 2.0  # the call that does nothing is answered at once: more would only be added to a time-out
 _PROBES = 2
 
 Call = Callable[[], GeoComResponse[Any]]
@@ -234,7 +235,8 @@ class GeoComSession:
     def _require_answering(self, error: DeviceError, timeout_s: float) -> None:
         """Before a long call is repeated, ask a station that has been silent whether it is there at all."""
         if isinstance(error, NoAnswer) and timeout_s > self._reply_timeout_s:
-            self._call_when_idle(self.geocom.com.nullprocess, False, self._reply_timeout_s)
+            limit_s = min(self._reply_timeout_s, _NULL_PROCESS_S)
+            self._call_when_idle(self.geocom.com.nullprocess, False, limit_s)
 
     def _call_when_idle(self, call: Call, values: bool, timeout_s: float) -> tuple[Any, tuple[str, ...]]:
         end_s = self._clock.now_s() + self._busy_limit_s

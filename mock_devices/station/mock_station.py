@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import astuple
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.lasting_state import StationState
@@ -105,7 +106,7 @@ class MockStation:
 
     def _make_calls(self) -> dict[int, tuple[str, Handler]]:
         """RPC number: kinds of its parameters (i integer, f real, b switch) and what it does."""
-        telescope, air = self.telescope, self.telescope.air
+        telescope = self.telescope
         return {
             0: ("", lambda: ()),
             107: ("i", self._set_decimals),
@@ -123,7 +124,7 @@ class MockStation:
             2024: ("f", self._set_prism_constant),
             2026: ("", lambda: (telescope.face,)),
             2028: ("ffff", self._set_air),
-            2029: ("", lambda: (air.wavelength_m, air.pressure_hpa, air.dry_c, air.wet_c)),
+            2029: ("", lambda: astuple(telescope.air)),
             2082: ("ii", self._coordinates),
             2108: ("ii", lambda wait_ms, _mode: _polar(self._result(wait_ms))),
             2116: ("ii", lambda wait_ms, mode: self._coordinates(wait_ms, mode)[:3]),

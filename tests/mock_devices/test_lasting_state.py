@@ -120,6 +120,20 @@ def test_payload_noise_and_station_go_on(start, clock):
     assert again._station.respond(b"%R1Q,2023,1:") == b"%R1P,0,1:0,0.0344\r\n"
 
 
+def test_the_air_of_a_station_that_came_back_can_be_set_anew(start):
+    def air_after(rig, pressure_hpa):
+        set_air = b"%%R1Q,2028,1:6.58E-07,%d,21.5,13.5" % pressure_hpa
+        assert rig._station.respond(set_air) == b"%R1P,0,1:0\r\n"
+        return rig._station.respond(b"%R1Q,2029,1:")
+
+    rig = start()
+    assert air_after(rig, 1008) == b"%R1P,0,1:0,0.0000,1008.0000,21.5000,13.5000\r\n"
+    rig.keep_state()
+    again = start()
+    assert again._station.respond(b"%R1Q,2029,1:") == b"%R1P,0,1:0,0.0000,1008.0000,21.5000,13.5000\r\n"
+    assert air_after(again, 990) == b"%R1P,0,1:0,0.0000,990.0000,21.5000,13.5000\r\n"
+
+
 def test_a_station_is_moved_by_what_the_operator_said(start):
     """A point that moved and turned with the station is seen where the point was before."""
     rig = start()

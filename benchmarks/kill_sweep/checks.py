@@ -15,6 +15,7 @@ from calibration.identification.calibration import identify_recording
 from calibration.identification.fit import Fit
 from calibration.identification.prediction import ToolDerivatives, _without_rigid_motions, predict_tool
 from calibration.recording.recording import Recording
+from calibration.reduction.nest_checks import TIES
 from pkm_rig.jobs.acceptance import last_verification_attempt
 from pkm_rig.store.store import STORE_NAME, Store
 
@@ -42,13 +43,16 @@ def measured(out: Path, campaign: str) -> Measured:
 
 
 def planned_readings(recording: Recording) -> Counter[Key]:
-    """Readings by what the plan names them: phase, payload, pose, pass, reflector. Nests are checked when it helps."""
+    """Readings by what the plan names them: phase, payload, pose, pass, reflector.
+
+    Without those of nests and repeatability, which every session begins with.
+    """
     names = ("phase", "payload", "pose", "pass", "smr")
     columns = [np.asarray(recording[name]) for name in names]
     return Counter(
         (str(phase), int(payload), int(pose), int(pass_), str(smr))
         for phase, payload, pose, pass_, smr in zip(*columns, strict=True)
-        if phase != "nests"
+        if phase not in TIES
     )
 
 

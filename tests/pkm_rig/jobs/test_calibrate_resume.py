@@ -27,11 +27,16 @@ from tests.pkm_rig.tables_bench import Killed, TablesBench
 
 POSES, VERIFICATION_POSES = 6, 12
 STOPS = (  # where it ends, whether by a kill, and what `pkm-rig list` says then
-    ("measuring", False, "interrupted measuring"),
+    ("calibration", False, "interrupted measuring"),
+    ("identifying", True, "interrupted measuring"),
     ("identified", True, "interrupted identifying"),
+    ("diagnosed", True, "interrupted identifying"),
+    ("verification_before", True, "interrupted verifying"),
     ("on trial", True, "interrupted verifying"),
+    ("verification_after", True, "interrupted verifying"),
     ("accepted", True, "accepted"),
 )
+AFTER = {"identified": "identified", "diagnosed": "diagnosed", "on trial": "activated", "accepted": "accepted"}
 OFF, KEPT, ON_TRIAL = 0, 1, 2  # modes of compensation
 
 
@@ -42,22 +47,22 @@ class Strike:
     where: str
     kills: bool
     life: object
-    left: int = 40
+    left: int = 11
     said: list[str] = field(default_factory=list)
 
     def progress(self, _advance, _total, what):
-        self.left -= what == "calibration"
-        if self.where == "measuring" and self.left == 0:
+        self.left -= what == self.where
+        if self.left == 0:
             self.strike()
 
     def notify(self, line):
         self.said.append(line)
-        if self.where == "identified" and line.startswith("diagnosis:"):
+        if self.where == line:
             self.strike()
 
     def watch(self, store):
         """Strike after an event has been stored."""
-        add, after = store.add_event, {"on trial": "activated", "accepted": "accepted"}.get(self.where)
+        add, after = store.add_event, AFTER.get(self.where)
 
         def add_event(campaign, kind, data):
             add(campaign, kind, data)
@@ -127,7 +132,7 @@ def test_a_calibration_goes_on_wherever_it_ended(bench, command, tmp_path):
         line = command("list", "--out", tmp_path)
         assert f"  {listed}  SIMULATED" in line
         campaign = line.split()[0]
-    assert modes == [[OFF] * 2, [OFF] * 2, [ON_TRIAL] * 2, [ON_TRIAL] * 2]
+    assert modes == [[OFF] * 2] * 5 + [[ON_TRIAL] * 2] * 3
     outcome, said = go_on(bench, campaign=campaign)
     assert "finished: its tables were accepted" in said[0]
     assert outcome.accepted

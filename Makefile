@@ -31,9 +31,9 @@ deliberate-errors: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.deliberate_errors.run $(if $(ONLY),--only "$(ONLY)")
 
 # A seeded sample of 300 mutants over drivers, diagnosis and identification, each against its room's tests. Stopped, it
-# goes on. NUMBER=20 for a first look.
+# goes on. NUMBER=20 for a first look, SURVIVORS=1 to try survivors again after tests were added.
 mutants: $(VENV)/dev.stamp
-	$(BIN)/python -m tests.mutants.run $(if $(NUMBER),--number $(NUMBER))
+	$(BIN)/python -m tests.mutants.run $(if $(NUMBER),--number $(NUMBER)) $(if $(SURVIVORS),--survivors)
 
 # Mocks and drivers against other people's programs; says which could not be had.
 peers: $(VENV)/dev.stamp

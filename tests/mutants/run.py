@@ -1,9 +1,13 @@
 """A seeded sample of mutants over drivers, diagnosis and identification, each against its room's tests.
 
-`make mutants`, or `python -m tests.mutants.run [--number N] [--seed S] [--jobs N] [--only ROOM] [--out FOLDER]
-[--fresh]`. Results
-are kept in FOLDER/mutants.jsonl as they come; a second call goes on where the first was ended. The status is 1 if fewer
-than 85 % of those that are not listed as equivalent were killed, if more than 10 % are listed, or a survivor is not.
+`make mutants`, or `python -m tests.mutants.run [--number N] [--seed S [--record]] [--jobs N] [--only ROOM]
+[--out FOLDER] [--fresh | --survivors]`. Results are kept in FOLDER/mutants.jsonl as they come; a second call goes on
+where the first was ended. With `--survivors` it also tries again what survived and is not listed as equivalent: a test
+may have been added since. The status is 1 if fewer than 85 % of those that are not listed as equivalent were killed, if
+more than 10 % are listed, or a survivor is not.
+
+The sample is recorded in sample.txt: a change of the code takes the changed mutants out of it, and leaves the others
+and what survivors.toml says of them. `--seed S` draws another one, `--record` records it.
 """
 
 from __future__ import annotations
@@ -17,10 +21,12 @@ import random
 import sys
 import time
 import tomllib
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -36,6 +42,7 @@ ROOMS = {
     "calibration/diagnosis": ("tests/calibration/diagnosis",),
     "calibration/identification": ("tests/calibration/identification",),
 }
+SAMPLE = Path(__file__).with_name("sample.txt")
 SURVIVORS = Path(__file__).with_name("survivors.toml")
 KILLED_SHARE, EQUIVALENT_SHARE = 0.85, 0.10
 LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # of processor time: a mutant may loop; times what the tests take without it
@@ -43,60 +50,110 @@ LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # of processor time: a mutant may loop; time
 
 @dataclass(frozen=True)
 class Drawn:
-    """A mutant of a file. `key` is the same as long as the file's text is."""
+    """A mutant of a file, the `copy`-th of its function with the same texts.
+
+    `key` is the same as long as the file's text is, `identity` as long as the changed texts are in the function.
+    """
 
     file: str
     text: str
     mutant: Mutant
+    copy: int
 
     @property
     def key(self) -> str:
         """Of the file's contents and the change."""
-        m = self.mutant
-        return hashlib.sha256(f"{self.file}\0{self.text}\0{m.start}\0{m.end}\0{m.after}".encode()).hexdigest()[:16]
+        return _hash(self.file, self.text, self.mutant.start, self.mutant.end, self.mutant.after)
+
+    @property
+    def identity(self) -> str:
+        """Of the file's name, the function and the change."""
+        return _hash(self.file, self.mutant.where, self.mutant.before, self.mutant.after, self.copy)
 
     @property
     def room(self) -> str:
         """The package whose tests it has to meet."""
         return next(room for room in ROOMS if self.file.startswith(f"{room}/"))
 
+    @property
+    def texts(self) -> tuple[str, str, str, str]:
+        """By which it is found in survivors.toml."""
+        return (self.file, self.mutant.where, self.mutant.before, self.mutant.after)
+
     def __str__(self) -> str:
         before, after = (" ".join(text.split()) for text in (self.mutant.before, self.mutant.after))
         return f"{self.file}:{self.mutant.line} {self.mutant.where}: {before} -> {after}"
 
 
+def _hash(*parts: str | int) -> str:
+    return hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:16]
+
+
+@cache
+def every_mutant() -> tuple[Drawn, ...]:
+    """All mutants of the rooms. A few may not compile."""
+    return tuple(_every())
+
+
+def _every() -> Iterator[Drawn]:
+    for room in ROOMS:
+        for path in sorted((ROOT / room).rglob("*.py")):
+            text, copies = path.read_text(encoding="utf-8"), Counter[tuple[str, str, str]]()
+            for mutant in mutants(text):
+                texts = (mutant.where, mutant.before, mutant.after)
+                yield Drawn(str(path.relative_to(ROOT)), text, mutant, copies[texts])
+                copies[texts] += 1
+
+
 def draw(number: int, seed: int) -> list[Drawn]:
     """A sample of all mutants of the rooms, each as likely as any other."""
-    every = [
-        Drawn(str(path.relative_to(ROOT)), text, mutant)
-        for room in ROOMS
-        for path in sorted((ROOT / room).rglob("*.py"))
-        for text in [path.read_text(encoding="utf-8")]
-        for mutant in mutants(text)
-    ]
+    every = list(every_mutant())
     random.Random(seed).shuffle(every)
     good = (drawn for drawn in every if compiles(drawn.mutant.apply(drawn.text)))
     return list(itertools.islice(good, number))
+
+
+def recorded() -> list[Drawn]:
+    """What is still in the code of the recorded sample."""
+    every = {drawn.identity: drawn for drawn in every_mutant()}
+    identities = [line.split()[0] for line in SAMPLE.read_text(encoding="utf-8").splitlines()]
+    return [every[identity] for identity in identities if identity in every]
+
+
+def to_try(sample: Sequence[Drawn], known: Mapping[str, dict[str, Any]], *, survivors: bool) -> list[Drawn]:
+    """What has no result; `survivors`: also what survived and may be killed by a test that was added."""
+    equivalent = {texts for texts, entry in _survivors().items() if entry["equivalent"]}
+    return [
+        drawn
+        for drawn in sample
+        if drawn.key not in known
+        or (survivors and known[drawn.key]["ran"] == "green" and drawn.texts not in equivalent)
+    ]
 
 
 def main() -> int:
     """Run what is missing of the sample and say what survived."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=12)
+    parser.add_argument("--seed", type=int, help="draw another sample than the recorded one")
+    parser.add_argument("--record", action="store_true", help="record the sample that is drawn")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path, default=Path("runs/mutants"))
     parser.add_argument("--only", default="", metavar="ROOM", help="mutants of the sample in this package")
     parser.add_argument("--fresh", action="store_true", help="forget former results")
+    parser.add_argument("--survivors", action="store_true", help="try survivors again, except equivalent ones")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / "mutants.jsonl"
     if arguments.fresh:
         path.unlink(missing_ok=True)
     known = _read(path)
-    sample = [drawn for drawn in draw(arguments.number, arguments.seed) if drawn.room.startswith(arguments.only)]
-    missing = [drawn for drawn in sample if drawn.key not in known]
-    print(f"{len(sample)} mutants, {len(sample) - len(missing)} tried before", flush=True)
+    every = recorded()[: arguments.number] if arguments.seed is None else draw(arguments.number, arguments.seed)
+    if arguments.record:
+        SAMPLE.write_text("".join(f"{d.identity} {d.file} {d.mutant.where}\n" for d in every), encoding="utf-8")
+    sample = [drawn for drawn in every if drawn.room.startswith(arguments.only)]
+    missing = to_try(sample, known, survivors=arguments.survivors)
+    print(f"{len(sample)} mutants, {len(sample) - len(missing)} of them not tried again", flush=True)
     with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
         trees: SimpleQueue[Path] = SimpleQueue()
         for _ in range(arguments.jobs):
@@ -113,14 +170,13 @@ def main() -> int:
 
 
 def _report(results: Sequence[dict[str, Any]], sample: Sequence[Drawn]) -> int:
-    listed = {(e["file"], e["where"], e["before"], e["after"]): e for e in _survivors()}
+    listed = _survivors()
     equivalent, unlisted, survived = 0, 0, 0
     for result, drawn in zip(results, sample, strict=True):
         if result["ran"] != "green":
             continue
         survived += 1
-        mutant = drawn.mutant
-        entry = listed.get((drawn.file, mutant.where, mutant.before, mutant.after))
+        entry = listed.get(drawn.texts)
         equivalent += entry is not None and entry["equivalent"]
         unlisted += entry is None
         print(f"survived ({entry['reason'] if entry else 'NOT LISTED'}): {drawn}")
@@ -132,8 +188,9 @@ def _report(results: Sequence[dict[str, Any]], sample: Sequence[Drawn]) -> int:
     return int(share < KILLED_SHARE or equivalent > EQUIVALENT_SHARE * len(results) or unlisted > 0)
 
 
-def _survivors() -> list[dict[str, Any]]:
-    return list(tomllib.loads(SURVIVORS.read_text(encoding="utf-8")).get("survivor", []))
+def _survivors() -> dict[tuple[str, str, str, str], dict[str, Any]]:
+    entries = tomllib.loads(SURVIVORS.read_text(encoding="utf-8")).get("survivor", [])
+    return {(e["file"], e["where"], e["before"], e["after"]): e for e in entries}
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from tests.copied_tree import ROOT
+from tests.mutants import run
 from tests.mutants.mutate import mutants
-from tests.mutants.run import ROOMS, draw
+from tests.mutants.run import ROOMS, SAMPLE, draw, recorded, to_try
 
 
 def changed(source):
@@ -66,3 +69,25 @@ def test_a_sample_is_the_same_for_the_same_seed_and_of_all_rooms():
     assert [drawn.key for drawn in first[:30]] == [drawn.key for drawn in draw(30, 12)]
     assert {drawn.key for drawn in first} != {drawn.key for drawn in other}
     assert {drawn.room for drawn in first} == set(ROOMS)
+
+
+def test_what_is_left_of_the_recorded_sample_is_found_again_and_nothing_else():
+    names = [line.split()[:2] for line in SAMPLE.read_text(encoding="utf-8").splitlines()]
+    found = recorded()
+    assert len(found) >= 0.8 * len(names), "record a new sample: too much of the code has changed"
+    assert len({drawn.key for drawn in found}) == len(found)
+    assert [[drawn.identity, drawn.file] for drawn in found] == [
+        name for name in names if name[0] in {drawn.identity for drawn in found}
+    ]
+
+
+@pytest.mark.parametrize(("survivors", "expected"), [(False, [3]), (True, [1, 3])])
+def test_survivors_are_tried_again_if_asked_unless_they_are_equivalent(tmp_path, monkeypatch, survivors, expected):
+    sample = recorded()[:4]
+    file, where, before, after = sample[2].texts
+    listed = {"file": file, "where": where, "before": before, "after": after, "reason": "text"}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in listed.items()]
+    (tmp_path / "survivors.toml").write_text("\n".join(["[[survivor]]", *lines, "equivalent = true"]))
+    monkeypatch.setattr(run, "SURVIVORS", tmp_path / "survivors.toml")
+    known = {sample[i].key: {"ran": ran} for i, ran in enumerate(["red", "green", "green"])}
+    assert to_try(sample, known, survivors=survivors) == [sample[i] for i in expected]

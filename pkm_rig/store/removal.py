@@ -38,7 +38,6 @@ def archive_campaign(store: Store, campaign: str, file: Path, why: str) -> Remov
     """
     why = _reason(why)
     with store.writing() as connection:
-        _refuse_broken(store, campaign)
         with new_store_file(file) as part, closing(Store(part)) as archive:
             with archive.writing() as target:
                 for table, name in TABLES:
@@ -55,8 +54,8 @@ def _reason(why: str) -> str:
     return why.strip()
 
 
-def _refuse_broken(store: Store, campaign: str) -> None:
-    (found,) = audit(store, campaign)
+def _refuse_broken(archive: Store, campaign: str) -> None:
+    (found,) = audit(archive, campaign)
     if found.state == "broken":
         raise CampaignRefused(f"{found.problem}; `pkm-rig backup` copies the store as it is")
 

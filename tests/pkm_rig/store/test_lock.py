@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 import pytest
 
 from pkm_rig.errors import StoreError
+from pkm_rig.jobs import session
 from pkm_rig.store.lock import Lock
 from pkm_rig.store.store import Store, open_existing_store, open_store
 from tests.pkm_rig.store.stores import small_store
@@ -61,6 +62,24 @@ def test_closing_a_store_frees_it(tmp_path):
     for _ in range(2):
         with closing(Store(tmp_path / "store.sqlite")) as store:
             store.hold()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("demo",), ("calibrate", "--rig", "embedded"), ("measure", "--rig", "embedded"),
+     ("verify", "first", "--rig", "embedded")],
+    ids=lambda words: words[0],
+)  # fmt: skip
+def test_a_store_that_is_held_keeps_out_a_campaign_before_any_device_is_touched(run, words, tmp_path, monkeypatch):
+    def touch(*_, **__):
+        raise AssertionError("a rig was connected")
+
+    monkeypatch.setattr(session, "open_rig", touch)
+    with closing(Store(small_store(tmp_path / "pkm-rig.sqlite", "first"))) as store:
+        store.hold()
+        done = run(*words, "--out", tmp_path)
+    assert done.returncode == 3
+    assert f"process {os.getpid()} of" in done.stderr
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[1]", b'{"command": "x"}', b"\xff"])

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.effects.api import BasisSet
+from calibration.diagnosis.search import rank_effects
+from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
 
 
 def flat(columns):
@@ -166,3 +168,23 @@ def test_by_visit_is_judge_of_single_visits(small, likelihood):
     judged = likelihood.information_and_score(contributions)
     assert information == pytest.approx(np.diag(judged.information), rel=1e-9, abs=1e-9 * information.max())
     assert score == pytest.approx(judged.score, rel=1e-9, abs=1e-9 * np.abs(score).max())
+
+
+def with_forms_at(*places: int) -> Effect:
+    """An effect of the drives that has a basis set at some of them only."""
+
+    def forms(inputs: EffectInputs, place: int) -> BasisSets:
+        out = BasisSets()
+        if place in places:
+            out.add_set(out.add((f"travel.{inputs.drive(place)}", inputs.context.direction[:, place])))
+        return out
+
+    return Effect("one_sided", "drive", EffectParameter("width_m", LOW, HIGH, "m", ""), "", (), forms)
+
+
+@pytest.mark.parametrize("places", [(), (1,), (0, 1)])
+def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, places):
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    causes = rank_effects(likelihood, inputs, [with_forms_at(*places)])
+    assert [set(cause.places) for cause in causes] == ([{("left", "right")[i] for i in places}] if places else [])
+    assert all(sum(cause.places.values()) == pytest.approx(1.0) for cause in causes)

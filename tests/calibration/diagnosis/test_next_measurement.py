@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.findings.next_measurement import _Hypotheses
+from calibration.diagnosis.findings.proposals import duration_min, proposals
 from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.effects.context import append_context
 from calibration.machine.description import load_machine
 from mock_devices.effects import EffectChoice
 from mock_devices.recordings.design import DesignOptions
@@ -65,3 +71,29 @@ def test_backlash_that_was_not_tested_asks_for_both_directions(one_sided):
     first = next(c for c in one_sided.next_measurement if c.visits)
     assert two_sided[first.name]
     assert "backlash" in first.settles
+
+
+def test_further_visits_rest_and_last_as_long_as_those_of_the_campaign(small):
+    """The rest before a visit's first reading counts, at all visits; later readings rest longer."""
+    first = np.unique(small.visit[small.visit >= 0], return_index=True)[1]
+    dwell_s = 100.0 + 0.1 * small.visit
+    dwell_s[np.flatnonzero(small.visit >= 0)[first]] -= 100.0
+    linear = replace(small, context=replace(small.context, dwell_s=dwell_s))
+    count = len(first)
+    same = next(proposals(linear))
+    assert [visit.dwell_s for visit in same.visits] == pytest.approx([0.05 * (count - 1)] * 60)
+    pace_s = np.median(np.diff(small.context.history.arrived_s))
+    exchange = small.recording["payload"][small.rows][-1] != same.visits[0].payload
+    expected_s = 1800.0 + len(same.visits) * pace_s + 300.0 * exchange
+    assert duration_min(linear, same) == pytest.approx(expected_s / 60.0)
+
+
+def test_basis_sets_are_built_over_the_visits_of_the_campaign_and_the_planned_ones(small, likelihood):
+    hypotheses = _Hypotheses(likelihood, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
+    planned, pose = hypotheses._planned_context(next(proposals(small)))
+    observed = hypotheses._observed_model(planned, pose, np.array([0]))
+    together = hypotheses._with_campaign(append_context(small.context, planned), observed)
+    poses = together.poses.equilibrium.coordinates()[together.visit]
+    on_pose = np.flatnonzero(small.visit >= 0)
+    assert poses[on_pose] == pytest.approx(small.poses.equilibrium.coordinates()[small.visit[on_pose]], abs=1e-8)
+    assert poses[len(small.visit) :] == pytest.approx(observed.poses.equilibrium.coordinates(), abs=1e-8)

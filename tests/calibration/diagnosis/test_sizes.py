@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.evidence import BasisSetEvidence
+from calibration.diagnosis.findings.effect_summary import _size
+from calibration.diagnosis.search import Cause
+from calibration.effects.api import BasisSet
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from tests.calibration.diagnosis.campaigns import STATED, Arrivals, simulated
 
@@ -72,3 +76,14 @@ def test_raw_and_visible_size_are_those_of_the_readings():
     effect = diagnose(simulated("planar4", 80, play)).effects[0]
     assert effect.raw_sigma == pytest.approx(raw, rel=0.1)
     assert 0.3 * raw < effect.visible_sigma < raw
+
+
+def test_a_basis_set_may_say_how_its_coefficients_add_up_to_the_size():
+    """The size 2 a - b of coefficients a, b and its uncertainty; a flexible third column has no part in it."""
+    effect = load_catalogue().effect("backlash")
+    basis_set = BasisSet((0, 1, 2), (1.0, 1.0, 0.3), size=(2.0, -1.0))
+    covariance = 1e-12 * np.array([[4.0, 1.0, 2.0], [1.0, 9.0, 3.0], [2.0, 3.0, 25.0]])
+    best = BasisSetEvidence(basis_set, 50.0, 1e-5, np.array([3e-5, 1e-5, 7e-5]), covariance)
+    value, u = _size(Cause(effect, 50.0, {"left": 1.0}, "left", best, ()))
+    assert value == pytest.approx(5e-5)
+    assert u == pytest.approx(1e-6 * np.sqrt(4.0 * 4.0 + 9.0 - 2.0 * 2.0 * 1.0))

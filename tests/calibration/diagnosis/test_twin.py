@@ -120,6 +120,14 @@ def test_a_single_moment_gives_what_all_give(twin, strong):
         assert twin.places_m(context, np.array([row]))[0] == pytest.approx(everywhere[row], abs=1e-7)
 
 
+def test_a_place_that_is_not_finite_is_refused(twin, strong):
+    """A coefficient may be finite and the place not: no such place is served."""
+    (effect,) = twin.added
+    endless = replace(twin, added=(replace(effect, coefficients=(np.inf,) * len(effect.coefficients)),))
+    with pytest.raises(InputError, match="not a finite number"):
+        endless.places_m(context_of_recording(strong), np.array([0]))
+
+
 def test_data_there_and_back(twin, strong):
     data = json.loads(json.dumps(twin.to_data(), allow_nan=False))
     again = Twin.from_data(TEXT, data)

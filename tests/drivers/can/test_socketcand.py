@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 
@@ -47,8 +48,11 @@ class Daemon:
             wire.sendall(b"< ok >")
         return True
 
-    def hang_up(self) -> None:
+    def hang_up(self, *, abruptly: bool = False) -> None:
+        """Close the connection; `abruptly`: as a computer that was switched off, without a farewell."""
         assert self.wire is not None
+        if abruptly:
+            self.wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.wire.close()
 
     def close(self) -> None:
@@ -82,14 +86,24 @@ def test_frames_pass(daemon: Daemon) -> None:
     bus.shutdown()
 
 
-def test_a_daemon_that_goes_away_is_an_error(daemon: Daemon) -> None:
+@pytest.mark.parametrize("abruptly", [False, True])
+def test_a_daemon_that_goes_away_is_an_error(daemon: Daemon, abruptly: bool) -> None:
     bus = open_bus("socketcand", "can0", "127.0.0.1", daemon.port)
     assert daemon.ready.wait(5.0)
-    daemon.hang_up()
+    daemon.hang_up(abruptly=abruptly)
     for _ in range(2):
         with pytest.raises(can.CanOperationError, match="closed the connection"):
             bus.recv(5.0)
     bus.shutdown()
+
+
+def test_a_bus_that_is_shut_down_receives_no_more(daemon: Daemon) -> None:
+    """By another thread: what receives sees an error of the bus."""
+    bus = open_bus("socketcand", "can0", "127.0.0.1", daemon.port)
+    assert daemon.ready.wait(5.0)
+    bus.shutdown()
+    with pytest.raises(can.CanOperationError, match="closed the connection"):
+        bus.recv(0.0)
 
 
 def test_the_line_tells_that_it_is_lost(daemon: Daemon) -> None:

@@ -44,6 +44,7 @@ def test_unreferenced_drives_are_refused_until_they_are_homed(opened: Open) -> N
     bench.group.home([UP, HERE])
     assert places_m(bench) == pytest.approx([0.010, 0.003], abs=1e-8)
     assert positions_m(bench) == pytest.approx([0.25, 0.125], abs=1e-8)
+    assert [drive.target_m for drive in bench.drives] == pytest.approx([0.25, 0.125], abs=1e-8)
     assert all(drive.state() is State.SWITCH_ON_DISABLED for drive in bench.drives)
     bench.group.enable()
     bench.group.move_to([0.26, 0.115], 0.1)

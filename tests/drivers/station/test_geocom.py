@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import (
+    AimingFailed,
     ConnectionFailed,
     DeviceError,
     MultipleTargets,
@@ -153,6 +154,17 @@ def test_return_codes(opened: Open, code: int, kind: type[StationError]) -> None
     assert caught.value.code == code
     assert "\n" not in str(caught.value)
     port.finished()
+
+
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [(8704, "in time"), (8705, "end stop"), (8707, "motor"), (8708, "accuracy"), (8709, "deviation"), (8712, "light"),
+     (8719, "aiming failed")],
+)  # fmt: skip
+def test_aiming_that_failed_says_why(code: int, text: str) -> None:
+    error = station_error(code, "AUT_FineAdjust", "station", "COM1")
+    assert isinstance(error, AimingFailed)
+    assert text in str(error)
 
 
 def test_a_call_that_the_model_does_not_know(opened: Open) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,8 +16,11 @@ from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
 from mock_devices.effects import EffectChoice
-from mock_devices.settings import DisturbanceLevels
-from tests.calibration.diagnosis.campaigns import changed, example, noise_free_m, plant, recorded, simulated
+from mock_devices.machine_file import read_machine_file
+from mock_devices.recordings.design import DesignOptions, StationMove, draw_design
+from mock_devices.recordings.maker import SimulatedCampaign
+from mock_devices.settings import DisturbanceLevels, MockSettings
+from tests.calibration.diagnosis.campaigns import PLANAR, changed, example, noise_free_m, plant, recorded, simulated
 from tests.calibration.diagnosis.conftest import BACKLASH_M
 
 CREEP_M = 4.0e-5
@@ -65,6 +68,22 @@ def check_consistent(diagnosis, catalogue) -> None:
     for effect in diagnosis.effects:
         assert effect.visible_sigma <= effect.raw_sigma * (1.0 + 1e-9)
         assert effect.size.u > 0.0
+
+
+@pytest.mark.parametrize("effects", [(), (EffectChoice("backlash", BACKLASH_M, "left"),)], ids=["sound", "backlash"])
+def test_a_station_that_was_set_up_three_times_is_no_effect_and_hides_none(effects):
+    drawn = draw_design(read_machine_file(PLANAR), np.random.default_rng(3), DesignOptions(visits=100, poses=60))
+    visits = list(drawn.visits)
+    for at in (33, 67):
+        visits.insert(at, replace(visits[at - 1], pass_=visits[at - 1].pass_ + 100))
+    moves = (StationMove(33, (0.3, 0.1, -0.2), 0.2), StationMove(67, (-0.5, 0.1, 0.1), -0.3))
+    design = replace(drawn, visits=tuple(visits), moves=moves)
+    recording = recorded(SimulatedCampaign(PLANAR, MockSettings(seed=3, effects=effects), design))
+    assert set(recording["station"]) == {1.0, 2.0, 3.0}
+    diagnosis = diagnose(recording)
+    check_consistent(diagnosis, load_catalogue())
+    assert diagnosis.verdict == (effects[0].name if effects else NONE)
+    assert diagnosis.ranking[diagnosis.verdict] > 0.5
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.findings.next_measurement import _Hypotheses
+from calibration.diagnosis.findings.next_measurement import _ChannelResponse, _Hypotheses
 from calibration.diagnosis.findings.proposals import duration_min, proposals
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.effects.context import append_context
@@ -93,7 +93,21 @@ def test_basis_sets_are_built_over_the_visits_of_the_campaign_and_the_planned_on
     planned, pose = hypotheses._planned_context(next(proposals(small)))
     observed = hypotheses._observed_model(planned, pose, np.array([0]))
     together = hypotheses._with_campaign(append_context(small.context, planned), observed)
+    assert planned.dwell_s == pytest.approx(1.0 + np.array([visit.dwell_s for visit in next(proposals(small)).visits]))
     poses = together.poses.equilibrium.coordinates()[together.visit]
     on_pose = np.flatnonzero(small.visit >= 0)
     assert poses[on_pose] == pytest.approx(small.poses.equilibrium.coordinates()[small.visit[on_pose]], abs=1e-8)
     assert poses[len(small.visit) :] == pytest.approx(observed.poses.equilibrium.coordinates(), abs=1e-8)
+
+
+def test_only_what_differs_from_the_nearest_measured_visit_tells_anything(small, likelihood):
+    """A shift of 10 um that is the same at all visits predicts nothing new; alone it is 10 um over the noise."""
+    hypotheses = _Hypotheses(likelihood, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
+    observed = hypotheses._observed_model(*hypotheses._planned_context(next(proposals(small))), np.array([0]))
+    rows = len(small.visit) + np.arange(len(observed.smr))
+    response = _ChannelResponse(small, observed, rows, np.zeros(len(rows), dtype=np.intp))
+    everywhere = (("smr.P1.x", np.full(len(small.visit) + len(rows), 1e-5)),)
+    assert np.all(response(everywhere) == 0.0)
+    sigma_m = np.sqrt(np.median(small.recording.covariances_m2[small.rows][:, 0, 0]))
+    size = np.linalg.norm(response(everywhere, absolute=True).reshape(-1, 3), axis=1)
+    assert size == pytest.approx(1e-5 / sigma_m, rel=0.2)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import search
+from calibration.diagnosis.diagnose import _remarks
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import presence_probability, probabilities
@@ -233,3 +234,12 @@ def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, si
 def test_twice_what_is_declared_is_the_smallest_size_at_most_half_of_the_largest(declared_m, smallest_m):
     effect = CATALOGUE.effect("tracker_drift")
     assert effect.smallest_size(DisturbanceLevels(drift_m=declared_m)) == pytest.approx(smallest_m)
+
+
+@pytest.mark.parametrize(("excess", "verdict", "said"), [(9.9, "backlash", 0), (10.1, "backlash", 1), (10.1, NONE, 0)])
+def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(excess, verdict, said):
+    result = found(Evidence("backlash", 100.0), excess=excess)
+    result.non_parametric = [SimpleNamespace(channel="travel.left", coordinate="time")]
+    remarks = _remarks(result, verdict, noise_floor_m=5e-6)
+    assert len(remarks) == said
+    assert all("travel.left" in remark and "time" in remark for remark in remarks)

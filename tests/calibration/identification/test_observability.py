@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import orth, subspace_angles
 
 from calibration.base.frame import Frame
-from calibration.identification.observability import observability_of, planned_observability
+from calibration.identification.observability import _row_echelon, observability_of, planned_observability
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.instruments.tool_coordinates import ToolCoordinates
@@ -117,3 +117,14 @@ def test_a_planned_campaign_promises_what_the_fit_then_has(synthetic):
     observability = observability_of(fit)
     np.testing.assert_allclose(observability.remaining_share, promised.remaining_share, rtol=0.05)
     np.testing.assert_allclose(observability.remaining_share, fit.theta_u / rig.model.parameters.sigma, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_open_is_listed_with_few_entries_a_row(seed):
+    """The span stays, and each row has a column of its own."""
+    basis = np.random.default_rng(seed).standard_normal((3, 7))
+    basis[0, :5] = 0.0  # the largest entry is in another row than the one whose turn it is
+    rows = _row_echelon(basis)
+    assert np.max(subspace_angles(rows.T, basis.T)) < 1e-12
+    own = [np.flatnonzero(np.all(np.abs(rows.T - unit) < 1e-12, axis=1)) for unit in np.eye(3)]
+    assert all(len(columns) == 1 for columns in own)

@@ -17,6 +17,10 @@ class PartnerLink:
     """The partner's command: heard by RPDO2 at any time, taken over at each SYNC."""
 
     def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing was heard yet."""
         self.command_inc: int | None = None
         self._heard_inc: int | None = None
         self._age = 0
@@ -51,7 +55,7 @@ class Compensation:
 
     def boot(self) -> None:
         """Forget what does not outlive a restart: mode, trial, payload, partner. Banks and their choice stay."""
-        self.partner = PartnerLink()
+        self.partner.forget()
         self.mode, self.trial_ms = OFF, 0
         self.payload_g = UNKNOWN_PAYLOAD
 

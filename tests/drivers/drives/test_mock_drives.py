@@ -202,6 +202,15 @@ def test_a_restart_is_noticed_and_connecting_again_helps(bench: Bench) -> None:
     bench.group.move_to([0.1, 0.1], 0.1)
 
 
+def test_a_drive_that_came_back_moves_with_compensation(bench: Bench) -> None:
+    bench.servers[0].power_cycle()
+    bench.clock.sleep_s(0.01)
+    bench.drives[0].connect()
+    _compensate(bench)
+    bench.group.enable()
+    bench.group.move_to([0.1, -0.1], 0.1)
+
+
 def test_time_for_a_move(bench: Bench) -> None:
     """Rig hours pass quickly: 40 moves of some seconds each."""
     bench.group.enable()

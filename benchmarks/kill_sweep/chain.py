@@ -17,6 +17,7 @@ from benchmarks.kill_sweep.strikes import RECOVERY_OPERATIONS, Chain, Strike
 KILLED = -9
 DEVICE = 3
 MOST_SESSIONS = 25
+READINGS_ON_TRIAL = 90  # from the activation to the verdict: poses of the verification and reflectors of the platform
 SESSION_LIMIT_S = 60.0  # after a device was struck
 
 
@@ -116,9 +117,12 @@ class ChainRun:
         """Kill the mock or restart a drive when so many readings more are there; the host has to notice and end."""
         at_start = self.view.count()
         wanted = at_start + 1 + int(0.8 * strike.share * max(10, self._readings - at_start))
+        activations = self.view.kinds().count("activated")
         host = HostProcess(self._arguments(), self.folder)
         if strike.window == "tables":
-            came = wait_until(lambda: "activated" in self.view.kinds() or self.view.count() >= wanted, host.process)
+            came = wait_until(lambda: self.view.kinds().count("activated") > activations, host.process)
+            wanted = self.view.count() + int(0.8 * strike.share * READINGS_ON_TRIAL)
+            came = came and wait_until(lambda: self.view.count() >= wanted, host.process)
         else:
             came = wait_until(lambda: self.view.count() >= wanted, host.process)
         struck = None

@@ -19,9 +19,16 @@ from pkm_rig.store.store import STORE_NAME
 from pkm_rig.virtual.new_rig import with_values, write_new_rig
 
 RIG = Path(__file__).with_name("rig.toml")
-# The mock's readings scatter by a quarter of what the host is told. What is measured anew has other noise, and the
-# predictions of two campaigns with the stated one are apart by 0.75 u: an error of the bookkeeping would hide there.
-_QUIET = {("station.accuracy", "angle_sd_rad"): "0.6e-6", ("station.accuracy", "range_sd_m"): "0.25e-4"}
+# The mock's station scatters and drifts by a quarter of what the host is told. What is measured anew, and later, has
+# other noise: the predictions of two campaigns with the stated one are apart by up to 0.75 u, and errors of the
+# bookkeeping would hide behind that.
+_QUIET = {
+    ("station.accuracy", "angle_sd_rad"): "0.6e-6",
+    ("station.accuracy", "range_sd_m"): "2.5e-5",
+    ("station.accuracy", "drift_rad_per_sqrt_h"): "7.5e-7",
+    ("station.accuracy", "drift_of_level_rad_per_sqrt_h"): "2.5e-7",
+    ("station.accuracy", "drift_m_per_sqrt_h"): "2.5e-6",
+}
 START_S = 60.0
 LONGEST_S = 900.0  # of a command, on a computer that does other things as well
 

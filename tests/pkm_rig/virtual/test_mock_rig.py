@@ -14,8 +14,9 @@ from calibration.base.errors import InputError
 from drivers.errors import ConnectionFailed, DriveFault, NoAnswer, ProtocolError
 from pkm_rig.jobs.check import check_devices
 from pkm_rig.rig.clock import ScaledClock
-from pkm_rig.rig.config import load_rig
+from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
+from pkm_rig.virtual.mock_rig import settings_of
 from pkm_rig.virtual.served_rig import how_to_connect, serve_mock_rig
 
 
@@ -127,3 +128,18 @@ def test_a_fault_by_name_strikes_a_served_rig(rig_path):
     for wrong in ("nothing@1", "serial-lost"):
         with pytest.raises(InputError, match="--fault"), serve_mock_rig(file, rig_path, [wrong]):
             pass
+
+
+def test_the_mocks_station_is_as_good_as_the_rig_file_states():
+    file, _ = load_rig(embedded_rig_path())
+    stated = {"angle_sd_rad": 1.1e-6, "range_sd_m": 2.2e-5, "range_constant_u_m": 3.3e-5, "range_scale_u": 4.4e-7}
+    drift = {"drift_rad_per_sqrt_h": 5.5e-6, "drift_of_level_rad_per_sqrt_h": 6.6e-6, "drift_m_per_sqrt_h": 7.7e-6}
+    accuracy = file.station.accuracy.model_copy(update=stated | drift)
+    station = file.station.model_copy(update={"accuracy": accuracy})
+    instrument = settings_of(file.model_copy(update={"station": station})).instrument
+    assert {name: getattr(instrument, name) for name in stated} == stated
+    assert (instrument.drift_about_vertical_rad, instrument.drift_of_level_rad, instrument.drift_m) == (
+        5.5e-6,
+        6.6e-6,
+        7.7e-6,
+    )

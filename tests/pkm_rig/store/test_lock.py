@@ -102,14 +102,3 @@ def test_a_place_where_no_lock_can_be_made_is_named(tmp_path):
     with pytest.raises(StoreError, match="cannot be opened"):
         Lock(tmp_path / "lock", "the rig")
     assert (tmp_path / "target").read_text() == "precious"
-
-
-def test_a_command_that_measures_does_not_touch_a_store_that_is_held(tmp_path):
-    with another_process(tmp_path) as process:
-        done = subprocess.run(
-            [sys.executable, "-m", "pkm_rig.cli", "demo", "--out", tmp_path],
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-    assert done.returncode == 3
-    assert f"process {process.pid} of" in done.stderr.splitlines()[-1]
-    assert done.stdout == ""

@@ -62,6 +62,12 @@ def test_covariance_is_what_many_readings_scatter_by() -> None:
     np.testing.assert_allclose(coordinates(mean, stated).covariance_m2 * 4.0, read_coordinates.covariance_m2)
 
 
+def test_unless_stated_a_range_has_a_tenth_of_a_millimetre_and_a_millionth() -> None:
+    """The data sheet's 0.1 mm and 1 ppm, at 200 m along north."""
+    covariance_m2 = coordinates(_reading(0.0, math.pi / 2, 200.0), StatedAccuracy()).covariance_m2
+    assert math.sqrt(covariance_m2[1, 1]) == pytest.approx(math.hypot(1e-4, 2e-4))
+
+
 def test_two_face_errors_have_the_sign_of_their_cause() -> None:
     side, index, v = 8e-6, -5e-6, 1.2
     one = _reading(0.3 + side / math.sin(v), v + index, 3.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -74,12 +75,15 @@ def make() -> Iterator[Make]:
     opened: list[tuple[LaserTracker, ScriptedPort]] = []
 
     def build(
-        script: list[tuple[bytes, bytes]], timeout_s: float = 5.0, expected_serial: int | None = None
+        script: list[tuple[bytes, bytes]],
+        timeout_s: float = 5.0,
+        expected_serial: int | None = None,
+        clock: CountingClock | None = None,
     ) -> tuple[LaserTracker, ScriptedPort]:
         port = ScriptedPort(script)
         tracker = LaserTracker(
             port.url,
-            CountingClock(),
+            clock or CountingClock(),
             line=StationLine(reply_timeout_s=timeout_s, motion_timeout_s=timeout_s),
             expected_serial=expected_serial,
         )
@@ -147,6 +151,25 @@ def test_measure(make: Make) -> None:
     port.finished()
 
 
+class _TickingClock(CountingClock):
+    """Rig time that advances whenever somebody asks for it."""
+
+    def now_s(self) -> float:
+        self.t_s += 1e-3
+        return self.t_s
+
+
+def test_a_reading_is_dated_within_its_exchanges(make: Make) -> None:
+    clock = _TickingClock()
+    tracker, _ = make([*CONNECT, *_reading(18)], clock=clock)
+    tracker.connect()
+    begin_s, begin_host_s = clock.now_s(), time.monotonic()
+    reading = tracker.measure()[0]
+    end_s, end_host_s = clock.now_s(), time.monotonic()
+    assert begin_s < reading.t_rig_s - reading.u_t_s < reading.t_rig_s < reading.t_rig_s + reading.u_t_s < end_s
+    assert begin_host_s <= reading.t_host_s <= end_host_s
+
+
 def test_a_lost_reading_is_fetched_again_not_measured_again(make: Make) -> None:
     lost = [(b"%R1Q,2008,18:1,1", b"%R1P,0,18:0\r\n"), (b"%R1Q,2167,19:5000,1", b"")]
     again = [(b"%R1Q,2167,20:5000,1", b"%R1P,0,20:0,0.5,1.5,0,0,0,0,3.0,0\r\n")]
@@ -164,7 +187,7 @@ def test_no_distance(make: Make, code: int, kind: type[Exception]) -> None:
         tracker.measure()
 
 
-@pytest.mark.parametrize("bad", [{"d": "nan"}, {"d": "-1.0"}, {"d": "1e9"}, {"hz": "inf"}, {"v": "77"}])
+@pytest.mark.parametrize("bad", [{"d": "nan"}, {"d": "0.0"}, {"d": "-1.0"}, {"d": "1e9"}, {"hz": "inf"}, {"v": "77"}])
 def test_values_that_cannot_be(make: Make, bad: dict[str, str]) -> None:
     tracker, _ = make([*CONNECT, *_reading(18, **bad)])  # type: ignore[arg-type]
     tracker.connect()
@@ -213,8 +236,21 @@ def test_atmosphere(make: Make) -> None:
     tracker.connect()
     with pytest.raises(ProtocolError, match="atmosphere"):
         tracker.set_atmosphere(21.0, 990.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("temperature_c", "pressure_hpa", "humidity"),
+    [(-40.1, 990.0, 0.5), (70.1, 990.0, 0.5), (21.0, 499.0, 0.5), (21.0, 1101.0, 0.5), (21.0, 990.0, -0.01),
+     (21.0, 990.0, 1.01), (math.nan, 990.0, 0.5)],
+)  # fmt: skip
+def test_air_that_no_shop_has_is_refused(
+    make: Make, temperature_c: float, pressure_hpa: float, humidity: float
+) -> None:
+    tracker, port = make(CONNECT)
+    tracker.connect()
     with pytest.raises(ValueError, match="implausible air"):
-        tracker.set_atmosphere(21.0, 99.0, 0.5)
+        tracker.set_atmosphere(temperature_c, pressure_hpa, humidity)
+    port.finished()
 
 
 def test_aiming_sends_the_direction(make: Make) -> None:

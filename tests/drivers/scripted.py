@@ -28,6 +28,14 @@ class CountingClock:
         self.t_s += max(0.0, duration_s)
 
 
+class TickingClock(CountingClock):
+    """Rig time that advances whenever somebody asks for it, too."""
+
+    def now_s(self) -> float:
+        self.t_s += 1e-3
+        return self.t_s
+
+
 class ScriptedPort:
     """A pty whose far end answers each line by the script; `errors` holds what did not go by it.
 

@@ -96,6 +96,14 @@ def test_what_cannot_be_followed_is_refused_before_anything_moves(opened: Open) 
     assert places_m(bench) == [0.0, 0.0]
 
 
+def test_steps_as_long_as_the_velocity_limit_permits_are_followed(opened: Open) -> None:
+    bench = led(opened)
+    steps_m = [0.0, *([SPEED_M_PER_S * PERIOD_S] * 5)]
+    path = [[place, -place] for place in itertools.accumulate(steps_m)]
+    samples = bench.group.follow(path, SPEED_M_PER_S)
+    assert [s.demand_m for s in samples] == pytest.approx([0.01, -0.01], abs=2e-6)
+
+
 def test_a_target_of_before_a_stop_moves_nothing_after_it(opened: Open) -> None:
     bench = led(opened)
     bench.group.follow([[0.0, 0.0]], SPEED_M_PER_S)

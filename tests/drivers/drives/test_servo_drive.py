@@ -16,6 +16,7 @@ from drivers.errors import (
     IdentityMismatch,
     MotionTimeout,
     NoAnswer,
+    NotReferenced,
     SdoRefused,
     StaleData,
 )
@@ -35,7 +36,9 @@ def rig() -> Iterator[Rig]:
 def test_connect(rig: Rig) -> None:
     drive = rig.servos[0]
     assert drive.heartbeat() is Heartbeat.NEVER
+    assert not drive.reference.is_valid
     identity = drive.connect()
+    assert drive.reference.is_valid
     assert identity.serial == 7
     assert drive.limits_m == pytest.approx((-1.0, 1.0))
     assert drive.rated_torque_n_m == pytest.approx(2.0)
@@ -54,6 +57,18 @@ def test_an_absent_node_is_named(rig: Rig) -> None:
 def test_another_drive_or_other_units(rig: Rig, wrong: dict[str, float]) -> None:
     with pytest.raises(IdentityMismatch, match="is configured"):
         rig.servo(1, **wrong).connect()
+
+
+@pytest.mark.parametrize("beyond_m", [5e-4, 2e-3])
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_a_drive_may_stand_up_to_a_millimetre_outside_its_travel(rig: Rig, beyond_m: float, end: str) -> None:
+    """By as much as it runs on when it is stopped; farther off its reference is not believed. It stands at 0."""
+    drive = rig.servo(1, travel_m=(beyond_m, 0.5) if end == "low" else (-0.5, -beyond_m))
+    if beyond_m < 1e-3:
+        drive.connect()
+    else:
+        with pytest.raises(NotReferenced, match="outside its travel"):
+            drive.connect()
 
 
 def test_a_zero_in_the_factor_group(rig: Rig) -> None:

@@ -113,6 +113,7 @@ def test_mode_and_payload(rig: Rig, banks: list[TableBank]) -> None:
     assert banks[0].state().on
     banks[0].set_payload(199.9996)
     assert rig.drives[1].integer(0x2100, 7) == 200_000
+    assert banks[0].state().payload_kg == pytest.approx(200.0)
     banks[0].set_payload(None)
     assert banks[0].state().payload_kg is None
     with pytest.raises(ValueError, match="payload"):
@@ -120,3 +121,9 @@ def test_mode_and_payload(rig: Rig, banks: list[TableBank]) -> None:
     rig.drives[1].refuse[0x2100, 1] = 0x08000022
     with pytest.raises(SdoRefused, match="disable the drive"):
         banks[0].set_mode(CompensationMode.OFF)
+
+
+@pytest.mark.parametrize("timeout_s", [0.0, 4e-4, 2.0**32 * 1e-3, -1.0, float("inf"), float("nan")])
+def test_a_time_out_that_is_no_number_of_milliseconds_is_refused(banks: list[TableBank], timeout_s: float) -> None:
+    with pytest.raises(ValueError, match="impossible time-out"):
+        banks[0].set_trial_timeout(timeout_s)

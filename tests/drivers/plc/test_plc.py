@@ -7,6 +7,7 @@ import math
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -21,7 +22,7 @@ from drivers.errors import ConnectionFailed, InterlockOpen, NoAnswer, PlcError, 
 from drivers.plc.modbus_line import TcpLine
 from drivers.plc.plc import Plc, PlcTiming
 from drivers.plc.plc_registers import ReadingRegister, Register, RegisterMap, decode
-from tests.drivers.scripted import CountingClock
+from tests.drivers.scripted import CountingClock, TickingClock
 from tests.either import either
 
 VALUES = {4: 20.5, 6: 21.0, 8: 22.0, 10: 19.0, 12: 20.0, 14: 1002.5, 16: 45.0}
@@ -126,6 +127,18 @@ def test_read(plc: Plc) -> None:
     assert (state.pressure_hpa, state.humidity, state.payload) == pytest.approx((1002.5, 0.45, 0))
     assert all(state.interlocks.values())
     state.require_safe()
+
+
+def test_a_state_is_dated_within_its_request(server: ModbusPlc) -> None:
+    clock = TickingClock()
+    plc = Plc(TcpLine("127.0.0.1", server.port), clock=clock)
+    plc.connect()
+    begin_s, begin_host_s = clock.now_s(), time.monotonic()
+    state = plc.read()
+    end_s, end_host_s = clock.now_s(), time.monotonic()
+    plc.close()
+    assert begin_s < state.t_rig_s < end_s
+    assert begin_host_s <= state.t_host_s <= end_host_s
 
 
 def test_an_open_interlock_is_named(server: ModbusPlc, plc: Plc) -> None:

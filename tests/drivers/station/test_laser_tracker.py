@@ -25,7 +25,7 @@ from drivers.errors import (
 from drivers.station.geocom import StationLine
 from drivers.station.laser_tracker import LaserTracker, LockState, SettleCriterion
 from drivers.station.polar import average, cartesian_to_polar, polar_to_cartesian, to_face_one
-from tests.drivers.scripted import NO_CHECKSUM, CountingClock, ScriptedPort
+from tests.drivers.scripted import NO_CHECKSUM, CountingClock, ScriptedPort, TickingClock
 
 _REQUEST_NUMBER = re.compile(rb"^(%R1Q,\d+,)\d+")
 _ANSWER_NUMBER = re.compile(rb"(%R1P,\d+,)\d+")
@@ -151,16 +151,8 @@ def test_measure(make: Make) -> None:
     port.finished()
 
 
-class _TickingClock(CountingClock):
-    """Rig time that advances whenever somebody asks for it."""
-
-    def now_s(self) -> float:
-        self.t_s += 1e-3
-        return self.t_s
-
-
 def test_a_reading_is_dated_within_its_exchanges(make: Make) -> None:
-    clock = _TickingClock()
+    clock = TickingClock()
     tracker, _ = make([*CONNECT, *_reading(18)], clock=clock)
     tracker.connect()
     begin_s, begin_host_s = clock.now_s(), time.monotonic()

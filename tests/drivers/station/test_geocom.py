@@ -136,6 +136,15 @@ def test_nonsense_is_a_protocol_error(opened: Open) -> None:
     port.finished()
 
 
+@pytest.mark.parametrize("old", [7, 8])
+def test_up_to_seven_answers_to_other_requests_are_passed_over(opened: Open, old: int) -> None:
+    """After more than that the question is put again."""
+    first = (b"%R1Q,5003,0:", b"%R1P,0,77:0,1\r\n" * old + b"%R1P,0,0:0,5\r\n")
+    session, port = opened([first, *([(b"%R1Q,5003,1:", b"%R1P,0,1:0,6\r\n")] if old > 7 else [])])
+    assert _serial_number(session) == (6 if old > 7 else 5)
+    port.finished()
+
+
 def test_answers_to_other_requests_for_ever_are_a_protocol_error(opened: Open) -> None:
     many = b"%R1P,0,77:0,1\r\n" * 20
     session, _ = opened([(b"%R1Q,5003,0:", many), (b"%R1Q,5003,1:", many)])

@@ -11,6 +11,7 @@ from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
+from calibration.diagnosis.outlying_readings import outlier_weights
 from calibration.recording.recording import make_recording
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
@@ -181,3 +182,16 @@ def test_what_is_not_finite_cannot_come_in(wandering, column, value):
     ]
     with pytest.raises(InputError, match=f"'{column}' is not finite"):
         make_recording(wandering.file, wandering.machine, rows)
+
+
+@pytest.mark.parametrize(("sigmas", "weighted"), [((3.9,), False), ((4.1,), True), ((5.0,) * 3, False)])
+def test_few_readings_beyond_four_standard_deviations_have_less_weight(sigmas, weighted):
+    """Three of a hundred are many; from three standard deviations on the weight's square falls as their inverse."""
+    residual = np.full((100, 3), 0.5)
+    residual[: len(sigmas), 1] = sigmas
+    residual[50, 2] = -3.5
+    weights = outlier_weights(residual, np.zeros((100, 3, 1)))
+    assert (weights is not None) is weighted
+    if weights is not None:
+        assert weights[[0, 50]] ** 2 == pytest.approx([3.0 / 4.1, 3.0 / 3.5])
+        assert np.all(weights[1:50] == 1.0)

@@ -7,9 +7,11 @@ import pytest
 
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.findings.parameter_uncertainty import mean_square_about
+from calibration.diagnosis.effect_inputs import inputs_of_readings
+from calibration.diagnosis.findings.parameter_uncertainty import mean_square_about, parameter_uncertainty
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.effects.api import EffectParameter
+from calibration.diagnosis.search import rank_effects
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 
@@ -142,3 +144,22 @@ def test_a_mean_square_over_cells_is_that_of_samples():
     assert mean_square_about(2.0, values, posterior, parameter) == pytest.approx(np.mean((x - 2.0) ** 2), rel=0.02)
     single = mean_square_about(5.0, np.array([5.0]), np.ones(1), parameter)
     assert single == pytest.approx(np.mean((rng.uniform(0.0, 20.0, 200_000) - 5.0) ** 2), rel=0.02)
+
+
+def test_values_count_by_the_weights_of_their_basis_sets(small, likelihood):
+    """The same columns with 1 s and 3 s, nine times as likely beforehand as not: cells 0 to 2 s and 2 to 4 s."""
+
+    def forms(inputs: EffectInputs, place: int) -> BasisSets:
+        out = BasisSets()
+        columns = out.add((f"travel.{inputs.drive(place)}", inputs.context.direction[:, place]))
+        out.add_set(columns, weight=0.9, delay_s=1.0)
+        out.add_set(columns, weight=0.1, delay_s=3.0)
+        return out
+
+    delay = EffectParameter("delay_s", 0.0, 10.0, "s", "")
+    effect = Effect("slow", "drive", EffectParameter("lag_m", 1e-6, 1e-3, "m", ""), "", (), forms, (delay,))
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    (cause,) = rank_effects(likelihood, inputs, [effect])
+    assert cause.best.basis_set.parameters == {"delay_s": 1.0}
+    expected = np.sqrt(0.9 * 1.0 / 3.0 + 0.1 * (2.0**2 + 1.0 / 3.0))
+    assert parameter_uncertainty(cause, delay, likelihood, inputs) == pytest.approx(expected)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -152,3 +154,15 @@ def test_chi_square_is_per_degree_of_freedom_not_per_row(model):
         assert fit.chi2_per_dof == pytest.approx(np.sum(fit.residuals[0] ** 2) / freedom, rel=1e-6)
         values.append(fit.chi2_per_dof)
     assert np.mean(values) == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_squared_weight_of_a_reading_is_the_slope_of_its_loss():
+    """Of Huber's loss, for readings of three numbers from far below to far above its limit."""
+    robust, step = SimpleNamespace(robust=True), 1e-6
+    residual = np.geomspace(1e-3, 1e3, 40)[:, None] * np.array([0.6, -0.8, 0.1])
+    square = np.sum(residual**2, axis=1)
+    above, below = (LeastSquaresProblem._rho(robust, square * (1.0 + s), 3) for s in (step, -step))
+    slope = (above - below) / (2.0 * step * square)
+    assert LeastSquaresProblem._weights(robust, residual) ** 2 == pytest.approx(slope, rel=1e-4)
+    assert slope[0] == pytest.approx(1.0)
+    assert slope[-1] < 0.01

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.identification.remarks import remarks
+from calibration.identification.remarks import _scatter, remarks
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.reduction.data_checks import require_spread_poses
 
@@ -61,3 +62,14 @@ def test_too_few_poses_and_poses_in_one_corner_are_refused(machine):
     target[:, 0] *= 0.1
     with pytest.raises(InputError, match="all poses lie in one corner: x"):
         require_spread_poses(machine, target)
+
+
+@pytest.mark.parametrize(
+    ("chi2_per_dof", "begins"),
+    [(0.09, "the readings scatter 0.3 times"), (0.11, None), (1.89, None), (1.91, "the readings scatter 1.4 times")],
+)
+def test_scatter_is_said_beyond_half_and_one_and_a_half_by_four_standard_deviations(chi2_per_dof, begins):
+    """Of chi-squared over 200 degrees of freedom: 4 (2 / 200)^(1/2) = 0.4."""
+    sentences = _scatter(SimpleNamespace(degrees_of_freedom=200.0, chi2_per_dof=chi2_per_dof))
+    assert len(sentences) == (begins is not None)
+    assert all(sentence.startswith(begins) for sentence in sentences)

@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
 from calibration.identification.estimators import identify
-from calibration.identification.explanations import explanations, group_indistinguishable
 from calibration.identification.leave_one_out import leave_one_out
-from calibration.identification.step_size import check_step_size
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import rigid_drives
 from calibration.model.model import Model
@@ -24,7 +22,7 @@ from calibration.recording.delta_printer import machine_with_measurements
 from calibration.recording.klipper import parse_printer
 from calibration.recording.measurement_folder import MeasuredMachine, read_measurements, write_measurements
 from calibration.recording.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
-from tests.calibration.delta_reference import TRUE, Rows, own_printer, printer_cfg
+from tests.calibration.delta_reference import own_printer, printer_cfg
 
 COLUMNS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -253,79 +251,3 @@ def test_the_order_of_the_rows_does_not_matter(own):
     )
     one, two = (identify(Model(m.parameters()), m.visits, m.readings()) for m in (own, mixed))
     np.testing.assert_allclose(one.unknowns, two.unknowns, atol=1e-9)
-
-
-@pytest.mark.parametrize(("factor", "named"), [(0.5, "2 times"), (2.0, "1/2 times"), (8.0, "1/8 times")])
-def test_a_wrong_step_distance_is_refused_with_the_factor(own, factor, named):
-    check_step_size(own)
-    wrong = replace(own, visits=replace(own.visits, drives=own.visits.drives * factor))
-    with pytest.raises(InputError, match=f"; {named} the step distance") as caught:
-        check_step_size(wrong)
-    assert "\n" not in str(caught.value)
-
-
-def test_readings_of_another_calibration_are_refused_without_a_factor(own):
-    wrong = replace(own, visits=replace(own.visits, drives=own.visits.drives + np.array([0.0, 0.004, 0.0])))
-    with pytest.raises(InputError, match=r"miss the readings by [\d.]+ mm.*no step distance"):
-        check_step_size(wrong)
-
-
-def spoiled(arm_mm, count):
-    """A machine whose arms are longer than stored, without noise: what it reads, under the stored arms."""
-    real = replace(TRUE, arm=TRUE.arm + arm_mm)
-    turns = np.radians(np.linspace(0.0, 360.0, count - 1, endpoint=False) + 30.0)
-    points = [(0.0, 0.0), *((100.0 * np.cos(t), 100.0 * np.sin(t)) for t in turns)]
-    rows = Rows([(0.0, real.steps((x, y, 0.0))) for x, y in points], [])
-    start = replace(TRUE, endstop=real.endstop - 0.1)
-    return printer(start, rows)
-
-
-def explained(measured):
-    kinds = measured.file.former.unknowns
-    model = Model(ParameterSet.of(measured.machine, kinds))
-    fit = identify(model, measured.visits, measured.readings(instrument_unknowns=False), "least_squares")
-    return explanations(fit, Model(measured.parameters()), measured.readings())
-
-
-def test_longer_arms_leaning_rails_and_drive_scale_are_one_class():
-    """Seven heights, six parameters: one pattern is left, and whatever moves it explains it.
-
-    Arms 3 mm longer look like rails leaning by some milliradians and like a drive scale of -1 %.
-    """
-    result = explained(spoiled(3.0, 7))
-    by_kind = {e.kind: e for e in result}
-    assert set(by_kind) == {"strut_length", "axis_tilt", "drive_scale"}
-    # Exact up to what the readings are not linear in over 3 mm.
-    np.testing.assert_allclose(by_kind["strut_length"].value, 3e-3, rtol=0.1)
-    np.testing.assert_allclose(by_kind["drive_scale"].value, -0.01, rtol=0.1)
-    assert 1e-3 < by_kind["axis_tilt"].size < 4e-3
-    for one in result:
-        assert one.share == pytest.approx(1.0, abs=1e-6), one.kind
-        assert one.absorbed > 0.99, one.kind
-    assert [len(group) for group in group_indistinguishable(result, 7)] == [3]
-
-
-def exact_rows(scale):
-    """Readings of the true machine without noise, by a calliper that reads too long by a factor."""
-    _, rows = own_printer()
-    true = [(scale * np.linalg.norm(TRUE.tool(p) - TRUE.tool(q)), p, q) for _, p, q in rows.distances]
-    return Rows([(TRUE.tool(p)[2], p) for _, p in rows.heights], true)
-
-
-def test_scale_of_the_calliper_and_of_the_drives_are_one_class():
-    rows = exact_rows(1.01)
-    result = explained(printer(TRUE, rows))
-    by_kind = {e.kind: e for e in result}
-    assert by_kind["bar.scale"].value == pytest.approx(0.01, rel=0.01)
-    np.testing.assert_allclose(by_kind["drive_scale"].value, 0.01, rtol=0.1)
-    together = [{e.kind for e in group} for group in group_indistinguishable(result, 19)]
-    assert any({"bar.scale", "drive_scale"} <= group for group in together)
-
-
-def test_an_outlier_is_explained_by_nothing_and_kinds_differ_on_it():
-    rows = exact_rows(1.0)
-    height, steps = rows.heights[8]
-    rows.heights[8] = (height + 0.5, steps)
-    result = explained(printer(TRUE, rows))
-    assert result[0].share < 0.9
-    assert len(group_indistinguishable(result, 19)) > 1

@@ -166,3 +166,16 @@ def test_the_squared_weight_of_a_reading_is_the_slope_of_its_loss():
     assert LeastSquaresProblem._weights(robust, residual) ** 2 == pytest.approx(slope, rel=1e-4)
     assert slope[0] == pytest.approx(1.0)
     assert slope[-1] < 0.01
+
+
+def test_a_start_is_searched_with_an_even_share_of_the_readings(model):
+    """The same ones each time, in their order; a problem that is not much larger is its own start."""
+    visits, readings = seen(model, 1, count=50)
+    problem = LeastSquaresProblem(model, visits, [readings])
+    some, again = problem.subsample(10), problem.subsample(10)
+    rows, again_rows = (part.readings[0].value for part in (some, again))
+    assert len(rows) == np.ceil(0.2 * len(readings))
+    assert np.array_equal(rows, again_rows)
+    place = [int(np.flatnonzero(np.all(readings.value == row, axis=1))[0]) for row in rows]
+    assert place == sorted(set(place))
+    assert problem.subsample(26) is problem

@@ -8,24 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks.outliers import CASES, run_case, shifted
-from calibration.identification.calibration import calibration_part, identified_summary, identify_recording
+from calibration.identification.calibration import identified_summary, identify_recording
 from calibration.identification.gate import gate_readings
 from calibration.identification.leave_one_out import leave_one_out
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.reduction.reduction import reduce
-from tests.pkm_rig.plant_recording import record
-
-SIZE = {"calibration_poses": 24, "nest_every_visits": 6}
-
-
-@pytest.fixture(scope="module")
-def recording():
-    return calibration_part(record(4, **SIZE))
-
-
-@pytest.fixture(scope="module")
-def identified(recording):
-    return identify_recording(recording, baselines=False)
 
 
 def problem_of(identified):

@@ -10,6 +10,7 @@ import pytest
 from calibration.base.frame import Frame, station_frame
 from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import AXES, Channels
+from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.effects.context import ArrivalHistory, ReadingContext
 from calibration.instruments.station_geometry import points_to_polar, polar_to_points
@@ -228,3 +229,25 @@ def test_every_name_has_one_response(case):
     assert len(set(names)) == len(names)
     for name in names:
         assert np.all(np.isfinite(case.channels.shift_m(name))), name
+
+
+def test_a_slider_is_pulled_by_its_own_struts_towards_the_platform(case):
+    """Force and moment about the middle of its joints, from the places of the joints."""
+    observed, machine = case.observed, case.observed.machine
+    inputs = inputs_of_readings(observed, case.channels, lambda *_: [], lambda *_: [])
+    poses, geometry, visit = observed.poses, observed.poses.geometry, np.maximum(observed.visit, 0)
+    equilibrium_ = poses.equilibrium
+    struts = range(len(machine.strut_names))
+    carriers = equilibrium.carriers_of(machine, geometry, case.rest.drives, case.rest.at)
+    for a in range(len(machine.drive_names)):
+        pull, moment = np.zeros((len(visit), 3)), np.zeros(len(visit))
+        own = [i for i in struts if machine.strut_drive[i] == a]
+        for i in own:
+            far = equilibrium_.position_m + equilibrium_.rotation @ geometry.platform_joint_m[i]
+            along = far - carriers[a].position(geometry.base_joint_m[i]).T
+            force = (along / np.linalg.norm(along, axis=1)[:, None])[visit] * inputs.tension_n[:, i : i + 1]
+            pull += force
+            lever = geometry.base_joint_m[i] - geometry.base_joint_m[own].mean(axis=0)
+            moment += lever[0] * force[:, 1] - lever[1] * force[:, 0]
+        np.testing.assert_allclose(inputs.pull_n[:, a], pull, atol=1e-2 * np.abs(pull).max() + 1e-9)
+        np.testing.assert_allclose(inputs.moment_nm[:, a], moment, atol=1e-2 * np.abs(moment).max() + 1e-9)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from calibration.diagnosis.effect_inputs import inputs_of_readings
+from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
 from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.search import rank_effects
@@ -188,3 +190,22 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
     causes = rank_effects(likelihood, inputs, [with_forms_at(*places)])
     assert [set(cause.places) for cause in causes] == ([{("left", "right")[i] for i in places}] if places else [])
     assert all(sum(cause.places.values()) == pytest.approx(1.0) for cause in causes)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e9])
+def test_the_time_of_a_change_is_found_in_any_unit_of_its_channel(small, unit):
+    """A step of the residual after the twentieth arrival, in a channel that moves readings little per unit."""
+    rng, context = np.random.default_rng(4), small.context
+    order = np.argsort(context.t_s)
+    response = rng.standard_normal(small.residual.shape) / unit
+    after = context.t_s >= context.history.arrived_s[20] + 1e-6
+    observed = SimpleNamespace(
+        linear=SimpleNamespace(context=context),
+        response=lambda _: response,
+        weighted_residual=unit * response * after[:, None] + 0.1 * rng.standard_normal(response.shape),
+    )
+    onset_s, prior = strongest_onsets(observed, ["any"])[0]
+    first = order[np.flatnonzero(after[order])[0]]
+    last = order[np.flatnonzero(after[order])[0] - 1]
+    assert onset_s == pytest.approx(0.5 * (context.t_s[first] + context.t_s[last]) - context.start_s)
+    assert 0.0 < prior < 0.1

@@ -111,3 +111,25 @@ def test_only_what_differs_from_the_nearest_measured_visit_tells_anything(small,
     sigma_m = np.sqrt(np.median(small.recording.covariances_m2[small.rows][:, 0, 0]))
     size = np.linalg.norm(response(everywhere, absolute=True).reshape(-1, 3), axis=1)
     assert size == pytest.approx(1e-5 / sigma_m, rel=0.2)
+
+
+def test_each_proposal_varies_what_it_says(small):
+    """Approach side, rest, speed and payload; all visit the same poses."""
+    varied = {}
+    for proposal in proposals(small):
+        visits = proposal.visits
+        varied[proposal.name] = tuple(
+            len({getattr(visit, name) for visit in visits}) > 1
+            for name in ("direction", "dwell_s", "speed_m_per_s", "payload")
+        )
+        heaviest = int(np.argmax([payload.mass_kg for payload in small.recording.file.payloads]))
+        assert sum(visit.payload == heaviest for visit in visits) in (0, len(visits) // 2)
+    assert varied == {
+        "random poses": (False, False, False, False),
+        "both directions": (True, False, False, False),
+        "varied rest": (False, True, True, False),
+        "directions and rest": (True, True, True, False),
+        "another payload": (False, False, False, True),
+        "everything varied": (True, True, True, True),
+    }
+    assert len({tuple(visit.target_m for visit in proposal.visits) for proposal in proposals(small)}) == 1

@@ -16,6 +16,7 @@ from calibration.diagnosis.diagnose import diagnose_and_add, diagnose_and_score
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
@@ -118,6 +119,16 @@ def test_a_single_moment_gives_what_all_give(twin, strong):
     everywhere = twin.places_m(context)
     for row in (0, 7, len(context) - 1):
         assert twin.places_m(context, np.array([row]))[0] == pytest.approx(everywhere[row], abs=1e-7)
+
+
+def test_the_joint_fit_begins_where_the_diagnosis_is_linear(small, likelihood):
+    """There the nonlinear model leaves the same residuals as the linear one, and has the same derivatives."""
+    fit = JointFit(likelihood, ())
+    begin = fit._at_linear_model
+    again = fit._linearise(begin.z, begin.poses)
+    np.testing.assert_allclose(again.residual, begin.residual, atol=1e-3)
+    np.testing.assert_allclose(again.columns, small.columns, atol=1e-3 * np.abs(small.columns).max())
+    assert np.abs(begin.residual[small.visit >= 0]).max() < 6.0
 
 
 def test_a_place_that_is_not_finite_is_refused(twin, strong):

@@ -146,7 +146,7 @@ def searched(monkeypatch, *rounds: list[Evidence], rest: float = 100.0, alone: f
     steps = iter([*rounds, []])
     monkeypatch.setattr(search, "rank_effects", lambda *_: next(steps))
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
-    monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, []))
+    monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
     monkeypatch.setattr(
         search, "rank_non_parametric", lambda likelihood, _: [Evidence("", rest if "+" in likelihood else alone)]
     )
@@ -243,3 +243,9 @@ def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(ex
     remarks = _remarks(result, verdict, noise_floor_m=5e-6)
     assert len(remarks) == said
     assert all("travel.left" in remark and "time" in remark for remark in remarks)
+
+
+def test_several_causes_are_each_fitted_again_beside_the_others(monkeypatch):
+    rounds = [[Evidence("backlash", 100.0)], [Evidence("latency", 50.0, "")]]
+    assert searched(monkeypatch, *rounds[:1]).likelihoods == ("none", "none+backlash")
+    assert searched(monkeypatch, *rounds).likelihoods == ("refitted",)

@@ -303,3 +303,18 @@ def test_any_bytes_give_values_or_a_declared_error(lines: list[bytes], checked: 
     else:
         assert complaint is not None
         assert complaint.startswith("station")
+
+
+def test_a_busy_station_is_asked_for_five_seconds_of_rig_time() -> None:
+    port = ScriptedPort([(b"%%R1Q,9028,%d:0,0,0" % n, b"%%R1P,0,%d:1293\r\n" % n) for n in range(60)])
+    clock = CountingClock()
+    session = GeoComSession("station", port.url, clock, line=StationLine())
+    session.geocom.uses_checksums = True
+    try:
+        with pytest.raises(StationBusy):
+            session.command(session.geocom.aut.change_face)
+    finally:
+        session.close()
+        port.close()
+    assert 5.0 <= clock.t_s < 6.0
+    assert not port.errors

@@ -68,6 +68,17 @@ def test_a_gap_in_a_block_is_seen_and_filled(lost: int) -> None:
     assert [frame[1] for frame in wire.sent if frame[0] == 0xA2] == [lost - 4, 7 - lost]  # confirmed
 
 
+@pytest.mark.parametrize("times", [1, 8, 9])
+def test_a_frame_that_is_lost_again_and_again_is_asked_for_eight_times(times: int) -> None:
+    """Request, answer and start are frames 1 to 3; then the content's only frame and what was received, in turn."""
+    wire = Wire(Memory(CONTENT[:5]), frozenset(range(4, 4 + 2 * times, 2)))
+    if times <= 8:
+        assert BlockTransfer(wire).upload(0x2000, 1, 4096) == CONTENT[:5]
+    else:
+        with pytest.raises(ProtocolBroken, match="lost repeatedly"):
+            BlockTransfer(wire).upload(0x2000, 1, 4096)
+
+
 @given(st.frozensets(st.integers(1, 420), max_size=3), st.integers(1, len(CONTENT)))
 def test_lost_frames_never_store_or_give_anything_wrong(lost: frozenset[int], length: int) -> None:
     memory = Memory(b"before")

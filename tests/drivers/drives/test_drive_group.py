@@ -35,6 +35,16 @@ def test_move(rig: Rig) -> None:
     assert [s.position_m for s in again] == pytest.approx([0.2, -0.1])
 
 
+def test_as_many_positions_as_drives_are_needed(rig: Rig) -> None:
+    for drive in rig.drives.values():
+        drive.writes.clear()
+        drive.controlwords.clear()
+    with pytest.raises(ValueError, match="2 drives, 1 positions"):
+        rig.group.move_to([0.1], 0.1)
+    assert not any(drive.writes or drive.controlwords for drive in rig.drives.values())
+    rig.group.move_to([0.1, -0.2], 0.1)
+
+
 def test_a_bit_left_from_the_move_before_is_not_believed(rig: Rig) -> None:
     rig.group.move_to([0.1, 0.1], 0.1)
     rig.drives[1].stuck = True

@@ -77,6 +77,25 @@ def test_a_zero_in_the_factor_group(rig: Rig) -> None:
         rig.servos[0].connect()
 
 
+@pytest.mark.parametrize(
+    ("entry", "value", "metres_per_increment"),
+    [
+        ((0x608F, 1), 2_000_000, 5e-9),
+        ((0x608F, 2), 2, 2e-8),
+        ((0x6091, 1), 2, 5e-9),
+        ((0x6091, 2), 2, 2e-8),
+        ((0x6092, 1), 20_000, 2e-8),
+        ((0x6092, 2), 2, 5e-9),
+    ],
+)
+def test_units_are_those_of_the_factor_group(
+    rig: Rig, entry: tuple[int, int], value: int, metres_per_increment: float
+) -> None:
+    """Encoder resolution, gear and feed of CiA 402: each of its six numbers halves or doubles the increment."""
+    rig.drives[1].objects[entry] = value.to_bytes(4, "little")
+    rig.servo(1, metres_per_increment=metres_per_increment).connect()
+
+
 def test_a_wrong_mapping_is_written_once(rig: Rig) -> None:
     rig.drives[1].objects[0x1A00, 2] = bytes(4)
     rig.servos[0].connect()

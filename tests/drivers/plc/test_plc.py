@@ -141,6 +141,17 @@ def test_a_state_is_dated_within_its_request(server: ModbusPlc) -> None:
     assert begin_host_s <= state.t_host_s <= end_host_s
 
 
+@pytest.mark.parametrize(
+    ("field", "change", "jumps"),
+    [("pressure_hpa", 5.9, False), ("pressure_hpa", -6.1, True), ("humidity", 0.009, False), ("humidity", 0.011, True)],
+)
+def test_a_value_jumps_by_a_hundredth_of_its_range(plc: Plc, field: str, change: float, jumps: bool) -> None:
+    """500 to 1100 hPa, 0 to 100 %."""
+    state = plc.connect()
+    later = replace(state, **{field: getattr(state, field) + change})
+    assert (plc.map.jump(state, later) is not None) is jumps
+
+
 def test_an_open_interlock_is_named(server: ModbusPlc, plc: Plc) -> None:
     server.words[1] = 0b1010
     with pytest.raises(InterlockOpen, match="guard closed, drive power on"):
@@ -414,3 +425,21 @@ def test_any_words_are_a_state_or_a_plc_error(words: list[int], fresh: bool) -> 
     else:
         assert complaint is not None
         assert complaint.startswith("PLC")
+
+
+def test_a_value_ages_by_its_own_register_wherever_the_block_begins() -> None:
+    clock = CountingClock()
+    places = {"air": Register(104, -20.0, 60.0, stale_s=10.0), "base": Register(106, -20.0, 60.0)}
+    registers = RegisterMap(
+        heartbeat=100, interlocks=101, payload=102, interlocks_inverted=None, temperatures_c=places,
+        pressure_hpa=Register(108, 500.0, 1100.0), humidity_percent=Register(110, 0.0, 100.0), master_heartbeat=None,
+        master_seen=None, sequence=131, sequence_taken=134,
+    )  # fmt: skip
+    plc = Plc(TcpLine("127.0.0.1", 1), clock=clock, register_map=registers)
+    words = [7] * 12
+    for number in range(4):  # it changes every 8 s, all others never
+        words[5] = number
+        plc._refuse_old_values(list(words), clock.now_s())
+        clock.sleep_s(8.0)
+    with pytest.raises(StaleData, match="air temperature has not changed for 11 s"):
+        plc._refuse_old_values(list(words), clock.now_s() + 3.0)

@@ -128,7 +128,7 @@ def _number(name: str, meaning: str) -> Column:
 
 
 COLUMNS: tuple[Column, ...] = (
-    _text("uid", "Unique name of the reading."),
+    _text("uid", "Unique name of the reading: up to 100 letters, digits, `.`, `_` and `-`; first a letter or a digit."),
     _text("phase", "`repeatability`, `nests`, `calibration`, `verification_before` or `verification_after`."),
     _text("smr", "Name of the reflector in the machine file."),
     _count("sequence", "Number of the reading in its campaign."),

@@ -7,6 +7,7 @@ The store, a recording folder and other people's programs all produce this; ever
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from calibration.machine.description import Machine
 from calibration.recording.header import RecordingFile
 
 PHASES = ("repeatability", "nests", "calibration", "verification_before", "verification_after")
+UID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")  # as it is shown in terminals and read by spreadsheets
 MIN_DISTANCE_M = 0.1
 
 
@@ -152,7 +154,12 @@ def _check_setups(recording: Recording) -> None:
 
 
 def _check_names(recording: Recording) -> None:
-    """Unique readings, known phases, reflectors and payloads, and masses of payloads as listed."""
+    """Unique names of readings, known phases, reflectors and payloads, and masses of payloads as listed."""
+    for row, name in enumerate(recording["uid"].tolist(), start=1):
+        if not UID.fullmatch(name):
+            raise _input_error(
+                recording, f"row {row}, column 'uid': {name[:20]!r} has more than letters, digits, . _ -"
+            )
     uids, counts = np.unique(np.asarray(recording["uid"]), return_counts=True)
     if np.any(counts > 1):
         raise _input_error(recording, f"reading '{uids[np.argmax(counts)]}' occurs twice; keep one")

@@ -44,6 +44,19 @@ def with_names(recording, smr, payload):
     )
 
 
+@pytest.mark.parametrize("uid", ["=cmd|' /C calc'!A0", "-1+1", "@SUM(1)", "\x1b[2Jx", "", "a b", "x" * 101])
+def test_readings_with_a_name_for_a_spreadsheet_or_a_terminal_are_refused(run, uid, tmp_path):
+    recording = record(4, calibration_poses=12)
+    uids = recording["uid"].copy().astype("U120")
+    uids[1] = uid
+    write_folder(replace(recording, columns={**recording.columns, "uid": uids}), tmp_path / "folder")
+    status, _, complaint = run("import", tmp_path / "folder", "--out", tmp_path)
+    assert status == 2
+    assert "row 2, column 'uid'" in complaint
+    assert len(complaint.splitlines()) == 1
+    assert "\x1b" not in complaint
+
+
 @pytest.mark.parametrize("name", [r"[/b]$\frac{$%s<b>"])
 def test_names_go_through_all_commands(run, name, tmp_path):
     recording = with_names(record(4, calibration_poses=12), name, name)

@@ -125,6 +125,13 @@ def test_a_drive_that_is_not_enabled(rig: Rig) -> None:
         rig.group.move_to([0.1, 0.1], 0.1)
 
 
+def test_a_drive_that_cannot_be_disabled_is_named_and_the_other_is_without_power(rig: Rig) -> None:
+    rig.drives[1].control = lambda word: None  # type: ignore[method-assign]
+    with pytest.raises(MotionTimeout, match="drive 1"):
+        rig.group.disable()
+    assert rig.servos[1].state() is State.SWITCH_ON_DISABLED
+
+
 def test_enabling_fails_together(rig: Rig) -> None:
     rig.group.disable()
     rig.drives[2].status = 0x08

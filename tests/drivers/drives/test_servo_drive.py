@@ -53,6 +53,15 @@ def test_an_absent_node_is_named(rig: Rig) -> None:
         rig.servo(9).connect()
 
 
+def test_an_absent_node_is_asked_once(rig: Rig) -> None:
+    asked: list[tuple[int, int]] = []
+    take = rig._take
+    rig._take = lambda cob_id, data: (asked.append((cob_id, data[0])), take(cob_id, data))  # type: ignore
+    with pytest.raises(ConnectionFailed):
+        rig.servo(9).connect()
+    assert asked.count((0x609, 0x40)) == 1
+
+
 @pytest.mark.parametrize("wrong", [{"vendor": 1}, {"product": 2}, {"serial": 3}, {"metres_per_increment": 2e-8}])
 def test_another_drive_or_other_units(rig: Rig, wrong: dict[str, float]) -> None:
     with pytest.raises(IdentityMismatch, match="is configured"):
@@ -207,6 +216,7 @@ def test_a_restart_is_noticed(rig: Rig) -> None:
 
 def test_nothing_works_on_a_closed_line(rig: Rig) -> None:
     rig.line.close()
+    assert not rig.line._reader.is_alive()
     for action in (rig.servos[0].connect, rig.servos[0].quick_stop, rig.group.sample):
         with pytest.raises(ConnectionFailed, match="closed"):
             action()

@@ -56,6 +56,15 @@ def test_write_activate_and_roll_back(banks: list[TableBank]) -> None:
     assert [bank.state().generation for bank in banks] == [1, 1]
 
 
+def test_another_table_than_the_expected_one_is_told(banks: list[TableBank]) -> None:
+    activations = _write_both(banks, 3)
+    activate_all(activations)
+    banks[0].confirm(1, activations[0].crc, 3)
+    for number, crc, generation in ((2, activations[0].crc, 3), (1, 0xDEAD, 3), (1, activations[0].crc, 4)):
+        with pytest.raises(TableError, match=rf"bank 1, .* is active instead of bank {number}, CRC {crc:08X}, .*"):
+            banks[0].confirm(number, crc, generation)
+
+
 def test_other_bytes_in_the_bank(rig: Rig, banks: list[TableBank]) -> None:
     store = rig.drives[1]._react
 
@@ -103,8 +112,9 @@ def test_all_or_none(rig: Rig, banks: list[TableBank]) -> None:
     assert banks[0].state().generation == 1
     rig.drives[2].refuse.clear()
     rig.drives[2].objects[0x2102, 2] = b"abcd"
-    with pytest.raises(TableError, match="expected CRC"):
+    with pytest.raises(TableError, match="expected CRC") as caught:
         activate_all(second)
+    assert "restoring" not in str(caught.value)  # this time it went well
     assert [bank.state().generation for bank in banks] == [1, 1]
 
 

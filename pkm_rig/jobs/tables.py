@@ -24,6 +24,7 @@ def show_tables(rig: Rig, store: Store | None) -> dict[str, Any]:
     states = read_states(rig)
     return {
         "rig": rig.file.rig,
+        "simulated": bool(rig.simulated_devices),
         "tables": tables_line(rig, store).removeprefix("tables: "),
         "drives": {
             bank.drive.name: _drive(rig, store, bank, state) for bank, state in zip(rig.banks, states, strict=True)

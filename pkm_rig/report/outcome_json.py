@@ -56,6 +56,8 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
             }
             for v in outcome.verified
         ],
+        "dropped": outcome.reduction.dropped,
+        "left_out": [reading.as_dict() for reading in outcome.reduction.left_out],
         "diagnosis": diagnosis_attempt_json(outcome.diagnosis),
         "sessions": [session.model_dump(mode="json") for session in recording.file.sessions],
         **({} if repaired is None else {"repaired": repaired}),

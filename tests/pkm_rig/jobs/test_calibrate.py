@@ -12,6 +12,7 @@ import pytest
 
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
+from calibration.reduction.left_out import LeftOutReading
 from drivers.drives.table_image import encode_table
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.calibrate import calibrate
@@ -83,6 +84,12 @@ def test_json_fits_the_schema(run, request):
     outcome, store, out, *_ = run
     result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
     jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
+    wrong = LeftOutReading("a-reading", "P1", 1.2e-3, "m", 9.0, "model gate")
+    reduction = replace(outcome.reduction, left_out=(wrong,), dropped={"model gate": 1})
+    result = json.loads(json.dumps(outcome_json(replace(outcome, reduction=reduction), None), allow_nan=False))
+    jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
+    assert result["left_out"] == [wrong.as_dict()]
+    assert result["dropped"] == {"model gate": 1}
     identification = identify_with_checks(store.recording(outcome.campaign), "map")
     jsonschema.validate(
         json.loads(json.dumps(identification, allow_nan=False)),

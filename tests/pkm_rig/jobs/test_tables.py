@@ -169,6 +169,8 @@ def store_steps(bench):
     ("arguments", "status", "words"),
     [
         (("tables", "--rig", "embedded"), 0, "tables: off on all drives"),
+        (("tables", "--rig", "embedded"), 0, "SIMULATED: by simulated devices"),
+        (("tables", "show", "--rig", "embedded", "--json"), 0, '"simulated": true'),
         (("tables", "show", "--rig", "embedded", "--json"), 0, '"tables": "off on all drives"'),
         (("tables", "off", "--rig", "embedded"), 2, "nobody can be asked here; give --yes"),
         (("tables", "off", "--rig", "embedded", "--yes"), 0, "tables: off on all drives"),

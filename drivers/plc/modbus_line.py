@@ -42,10 +42,24 @@ class TlsLine:
         return f"{self.host}:{self.port} (TLS)"
 
     async def try_handshake(self, timeout_s: float) -> None:
-        """Connect and leave again. Raises OSError, of which ssl.SSLError says why a handshake failed."""
+        """Connect, listen and leave again. Raises OSError, of which ssl.SSLError says why a handshake failed.
+
+        In TLS 1.3 a client takes the handshake for done before the PLC has looked at its certificate: that this was
+        refused is only heard afterwards.
+        """
         opening = asyncio.open_connection(self.host, self.port, ssl=self.context(), server_hostname=self.host)
-        _, writer = await asyncio.wait_for(opening, timeout_s)
-        writer.transport.abort()
+        try:
+            reader, writer = await asyncio.wait_for(opening, timeout_s)
+            try:
+                heard = await asyncio.wait_for(reader.read(1), timeout_s)
+            except TimeoutError:
+                return  # it waits for a request
+            finally:
+                writer.transport.abort()
+        except ConnectionResetError:
+            heard = b""
+        if not heard:
+            raise ssl.SSLError("the PLC hangs up after the handshake: it may refuse our certificate, or ask for one")
 
     def context(self) -> ssl.SSLContext:
         """Certificates required, host names checked, TLS 1.2 or newer. Raises OSError (ssl.SSLError included)."""

@@ -299,26 +299,41 @@ class Plc:
             finally:
                 future.cancel()
         except ssl.SSLError as error:
-            raise ConnectionFailed(
-                self.name, where, f"TLS: {_tls_reason(error)}", "check the certificate files in the rig file"
-            ) from error
+            raise _refused(self.name, where, error) from error
         except (ModbusException, OSError, TimeoutError) as error:
             with suppress(TimeoutError, OSError):
                 asyncio.run_coroutine_threadsafe(self._hang_up(), self._loop).result(timeout=5.0)
+            self._raise_if_refused(where)
             reason = " ".join(str(error).split()) or "time-out"
             raise NoAnswer(self.name, where, f"no answer: {reason}", _CHECK) from error
         if reply.isError():
             raise PlcError(self.name, where, f"the request is refused: {reply}", "check the register map")
         return reply
 
+    def _raise_if_refused(self, where: str) -> None:
+        """Where a PLC on TLS has not answered yet: whether it refuses our certificate, which looks like silence."""
+        if not isinstance(self._modbus_line, TlsLine) or self._believed is not None or self._loop is None:
+            return
+        trial = self._modbus_line.try_handshake(self._reply_timeout_s)
+        try:
+            with suppress(TimeoutError):
+                asyncio.run_coroutine_threadsafe(trial, self._loop).result(timeout=3.0 * self._reply_timeout_s)
+        except ssl.SSLError as error:
+            raise _refused(self.name, where, error) from error
+        except OSError:
+            return  # no line at all: what was reported
+
     def _error(self, what: str, remedy: str) -> PlcError:
         return PlcError(self.name, self.where, what, remedy)
 
 
-def _tls_reason(error: ssl.SSLError) -> str:
+def _refused(name: str, where: str, error: ssl.SSLError) -> ConnectionFailed:
+    reason = str(getattr(error, "reason", None) or error.args[0])  # one of our own has no reason
     if isinstance(error, ssl.SSLCertVerificationError):
-        return f"the PLC's certificate is refused: {error.verify_message}"
-    return error.reason or str(error)
+        reason = f"the PLC's certificate is refused: {error.verify_message}"
+    elif "ALERT" in reason:
+        reason = f"the PLC refuses our certificate: {reason.lower().replace('_', ' ')}"
+    return ConnectionFailed(name, where, f"TLS: {reason}", "check the certificate files in the rig file")
 
 
 async def _leave(client: ModbusBaseClient) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -158,3 +161,66 @@ def test_a_certificate_of_somebody_else_is_refused(tmp_path: Path) -> None:
     with bench.clock.activity(), pytest.raises(ConnectionFailed, match=said):
         Plc(bench.line, clock=bench.clock, timing=PlcTiming(reply_timeout_s=0.3)).connect()
     bench.close()
+
+
+@contextmanager
+def demanding_plc(context: ssl.SSLContext) -> Iterator[tuple[str, int]]:
+    """Asks for a certificate and sends what OpenSSL sends to a client whose certificate it refuses; then hangs up."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def serve() -> None:
+            while True:
+                try:
+                    plain, _ = listening.accept()
+                except OSError:
+                    return
+                with plain, suppress(OSError):
+                    plain.settimeout(5.0)
+                    context.wrap_socket(plain, server_side=True)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield listening.getsockname()
+        listening.shutdown(socket.SHUT_RDWR)
+        thread.join(10.0)
+
+
+def silent_about_it(context: ssl.SSLContext, clock: VirtualClock) -> AbstractContextManager[tuple[str, int]]:
+    """The mock PLC, which hangs up without a word."""
+    plant = StandingPlant(Plant(MACHINE, MockSettings(operator_time_s=5.0), clock)).plant
+    return served(PlcServer(plant, transport="tls", tls=context))
+
+
+@contextmanager
+def served(server: PlcServer) -> Iterator[tuple[str, int]]:
+    try:
+        yield server.address
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+@pytest.mark.parametrize("ours", ["none", "foreign"])
+@pytest.mark.parametrize("says_why", [True, False])
+def test_a_plc_that_refuses_our_certificate_says_so(
+    tmp_path: Path, ours: str, version: ssl.TLSVersion, says_why: bool
+) -> None:
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = context.maximum_version = version
+    context.verify_mode = ssl.CERT_REQUIRED
+    authority.configure_trust(context)
+    authority.issue_cert("127.0.0.1").configure_cert(context)
+    foreign = trustme.CA().issue_cert("rig.example")
+    foreign.cert_chain_pems[0].write_to_path(tmp_path / "rig.pem")
+    foreign.private_key_pem.write_to_path(tmp_path / "rig.key")
+    files = () if ours == "none" else (tmp_path / "rig.pem", tmp_path / "rig.key")
+    said = "the PLC refuses our certificate: .*alert" if says_why else "the PLC hangs up .* may refuse our certificate"
+    clock = VirtualClock()
+    plc = demanding_plc(context) if says_why else silent_about_it(context, clock)
+    with plc as (host, port), clock.activity():
+        driver = Plc(TlsLine(host, tmp_path / "ca.pem", port, *files), clock=clock, timing=PlcTiming(0.3))
+        with pytest.raises(ConnectionFailed, match=f"TLS: {said}.*; check the certificate files"):
+            driver.connect()
+    clock.close()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import select
 import socket
 import threading
 from typing import Any
 
 import can
+import serial
+from can.interfaces.slcan import slcanBus
 from can.interfaces.socketcand import SocketCanDaemonBus
 
 from drivers.errors import ConnectionFailed
@@ -89,10 +92,26 @@ def open_bus(
             _probe_server(host, port)
             return SocketcandBus(channel, host, port, tcp_tune=hasattr(socket, "TCP_QUICKACK"))
         settings: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
+        if interface == "slcan":
+            return _open_slcan(channel, settings)
         return can.Bus(interface=interface, channel=channel, **settings)
     except (can.CanError, OSError, ImportError) as error:
+        if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
+            raise ConnectionFailed("CAN line", where, "another program has the port", "end that program") from error
         reason = " ".join(str(error).split())
         raise ConnectionFailed("CAN line", where, f"cannot be opened: {reason}", _CHECK) from error
+
+
+def _open_slcan(channel: str, settings: dict[str, Any]) -> can.BusABC:
+    """An adapter whose serial port nobody else may open: the library's client lets others in.
+
+    Asked for before a word is sent, since opening the channel anew would interrupt whoever has it; the kernel frees the
+    port however its owner ends.
+    """
+    serial.serial_for_url(channel.split("@", maxsplit=1)[0], exclusive=True).close()
+    bus = slcanBus(channel, **settings)
+    bus.serialPortOrig.exclusive = True
+    return bus
 
 
 def _probe_server(host: str, port: int) -> None:

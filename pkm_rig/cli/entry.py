@@ -25,6 +25,13 @@ from pkm_rig.version import __version__
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 REFUSED, BAD_INPUT, DEVICE, INTERNAL = 1, 2, 3, 4
+CHECK_PATH, MAY_WRITE, FREE_SPACE = "check the path", "choose a place where you may write", "free space and go on"
+PLACES = {  # what may be wrong with the place of a file: status, and what to do
+    **dict.fromkeys((errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ELOOP), (BAD_INPUT, CHECK_PATH)),
+    errno.ENAMETOOLONG: (BAD_INPUT, "choose a shorter name"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), (BAD_INPUT, MAY_WRITE)),
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), (DEVICE, FREE_SPACE)),
+}
 COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "demo": rig_commands.demo,
     "calibrate": rig_commands.calibrate,
@@ -85,14 +92,24 @@ def main() -> None:
     except (DeviceError, StoreError) as error:
         _exit_with_line(DEVICE, _with_notes(str(error), error))
     except Exception as error:
-        if isinstance(error, OSError) and error.errno == errno.EIO:  # a terminal may be gone before its signal comes
-            _leave_terminal()
-            _exit_with_line(DEVICE, _with_notes("the terminal is gone; the drives were stopped", error))
+        if isinstance(error, OSError):
+            _exit_if_no_error_of_ours(error)
         messages.print(traceback.format_exc(), style="dim", markup=False)
         _exit_with_line(
             INTERNAL,
             f"internal error: {type(error).__name__}: {error}; please report it with the lines above",
         )
+
+
+def _exit_if_no_error_of_ours(error: OSError) -> None:
+    """Exit with a line if a terminal is gone, or a file cannot be where it was to be."""
+    if error.errno == errno.EIO:  # a terminal may be gone before its signal comes
+        _leave_terminal()
+        _exit_with_line(DEVICE, _with_notes("the terminal is gone; the drives were stopped", error))
+    if error.errno in PLACES:
+        status, advice = PLACES[error.errno]
+        where = "" if error.filename is None else f"{error.filename}: "
+        _exit_with_line(status, _with_notes(f"{where}{error.strerror}; {advice}", error))
 
 
 def _print_version(is_set: bool) -> None:

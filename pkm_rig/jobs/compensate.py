@@ -12,6 +12,7 @@ from calibration.base.errors import InputError
 from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import identify_recording
 from calibration.recording.recording import Recording
+from pkm_rig.store.store import campaign_folder
 
 
 def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[str, Any]:
@@ -21,7 +22,7 @@ def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[
     identification = identify_recording(recording, baselines=False)
     temperatures = {n: float(t[-1]) for n, t in recording.temperatures_c().items()}
     table = table_for_payload(identification, payload, temperatures)
-    folder = out / recording.file.campaign / f"tables-payload-{payload}"
+    folder = campaign_folder(out, recording.file.campaign) / f"tables-payload-{payload}"
     folder.mkdir(parents=True, exist_ok=True)
     count = table.correction_m.shape[1]
     axes = [table.start_m[a] + table.step_m[a] * np.arange(count) for a in range(2)]

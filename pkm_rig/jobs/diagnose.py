@@ -19,6 +19,7 @@ from pkm_rig.jobs.campaign_file import write_campaign_files
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import additions_by_gain, diagnosis_json, gap_json
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
+from pkm_rig.store.store import campaign_folder
 from pkm_rig.virtual.twin_files import TWIN_FOLDER, write_twin
 
 PICTURES_FOLDER = "diagnosis"
@@ -44,7 +45,7 @@ def run_diagnosis(
     catalogue = load_catalogue(tuple(effects))
     readings = drop_unclosed_readings(calibration_part(recording))
     diagnosis, twin_and_score = _diagnose(readings, catalogue, effects, add=add)
-    folder = out / readings.file.campaign / PICTURES_FOLDER
+    folder = campaign_folder(out, readings.file.campaign) / PICTURES_FOLDER
     try:
         folder.mkdir(parents=True, exist_ok=True)
         files = write_campaign_files(
@@ -60,7 +61,7 @@ def run_diagnosis(
         result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=readings.file.simulated)
         if twin_and_score is not None:
             twin, score = twin_and_score
-            twin_folder = out / readings.file.campaign / TWIN_FOLDER
+            twin_folder = campaign_folder(out, readings.file.campaign) / TWIN_FOLDER
             write_twin(twin, readings, twin_folder)
             result["twin"] = twin_json(twin, score, twin_folder)
     except OSError as error:

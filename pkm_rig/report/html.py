@@ -23,6 +23,7 @@ from pkm_rig.report.left_out_text import REASONS, size_in_words
 from pkm_rig.report.notation import plain_number, with_symbols
 from pkm_rig.report.outcome_text import comparison_remark, model_rows
 from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
+from pkm_rig.store.store import campaign_folder
 from pkm_rig.version import __version__
 
 WRONG_READINGS = 50  # the largest, by name; all are in the JSON of `identify`
@@ -30,7 +31,7 @@ WRONG_READINGS = 50  # the largest, by name; all are in the JSON of `identify`
 
 def report_path(outcome: CampaignOutcome, out: Path) -> Path:
     """Where the report of a campaign is written."""
-    return out / outcome.campaign / "report.html"
+    return campaign_folder(out, outcome.campaign) / "report.html"
 
 
 def write_report(outcome: CampaignOutcome, path: Path) -> None:

@@ -44,10 +44,15 @@ def device_addresses(file: RigFile) -> list[tuple[str, str]]:
     can, plc = file.can, file.plc
     found = [("station", _port(file.station.port))]
     if can.interface == "socketcand":
-        found.append(("CAN bus", f"{can.host}:{can.port}/{can.channel}"))
+        found.append(("CAN bus", f"{_host(can.host)}:{can.port}/{can.channel}"))
     elif can.interface in ("socketcan", "slcan"):
         found.append(("CAN bus", _port(can.channel)))
-    return [*found, ("PLC", _port(plc.serial_port) if plc.serial_port else f"{plc.host}:{plc.port}")]
+    return [*found, ("PLC", _port(plc.serial_port) if plc.serial_port else f"{_host(plc.host)}:{plc.port}")]
+
+
+def _host(name: str | None) -> str | None:
+    """One name for this computer. Others' names are not looked up: that takes time, and may fail."""
+    return "127.0.0.1" if name is not None and name.lower() in ("localhost", "::1") else name
 
 
 def _port(name: str) -> str:

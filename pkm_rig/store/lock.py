@@ -6,9 +6,9 @@ The file says who has it; what a former owner left in it counts only while the l
 from __future__ import annotations
 
 import fcntl
-import getpass
 import json
 import os
+import pwd
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -59,10 +59,10 @@ def is_held(path: Path) -> bool:
 
 
 def user_name() -> str:
-    """Who runs this process."""
+    """Who runs this process, by the system: what the environment says anybody can set."""
     try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a user without a name, as in containers
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # a user without a name, as in containers
         return f"user {os.getuid()}"
 
 

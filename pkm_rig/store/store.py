@@ -287,6 +287,11 @@ def store_path(out: Path) -> Path:
     return out if out.is_file() else out / STORE_NAME
 
 
+def campaign_folder(out: Path, campaign: str) -> Path:
+    """Where files of a campaign are written: in the store's folder, so beside a store that was given as a file."""
+    return store_path(out).parent / campaign
+
+
 @contextmanager
 def open_store(out: Path, *, hold: bool = False) -> Iterator[Store]:
     """The store in a folder, created if it does not exist; with `hold` other campaigns are kept out meanwhile."""

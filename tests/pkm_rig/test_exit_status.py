@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -39,6 +41,15 @@ def run(monkeypatch, capsys, tmp_path):
         (StoreError("refused"), 3),
         (RuntimeError("refused"), 4),
         (ValueError("refused"), 4),
+        (NotADirectoryError(errno.ENOTDIR, "refused", "file/tables"), 2),
+        (IsADirectoryError(errno.EISDIR, "refused", "folder"), 2),
+        (OSError(errno.ENAMETOOLONG, "refused", "a" * 300), 2),
+        (PermissionError(errno.EACCES, "refused", "/root/tables"), 2),
+        (OSError(errno.EROFS, "refused", "/mnt/tables"), 2),
+        (OSError(errno.ENOSPC, "refused"), 3),
+        (OSError(errno.EDQUOT, "refused"), 3),
+        (OSError(errno.EIO, "refused"), 3),
+        (OSError(errno.ECHILD, "refused"), 4),
     ],
 )
 def test_each_kind_of_failure_has_its_status(run, monkeypatch, error, status):
@@ -49,7 +60,20 @@ def test_each_kind_of_failure_has_its_status(run, monkeypatch, error, status):
     ended, lines = run("list")
     assert ended == status
     assert lines[-1].startswith("pkm-rig: ")
-    assert "refused" in lines[-1]
+    if not (isinstance(error, OSError) and error.errno == errno.EIO):
+        assert "refused" in lines[-1]
+    assert ("internal error" in lines[-1]) == (status == 4)
+    assert str(getattr(error, "filename", None) or "") in lines[-1]
+
+
+def test_a_place_where_no_file_can_be_is_one_line_whatever_is_to_be_written_there(run, tmp_path):
+    """Not by permissions: root may everything."""
+    (tmp_path / "file").touch()
+    printer = Path(__file__).parents[1] / "data" / "printer.cfg"
+    ended, lines = run("import", printer, tmp_path / "file" / "delta", "--out", tmp_path)
+    assert ended == 2
+    assert len(lines) == 1
+    assert f"{tmp_path / 'file' / 'delta'}: Not a directory; " in lines[0]
 
 
 @pytest.mark.parametrize(

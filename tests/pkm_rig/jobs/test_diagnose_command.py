@@ -311,7 +311,7 @@ def test_a_poorer_campaign_is_diagnosed_or_says_what_is_missing(folder, tmp_path
 
 def test_where_nothing_can_be_written_is_one_line(run, folder, tmp_path):
     (tmp_path / "file").write_text("")
-    done = run("diagnose", folder, "--out", tmp_path / "file")
+    done = run("diagnose", folder, "--out", tmp_path / "file" / "runs")
     assert done.returncode == 2
     assert "choose another --out" in done.stderr
 

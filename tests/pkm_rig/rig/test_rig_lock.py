@@ -6,11 +6,14 @@ import signal
 import subprocess
 import sys
 
+import can
 import pytest
 import serial
 
+from drivers.can.bus import open_bus
 from drivers.errors import ConnectionFailed, DeviceError
 from drivers.station.geocom import GeoComSession
+from mock_devices.can.slcan_adapter import SlcanAdapter
 from pkm_rig.errors import StoreError
 from pkm_rig.jobs.session import open_rig
 from pkm_rig.rig import rig_lock
@@ -88,6 +91,16 @@ def test_a_link_to_a_port_is_the_port(locks, file, tmp_path):
     assert device_addresses(first) == device_addresses(second)
 
 
+def test_this_computer_is_one_whatever_it_is_called(file):
+    here = file.model_copy(update={
+        "plc": file.plc.model_copy(update={"host": "LOCALHOST"}),
+        "can": file.can.model_copy(update={"host": "::1"}),
+    })  # fmt: skip
+    there = file.model_copy(update={"plc": file.plc.model_copy(update={"host": "192.0.2.1"})})
+    assert file.plc.host == file.can.host == "127.0.0.1"
+    assert device_addresses(here) == device_addresses(file) != device_addresses(there)
+
+
 def test_a_serial_plc_and_adapter_are_their_ports(file):
     plc = file.plc.model_copy(update={"transport": "rtu", "serial_port": "/dev/ttyRTU"})
     can = file.can.model_copy(update={"interface": "slcan", "channel": "/dev/ttySLCAN"})
@@ -114,3 +127,21 @@ def test_the_stations_port_is_opened_exclusively():
     serial.Serial(name, exclusive=True).close()
     os.close(master)
     os.close(slave)
+
+
+def test_an_adapters_port_is_opened_exclusively_and_not_touched_while_another_program_has_it():
+    """Freed by the kernel when its process ends, however that is."""
+    adapter = SlcanAdapter(can.Bus(interface="virtual", channel="exclusive adapter"))
+    first = open_bus("slcan", adapter.port, bitrate=1_000_000)
+    with pytest.raises(serial.SerialException, match="exclusively lock"):
+        serial.Serial(adapter.port, exclusive=True)
+    with pytest.raises(ConnectionFailed, match="another program has the port; end that program"):
+        open_bus("slcan", adapter.port, bitrate=1_000_000)
+    with can.Bus(interface="virtual", channel="exclusive adapter") as drive:
+        drive.send(can.Message(arbitration_id=0x701, data=[5], is_extended_id=False))
+        heard = first.recv(10.0)
+    assert heard is not None
+    assert (heard.arbitration_id, bytes(heard.data)) == (0x701, b"\x05")
+    first.shutdown()
+    open_bus("slcan", adapter.port, bitrate=1_000_000).shutdown()
+    adapter.close()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import pwd
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import pytest
 
 from pkm_rig.errors import StoreError
 from pkm_rig.jobs import session
-from pkm_rig.store.lock import Lock
+from pkm_rig.store.lock import Lock, user_name
 from pkm_rig.store.store import Store, open_existing_store, open_store
 from tests.pkm_rig.store.stores import small_store
 
@@ -80,6 +81,14 @@ def test_a_store_that_is_held_keeps_out_a_campaign_before_any_device_is_touched(
         done = run(*words, "--out", tmp_path)
     assert done.returncode == 3
     assert f"process {os.getpid()} of" in done.stderr
+
+
+def test_who_runs_a_process_is_what_the_system_says_not_the_environment(monkeypatch):
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.setenv(name, "somebody else")
+    assert user_name() == pwd.getpwuid(os.getuid()).pw_name
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_000_123)
+    assert user_name() == "user 4000000123"
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[1]", b'{"command": "x"}', b"\xff"])

@@ -17,7 +17,7 @@ from pkm_rig.store import copies
 from pkm_rig.store.audit import audit, find_head
 from pkm_rig.store.lock import user_name
 from pkm_rig.store.removal import archive_campaign, delete_campaign
-from pkm_rig.store.store import Store
+from pkm_rig.store.store import Store, campaign_folder
 from tests.pkm_rig.store.stores import change, rows, small_recording, small_store, version_0_1_store
 
 OLD = "embedded-mock-20261122-035604-9d78"
@@ -65,6 +65,7 @@ def test_an_archive_has_the_same_rows_and_the_same_head(store, path, tmp_path):
         (found,) = audit(archived)
         assert (found.state, found.head) == ("whole", removed.head)
         assert len(archived.recording("first")) == 7
+    assert campaign_folder(archive, "first") == archive.parent / "first"  # its report and pictures, not below a file
 
 
 def test_a_campaign_of_version_0_1_is_archived_too(tmp_path):

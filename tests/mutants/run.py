@@ -1,8 +1,9 @@
 """A seeded sample of mutants over drivers, diagnosis and identification, each against its room's tests.
 
 `make mutants`, or `python -m tests.mutants.run [--number N] [--seed S [--record]] [--jobs N] [--only ROOM]
-[--out FOLDER] [--fresh | --survivors]`. Results are kept in FOLDER/mutants.jsonl as they come; a second call goes on
-where the first was ended. With `--survivors` it also tries again what survived and is not listed as equivalent: a test
+[--out FOLDER] [--fresh | --survivors] [--keep]`. Results are kept in FOLDER/mutants.jsonl as they come; a second call
+goes on where the first was ended. `--keep` takes those of the recorded sample over into results.txt: what was killed is
+not run again as long as its file does not change. With `--survivors` it also tries again what survived and is not listed as equivalent: a test
 may have been added since. The status is 1 if fewer than 85 % of those that are not listed as equivalent were killed, if
 more than 10 % are listed, or a survivor is not.
 
@@ -44,6 +45,7 @@ ROOMS = {
 }
 SAMPLE = Path(__file__).with_name("sample.txt")
 SURVIVORS = Path(__file__).with_name("survivors.toml")
+RESULTS = Path(__file__).with_name("results.txt")
 KILLED_SHARE, EQUIVALENT_SHARE = 0.85, 0.10
 LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # of processor time: a mutant may loop; times what the tests take without it
 
@@ -142,12 +144,16 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="ROOM", help="mutants of the sample in this package")
     parser.add_argument("--fresh", action="store_true", help="forget former results")
     parser.add_argument("--survivors", action="store_true", help="try survivors again, except equivalent ones")
+    parser.add_argument("--keep", action="store_true", help="only take results over into results.txt")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / "mutants.jsonl"
     if arguments.fresh:
         path.unlink(missing_ok=True)
-    known = _read(path)
+    known = ({} if arguments.fresh else read_kept(RESULTS)) | _read(path)
+    if arguments.keep:
+        keep(RESULTS, [known[drawn.key] for drawn in recorded() if drawn.key in known])
+        return 0
     every = recorded()[: arguments.number] if arguments.seed is None else draw(arguments.number, arguments.seed)
     if arguments.record:
         SAMPLE.write_text("".join(f"{d.identity} {d.file} {d.mutant.where}\n" for d in every), encoding="utf-8")
@@ -191,6 +197,18 @@ def _report(results: Sequence[dict[str, Any]], sample: Sequence[Drawn]) -> int:
 def _survivors() -> dict[tuple[str, str, str, str], dict[str, Any]]:
     entries = tomllib.loads(SURVIVORS.read_text(encoding="utf-8")).get("survivor", [])
     return {(e["file"], e["where"], e["before"], e["after"]): e for e in entries}
+
+
+def read_kept(path: Path) -> dict[str, dict[str, Any]]:
+    """Results by key that were taken over, a line each: key, how its tests ended, the mutant."""
+    lines = (line.split(" ", 2) for line in path.read_text(encoding="utf-8").splitlines())
+    return {key: {"key": key, "ran": ran, "mutant": mutant} for key, ran, mutant in lines}
+
+
+def keep(path: Path, results: Sequence[dict[str, Any]]) -> None:
+    """Take results over."""
+    lines = (f"{one['key']} {one['ran']} {' '.join(one['mutant'].split())}\n" for one in results)
+    path.write_text("".join(lines), encoding="utf-8")
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

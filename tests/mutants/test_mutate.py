@@ -91,3 +91,9 @@ def test_survivors_are_tried_again_if_asked_unless_they_are_equivalent(tmp_path,
     monkeypatch.setattr(run, "SURVIVORS", tmp_path / "survivors.toml")
     known = {sample[i].key: {"ran": ran} for i, ran in enumerate(["red", "green", "green"])}
     assert to_try(sample, known, survivors=survivors) == [sample[i] for i in expected]
+
+
+def test_results_that_were_taken_over_are_known_the_next_time(tmp_path):
+    results = [{"key": drawn.key, "mutant": str(drawn), "ran": "red"} for drawn in recorded()[:3]]
+    run.keep(tmp_path / "results.txt", results)
+    assert list(run.read_kept(tmp_path / "results.txt").values()) == results

@@ -3,9 +3,9 @@
 `make mutants`, or `python -m tests.mutants.run [--number N] [--seed S [--record]] [--jobs N] [--only ROOM]
 [--out FOLDER] [--fresh | --survivors] [--keep]`. Results are kept in FOLDER/mutants.jsonl as they come; a second call
 goes on where the first was ended. `--keep` takes those of the recorded sample over into results.txt: what was killed is
-not run again as long as its file does not change. With `--survivors` it also tries again what survived and is not listed as equivalent: a test
-may have been added since. The status is 1 if fewer than 85 % of those that are not listed as equivalent were killed, if
-more than 10 % are listed, or a survivor is not.
+not run again as long as its file does not change. With `--survivors` it also tries again what survived and is not
+listed as equivalent: a test may have been added since. The status is 1 if fewer than 85 % of those that are not listed
+as equivalent were killed, if more than 10 % are listed, or a survivor is not.
 
 The sample is recorded in sample.txt: a change of the code takes the changed mutants out of it, and leaves the others
 and what survivors.toml says of them. `--seed S` draws another one, `--record` records it.

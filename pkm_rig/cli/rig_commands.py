@@ -70,7 +70,7 @@ def _calibrate(
 
     needs = Need.MOTION | Need.TABLES
     _require_campaign(resume, out, new_setup=new_setup)
-    with open_store(out, hold=True) as store:
+    with open_store(out, hold=True, campaign=resume) as store:
         after = None if resume is None else last_moment(store, resume)
         with (
             open_rig(rig, needs=needs, real_time=real_time, seed=seed, after=after) as connected_rig,
@@ -112,7 +112,7 @@ def measure(
     options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
         resumable("measure", rig, out, *options),
-        open_store(out, hold=True) as store,
+        open_store(out, hold=True, campaign=resume) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
         operated_from_terminal(connected_rig),
         progress_bar() as progress,
@@ -153,7 +153,7 @@ def verify(
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
         resumable("verify", rig, out),
-        open_store(out, hold=True) as store,
+        open_store(out, hold=True, campaign=campaign) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
         operated_from_terminal(connected_rig),
         progress_bar() as progress,

@@ -66,6 +66,7 @@ def open_campaign(
         raise InputError("campaign.visits: none is made three times, so there would be no noise floor; repeat some")
     total = PlannedReadings(planned_readings(rig, blocks, verify=verify))
     campaign = new_campaign_id(rig.file.rig)
+    store.work_on(campaign)  # so that nobody sees it as one that was given up
     store.add_campaign(describe_campaign(rig, campaign, now_text()), rig.machine.text)
     store.add_event(campaign, "settings", settings_event(rig))
     notify(f"campaign {campaign}: {total.total} readings planned")

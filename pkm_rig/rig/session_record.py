@@ -30,11 +30,22 @@ def session(
 ) -> Iterator[int]:
     """Record the begin and the end of a session; its number.
 
-    The store is held meanwhile: StoreError if another process holds it. InputError if the rig's clock lies before the
-    campaign's end, for times would overlap, and for simulated devices where the campaign's were real.
+    The store is held for the campaign meanwhile: StoreError if another process holds it. InputError if the rig's clock
+    lies before the campaign's end, for times would overlap, and for simulated devices where the campaign's were real.
     """
     require_same_kind(rig, store, campaign)
-    store.hold()
+    store.work_on(campaign)
+    try:
+        with _recorded(rig, store, campaign, command, notify, utc_s) as number:
+            yield number
+    finally:
+        store.work_on(None)
+
+
+@contextmanager
+def _recorded(
+    rig: Rig, store: Store, campaign: str, command: str, notify: Callable[[str], None], utc_s: Callable[[], float]
+) -> Iterator[int]:
     after = last_moment(store, campaign)
     if after is not None:
         _require_later(rig, after, campaign)

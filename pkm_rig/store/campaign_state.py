@@ -25,17 +25,23 @@ class CampaignState(NamedTuple):
     step: str
 
 
-def campaign_state(events: Sequence[StoredEvent], *, store_in_use: bool) -> CampaignState:
-    """The state of a campaign. A session without an end runs where the store is in use; else it was killed."""
+def campaign_state(events: Sequence[StoredEvent], *, is_worked_on: bool) -> CampaignState:
+    """The state of a campaign. One that somebody works on runs, also before its session has begun.
+
+    A session without an end on which nobody works was killed.
+    """
     kinds = [event.kind for event in events]
     step = _step(events)
     if "accepted" in kinds or "refused" in kinds:
         return CampaignState("accepted" if "accepted" in kinds else "refused", "")
     last = next((event for event in reversed(events) if event.kind in (BEGUN, ENDED)), None)
+    is_begun = last is not None and last.kind == BEGUN
+    if is_worked_on:
+        return CampaignState("running", step if is_begun else "connecting")
     if last is None:
         return _state_of_former_version(events, step)
-    if last.kind == BEGUN:
-        return CampaignState("running" if store_in_use else "interrupted", step)
+    if is_begun:
+        return CampaignState("interrupted", step)
     if last.data["why"] == "finished":
         return CampaignState("measured", "")
     return CampaignState(last.data["why"], step)

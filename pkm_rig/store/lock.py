@@ -10,10 +10,14 @@ import json
 import os
 import pwd
 import sys
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from pkm_rig.errors import StoreError
+
+MOST_BYTES = 10_000  # of what an owner says
 
 
 class Lock:
@@ -33,8 +37,14 @@ class Lock:
             raise StoreError(f"{what}: {path} cannot be locked: {error.strerror}; choose another place") from error
         os.ftruncate(self._file, 0)
         since = f"{datetime.now(UTC):%F %T} UTC"
-        mine = {"command": _this_command(), "pid": os.getpid(), "user": user_name(), "since": since}
-        os.pwrite(self._file, json.dumps(mine).encode(), 0)
+        self._mine = {"command": _this_command(), "pid": os.getpid(), "user": user_name(), "since": since}
+        self.say_campaign(None)
+
+    def say_campaign(self, campaign: str | None) -> None:
+        """Have the file say which campaign the owner works on; None: on none. Whoever reads meanwhile sees either."""
+        text = json.dumps(self._mine | {"campaign": campaign}).encode()
+        with suppress(OSError):  # it only informs
+            os.pwrite(self._file, text.ljust(os.fstat(self._file).st_size), 0)  # cut, it would be empty for a moment
 
     def release(self) -> None:
         """Let others have it; again does nothing."""
@@ -43,19 +53,20 @@ class Lock:
             self._file = -1
 
 
-def is_held(path: Path) -> bool:
-    """Whether some process has the lock of a file; False without the file."""
+def campaign_worked_on(path: Path) -> str | None:
+    """The campaign that the owner of the lock says he works on; None if he says none, or nobody has the lock."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError:
-        return False
+        return None
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError:
-        return True
+        campaign = _content(file).get("campaign")
+        return campaign if isinstance(campaign, str) else None
     finally:
         os.close(file)
-    return False
+    return None
 
 
 def user_name() -> str:
@@ -86,8 +97,17 @@ def _open(path: Path, what: str) -> int:
 
 def _owner(file: int) -> str:
     """Who says in the file that he has it."""
+    owner = _content(file)
     try:
-        owner = json.loads(os.pread(file, 1000, 0))
         return f"'{owner['command']}', process {owner['pid']} of {owner['user']} since {owner['since']}"
-    except (ValueError, KeyError, TypeError):
+    except KeyError:
         return "another process"
+
+
+def _content(file: int) -> dict[str, Any]:
+    """What the owner wrote; nothing if it is not that."""
+    try:
+        content = json.loads(os.pread(file, MOST_BYTES, 0))
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -25,7 +25,7 @@ from pkm_rig.store.append import append_campaign, append_event, append_readings,
 from pkm_rig.store.campaign_state import campaign_state
 from pkm_rig.store.chain import canonical
 from pkm_rig.store.connections import engine_for_writing, writer
-from pkm_rig.store.lock import Lock, is_held
+from pkm_rig.store.lock import Lock, campaign_worked_on
 from pkm_rig.store.migrate import bring_up_to_date, engine_for_reading
 from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns, table_changes
 from pkm_rig.store.sessions import with_sessions
@@ -87,6 +87,12 @@ class Store:
         if self._lock is None:
             self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}")
 
+    def work_on(self, campaign: str | None) -> None:
+        """Hold the store and have others see which campaign is worked on; None: on none any more."""
+        self.hold()
+        if self._lock is not None:
+            self._lock.say_campaign(campaign)
+
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
         with self.writing() as connection:
@@ -145,10 +151,10 @@ class Store:
         """All campaigns, oldest first; a damaged one says so and does not hide the others."""
         with self.reading() as connection:
             ids = connection.execute(sa.select(campaigns.c.id).order_by(campaigns.c.created)).scalars().all()
-        in_use = is_held(self.path.with_name(f"{self.path.name}.lock"))
-        return [self._summary(campaign, in_use=in_use) for campaign in ids]
+        worked_on = campaign_worked_on(self.path.with_name(f"{self.path.name}.lock"))
+        return [self._summary(campaign, is_worked_on=campaign == worked_on) for campaign in ids]
 
-    def _summary(self, campaign: object, *, in_use: bool) -> CampaignSummary:
+    def _summary(self, campaign: object, *, is_worked_on: bool) -> CampaignSummary:
         where = f"store {self.path}: campaign {campaign!r:.120}"
         name, created, rig, count, last_event, damage = repr(campaign), "", "", 0, "", ""
         state, step, simulated = "", "", False
@@ -162,7 +168,7 @@ class Store:
                 head = self._campaign(connection, name)
                 created, rig = head.created, stored_text(head.description.get("rig"), f"{where}, rig")
                 simulated = head.description.get("simulated") is True
-            state, step = campaign_state(self.events(name), store_in_use=in_use)
+            state, step = campaign_state(self.events(name), is_worked_on=is_worked_on)
         except StoreError as error:
             damage = str(error)
         return CampaignSummary(name, created, rig, count, last_event, state, step, damage, simulated)
@@ -293,12 +299,15 @@ def campaign_folder(out: Path, campaign: str) -> Path:
 
 
 @contextmanager
-def open_store(out: Path, *, hold: bool = False) -> Iterator[Store]:
-    """The store in a folder, created if it does not exist; with `hold` other campaigns are kept out meanwhile."""
+def open_store(out: Path, *, hold: bool = False, campaign: str | None = None) -> Iterator[Store]:
+    """The store in a folder, created if it does not exist; with `hold` other campaigns are kept out meanwhile.
+
+    `campaign`: the one that it is held for, which others see as running.
+    """
     store = Store(store_path(out))
     try:
         if hold:
-            store.hold()
+            store.work_on(campaign)
         yield store
     finally:
         store.close()

@@ -24,13 +24,18 @@ def broken_off(tmp_path_factory):
     """a campaign in three sessions."""
     file, machine = short_rig_file(seed=4, calibration_poses=6, nest_every_visits=4)
     store = Store(tmp_path_factory.mktemp("sessions") / "store.sqlite")
-    after, campaign, drift, warmth = None, None, [], []
+    after, campaign, drift, warmth, states = None, None, [], [], []
+
+    def note_state(_line):
+        states.append(store.campaigns()[0].state)
+
     for readings in (20, 30, 10_000):
         with mock_and_rig(file, machine, start_s=after.t_rig_s if after else 0.0) as (mock, rig):
             plant = mock.plant
             try:
-                measure(rig, store, silent, stop_after(readings), campaign)
+                measure(rig, store, silent if campaign else note_state, stop_after(readings), campaign)
             except Stopped:
+                note_state("stopped")
                 campaign = store.campaigns()[0][0]
             if readings == 30:
                 last = store.recording(campaign)["t_rig_s"].max()
@@ -41,12 +46,12 @@ def broken_off(tmp_path_factory):
             with mock_and_rig(file, machine) as (mock, _):
                 drift.append(mock.plant.view.polar((0.5, 0.4, 0.1), last))
                 warmth.append(mock.plant.thermal.parts_c(last))
-    yield store, campaign, drift, warmth
+    yield store, campaign, drift, warmth, states
     store.close()
 
 
 def test_rig_time_goes_on_in_every_session(broken_off):
-    store, campaign, _, _ = broken_off
+    store, campaign, *_ = broken_off
     recording = store.recording(campaign)
     assert np.all(np.diff(recording["t_rig_s"]) > 0.0)
     assert np.all(np.diff(recording["sequence"]) == 1.0)
@@ -58,14 +63,19 @@ def test_rig_time_goes_on_in_every_session(broken_off):
         assert 0.0 <= later.data["t_rig_s"] - former.data["t_rig_s"] < 20.0  # the embedded rig counts no gap
 
 
+def test_a_campaign_runs_before_its_first_session_has_begun_and_not_after_its_end(broken_off):
+    *_, states = broken_off
+    assert states == ["running", "interrupted", "interrupted"]  # planned, and each time it was stopped
+
+
 def test_a_resumed_embedded_mock_is_the_same_machine_at_that_time(broken_off):
-    _, _, drift, warmth = broken_off
+    _, _, drift, warmth, _ = broken_off
     assert warmth[0] == warmth[1]
     assert drift[0] == drift[1]
 
 
 def test_unix_time_of_a_reading_is_that_of_the_computer(broken_off):
-    store, campaign, _, _ = broken_off
+    store, campaign, *_ = broken_off
     recording = store.recording(campaign)
     began = store.events(campaign, "session_begun")[0].data["t_utc_s"]
     assert np.all((recording["t_utc_s"] > began) & (recording["t_utc_s"] < time.time()))
@@ -74,7 +84,7 @@ def test_unix_time_of_a_reading_is_that_of_the_computer(broken_off):
 
 
 def test_after_a_kill_the_last_reading_counts(tmp_path, broken_off):
-    store, campaign, _, _ = broken_off
+    store, campaign, *_ = broken_off
     recording = store.recording(campaign)
     killed = Store(tmp_path / "killed.sqlite")
     killed.add_recording(recording)
@@ -94,7 +104,7 @@ def test_a_gap_counts_and_a_clock_that_was_set_back_counts_as_none():
 
 
 def test_a_clock_that_was_set_back_is_said_and_stored(tmp_path, broken_off):
-    store, campaign, _, _ = broken_off
+    store, campaign, *_ = broken_off
     ended = last_moment(store, campaign)
     file, machine = short_rig_file(seed=4, calibration_poses=6, nest_every_visits=4)
     said = []
@@ -111,7 +121,7 @@ def test_a_clock_that_was_set_back_is_said_and_stored(tmp_path, broken_off):
 
 
 def test_a_rig_whose_time_lies_before_the_campaign_is_refused(broken_off):
-    store, campaign, _, _ = broken_off
+    store, campaign, *_ = broken_off
     file, machine = short_rig_file(seed=4, calibration_poses=6, nest_every_visits=4)
     before = len(store.events(campaign))
     with mock_and_rig(file, machine) as (_, rig), pytest.raises(InputError, match="before that"):

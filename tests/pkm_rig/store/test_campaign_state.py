@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
+from contextlib import closing
 
 import pytest
 
 from pkm_rig.store.campaign_state import campaign_state, is_measured
-from pkm_rig.store.lock import is_held
+from pkm_rig.store.lock import Lock, campaign_worked_on
 from pkm_rig.store.sessions import BEGUN, ENDED
+from pkm_rig.store.store import Store
 from pkm_rig.store.stored_rows import StoredEvent
+from tests.pkm_rig.store.stores import small_store
 
 
 def happened(*kinds):
@@ -26,7 +28,10 @@ def happened(*kinds):
 
 MEASURED = ("settings", "begun", "started calibration", "finished calibration")
 CASES = [
+    ((), True, ("running", "connecting")),
+    (("settings",), True, ("running", "connecting")),
     (("settings", "begun"), True, ("running", "connecting")),
+    (("settings", "begun", "started calibration", "ended failed"), True, ("running", "connecting")),
     (("settings", "begun", "started calibration"), True, ("running", "measuring")),
     (("settings", "begun", "started calibration"), False, ("interrupted", "measuring")),
     (
@@ -49,9 +54,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("kinds", "in_use", "expected"), CASES)
-def test_state_and_step(kinds, in_use, expected):
-    assert campaign_state(happened(*kinds), store_in_use=in_use) == expected
+@pytest.mark.parametrize(("kinds", "is_worked_on", "expected"), CASES)
+def test_state_and_step(kinds, is_worked_on, expected):
+    assert campaign_state(happened(*kinds), is_worked_on=is_worked_on) == expected
 
 
 def test_only_a_calibration_that_has_finished_is_measured():
@@ -61,12 +66,31 @@ def test_only_a_calibration_that_has_finished_is_measured():
     assert not is_measured(happened("started verification before", "finished verification before"))
 
 
-def test_a_lock_is_held_only_while_somebody_has_it(tmp_path):
+def test_what_an_owner_says_counts_only_while_he_has_the_lock(tmp_path):
     path = tmp_path / "store.lock"
-    assert not is_held(path)
-    file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-    assert not is_held(path)
-    fcntl.flock(file, fcntl.LOCK_EX)
-    assert is_held(path)
-    os.close(file)
-    assert not is_held(path)
+    assert campaign_worked_on(path) is None
+    lock = Lock(path, "the store")
+    assert campaign_worked_on(path) is None
+    for campaign in ("a" * 80, "b"):
+        lock.say_campaign(campaign)
+        assert campaign_worked_on(path) == campaign
+    for text in (b"", b"[1]", b"[" * 9000, b'{"campaign": 3}', b"\xff"):
+        os.truncate(path, 0)
+        path.write_bytes(text)
+        assert campaign_worked_on(path) is None
+    lock.say_campaign("c")
+    lock.release()
+    assert campaign_worked_on(path) is None
+    assert '"c"' in path.read_text()
+
+
+def test_only_the_campaign_that_somebody_works_on_is_running(tmp_path):
+    """The others may have been killed long ago, also those whose session has no end."""
+    path = small_store(tmp_path / "store.sqlite", "killed", "running")
+    with closing(Store(path)) as store:
+        for campaign in ("killed", "running"):
+            store.add_event(campaign, BEGUN, {"session": 1})
+        store.work_on("running")
+        assert {row.campaign: row.state for row in store.campaigns()} == {"killed": "interrupted", "running": "running"}
+        store.work_on(None)
+        assert {row.state for row in store.campaigns()} == {"interrupted"}

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld bench faults kill-sweep deliberate-errors mutants peers latency overhead setups clean
+.PHONY: demo test lint demo-check rig-study outliers withheld independent bench faults kill-sweep deliberate-errors mutants peers latency overhead setups clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -69,6 +69,12 @@ outliers: $(VENV)/run.stamp
 # one line in the committed log. N=60 for a first look; SEED=1 is for development: no final variants, no log. Stopped, it goes on.
 withheld: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.withheld.run $(if $(SEED),--seed $(SEED),--final) $(if $(N),--n $(N))
+
+# The diagnosis on recordings of another simulator (docs/explanation/independent.md), if they lie in
+# ../shared/independent or DATA=FOLDER: even numbers, with a list of the misjudged. N=10 for a first look. FINAL=1 scores
+# the odd ones: at most five times ever, each a line in the committed log. Stopped, it goes on.
+independent: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) $(if $(FINAL),--final)
 
 # Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/explanation/benchmarks.md). QUICK=1 for a check
 # that it runs.

@@ -13,6 +13,8 @@ from benchmarks.withheld.table import measures
 
 Row = dict[str, Any]
 
+PLAIN = (" in s ", "class size", "error", "log score")  # measures that are no proportions
+
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """All figures of the rows."""
@@ -45,19 +47,7 @@ def by_effect(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def printed(summary_data: dict[str, Any]) -> str:
     """The table for people."""
-    lines = [f"{'measure':58} {'goal':>18} {'reached':>8} {'95 % interval':>18} {'cases':>6}"]
-    for m in summary_data["measures"]:
-        seconds = " in s " in m["name"]
-        plain = seconds or "class size" in m["name"] or "error" in m["name"]
-        value = "-" if m["value"] is None else _number(m["value"], plain)
-        interval = "-" if m["value"] is None else f"{_number(m['low'], plain)} to {_number(m['high'], plain)}"
-        verdict = {None: "", True: "ok", False: "short"}[m["ok"]]
-        lines.append(f"{m['name']:58} {m['goal']:>18} {value:>8} {interval:>18} {m['n']:>6}  {verdict}")
-    lines += ["", f"{'effect':26} {'right':>9}   taken for"]
-    lines += [
-        f"{e['effect']:26} {e['right']:>3} of {e['cases']:<3}   {e['taken_for']} {', '.join(e['variants_missed'])}"
-        for e in summary_data["effects"]
-    ]
+    lines = [*measure_lines(summary_data["measures"]), "", *effect_lines(summary_data["effects"])]
     lines += ["", f"{'right answers of':26} {'effects':>9} {'null':>9} {'outside':>9} {'mean':>9}"]
     for b in summary_data["baselines"]:
         values = [b["effect"]["value"], b["null"]["value"], b["outside"]["value"], b["mean_of_kinds"]]
@@ -68,6 +58,30 @@ def printed(summary_data: dict[str, Any]) -> str:
     cells = " and ".join("-" if v is None else _number(v, False) for v in parts)
     lines.append(f"{s['method']:26} {cells} within 0.05 and 0.10 of what was achieved")
     return "\n".join(line.rstrip() for line in lines)
+
+
+def measure_lines(measures_data: Sequence[dict[str, Any]]) -> list[str]:
+    """The measures as a table."""
+    lines = [f"{'measure':58} {'goal':>18} {'reached':>8} {'95 % interval':>18} {'cases':>6}"]
+    for m in measures_data:
+        plain = any(word in m["name"] for word in PLAIN)
+        value = "-" if m["value"] is None else _number(m["value"], plain)
+        interval = "-" if m["value"] is None else f"{_number(m['low'], plain)} to {_number(m['high'], plain)}"
+        verdict = {None: "", True: "ok", False: "short"}[m["ok"]]
+        lines.append(f"{m['name']:58} {m['goal']:>18} {value:>8} {interval:>18} {m['n']:>6}  {verdict}".rstrip())
+    return lines
+
+
+def effect_lines(effects: Sequence[dict[str, Any]]) -> list[str]:
+    """Hits of each visible effect as a table."""
+    return [
+        f"{'effect':26} {'right':>9}   taken for",
+        *(
+            f"{e['effect']:26} {e['right']:>3} of {e['cases']:<3}   "
+            f"{e['taken_for']} {', '.join(e['variants_missed'])}".rstrip()
+            for e in effects
+        ),
+    ]
 
 
 def log_entry(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from benchmarks.withheld.scorer import NONE, UNKNOWN
 
 Row = dict[str, Any]
@@ -32,3 +34,27 @@ def true_answer(row: Row) -> str:
 def overall_right(row: Row) -> bool:
     """Whether the verdict of an answerable case is right."""
     return bool(row["verdict"] == true_answer(row))
+
+
+def called(row: Row) -> bool:
+    """Whether the verdict names an effect."""
+    return row["verdict"] not in (NONE, UNKNOWN, "")
+
+
+def first_names(row: Row, count: int) -> list[str]:
+    """The first names of the ranking."""
+    return [name for name, _ in row["ranked"][:count]]
+
+
+def shrink_off(row: Row) -> float:
+    """Distance of the stated from the achieved shrink; infinite where either is missing."""
+    stated, true = row.get("shrink"), row.get("achieved")
+    return float("inf") if stated is None or true is None else abs(stated - true)
+
+
+def shrink_covered(row: Row) -> bool:
+    """Whether the achieved shrink lies within the stated interval."""
+    if not np.isfinite(shrink_off(row)):
+        return False
+    low, high = row["shrink_interval"]
+    return low is not None and high is not None and bool(low <= row["achieved"] <= high)

@@ -10,7 +10,8 @@ from types import ModuleType
 from typing import Any
 
 FORBIDDEN = "mock_devices"
-SECRETS = ("truth.json", "truth.npz", "results.jsonl")  # of batches that are done already
+# Truths and results of batches that are done already; the recordings of another simulator with their truth.
+SECRETS = ("truth.json", "truth.npz", "results.jsonl", "results.json", "recordings.tar.xz")
 
 
 class SealBroken(RuntimeError):

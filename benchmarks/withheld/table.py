@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.withheld.score_rows import Row, answerable, in_class, overall_right, right
-from benchmarks.withheld.scorer import NONE, UNKNOWN
-from benchmarks.withheld.statistics import excess_calibration_error, paired_difference, wilson
+from benchmarks.withheld.score_rows import (
+    Row,
+    answerable,
+    called,
+    first_names,
+    in_class,
+    overall_right,
+    right,
+    shrink_covered,
+    shrink_off,
+)
+from benchmarks.withheld.scorer import UNKNOWN
+from benchmarks.withheld.statistics import Z95, excess_calibration_error, paired_difference, wilson
 
 ALIKE_SIGMA, MIMIC_SIGMA = 0.3, 0.5
 STEP_S, PERIOD = 300.0, 0.01
@@ -44,6 +54,13 @@ def share(name: str, hits: Sequence[bool], goal: float | None = None, *, at_most
     return Measure(name, text, value, low, high, n, ok)
 
 
+def share_between(name: str, hits: Sequence[bool], least: float, most: float) -> Measure:
+    """A proportion that shall be neither too small nor too large, as that of intervals that cover."""
+    of = share(name, hits)
+    ok = None if of.value is None else least <= of.value <= most
+    return replace(of, goal=f"{100 * least:g} to {100 * most:g} %", ok=ok)
+
+
 def measures(rows: Sequence[Row]) -> list[Measure]:
     """All rows of the table, in the order of the goals."""
     rows_of_effects = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
@@ -53,7 +70,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         *_none_and_unknown(rows),
         *_pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]]),
         *_shrink([r for r in rows if r["kind"] == "effect"]),
-        *_probabilities(rows),
+        *probabilities(rows),
         *_detail_measures(rows_of_effects),
         *_next([r for r in rows if r["kind"] == "next" and "after_chosen" in r]),
         *_costs(rows),
@@ -72,23 +89,26 @@ def _detection_rows(rows_of_effects: list[Row]) -> list[Measure]:
     distinguishable = [r for r in rows_of_effects if all(sigma > ALIKE_SIGMA for sigma in r["mimics_sigma"].values())]
     out.append(share("top-1 where no other effect is within 0.3 sigma", [right(r) for r in distinguishable]))
     out.append(share("class holds the truth", [in_class(r) for r in rows_of_effects]))
-    out.append(share("truth among the first three", [r["true"][0] in _names(r, 3) for r in rows_of_effects], 0.99))
+    out.append(share("truth among the first three", [r["true"][0] in first_names(r, 3) for r in rows_of_effects], 0.99))
     return out
 
 
 def _platform(rows: list[Row]) -> list[Measure]:
-    sizes = [1.0 + len(r["equivalent"]) for r in rows if r["verdict"] not in (NONE, UNKNOWN, "")]
-    mean = float(np.mean(sizes)) if sizes else None
-    spread = 1.96 * float(np.std(sizes)) / np.sqrt(len(sizes)) if sizes else 0.0
     return [
         share("platform only: class right and its members equivalent", [_fair_class(r) for r in rows], 0.90),
-        Measure(
-            "platform only: mean class size", f"at most {MOST_CLASS:g}", mean, (mean or 0.0) - spread,
-            (mean or 0.0) + spread, len(sizes), None if mean is None else mean <= MOST_CLASS,
-        ),
+        class_size("platform only: mean class size", rows, MOST_CLASS),
         share("platform only: class holds the truth", [in_class(r) for r in rows]),
         share("platform only: top-1", [right(r) for r in rows]),
     ]  # fmt: skip
+
+
+def class_size(name: str, rows: Sequence[Row], most: float) -> Measure:
+    """Mean number of names that an answer leaves open, where it names an effect."""
+    sizes = [1.0 + len(r["equivalent"]) for r in rows if called(r)]
+    mean = float(np.mean(sizes)) if sizes else None
+    spread = Z95 * float(np.std(sizes)) / np.sqrt(len(sizes)) if sizes else 0.0
+    low, high = (mean or 0.0) - spread, (mean or 0.0) + spread
+    return Measure(name, f"at most {most:g}", mean, low, high, len(sizes), None if mean is None else mean <= most)
 
 
 def _fair_class(row: Row) -> bool:
@@ -98,9 +118,9 @@ def _fair_class(row: Row) -> bool:
 
 def _none_and_unknown(rows: Sequence[Row]) -> list[Measure]:
     null = [r for r in rows if r["kind"] == "null"]
-    out = [share("null cases called an effect", [_called(r) for r in null], 0.004, at_most=True)]
+    out = [share("null cases called an effect", [called(r) for r in null], 0.004, at_most=True)]
     for profile in sorted({r["profile"] for r in null}):
-        of_profile = [_called(r) for r in null if r["profile"] == profile]
+        of_profile = [called(r) for r in null if r["profile"] == profile]
         out.append(share(f"null cases called an effect, profile {profile}", of_profile))
     out.append(share("null cases called unknown", [r["verdict"] == UNKNOWN for r in null]))
     outside = [r for r in rows if r["kind"] == "outside" and min(r["wanted_raw"]) >= 3.0]
@@ -134,30 +154,16 @@ def _pairs(rows: list[Row]) -> list[Measure]:
 
 def _shrink(rows: list[Row]) -> list[Measure]:
     visible = [r for r in rows if r["visible"] >= 1.0]
-    off = [_off(r) for r in visible]
-    covers = [np.isfinite(x) and _covers(r) for r, x in zip(visible, off, strict=True)]
-    inside = share("95 % shrink interval covers", covers)
-    value = inside.value
-    ok = None if value is None else 0.90 <= value <= 0.98
+    off = [shrink_off(r) for r in visible]
     return [
         share("predicted minus achieved shrink within 0.05", [x <= 0.05 for x in off], 0.90),
         share("predicted minus achieved shrink within 0.10", [x <= 0.10 for x in off], 0.98),
-        Measure(inside.name, "90 to 98 %", value, inside.low, inside.high, inside.n, ok),
+        share_between("95 % shrink interval covers", [shrink_covered(r) for r in visible], 0.90, 0.98),
     ]
 
 
-def _off(row: Row) -> float:
-    """Stated minus achieved shrink; infinite where either is missing."""
-    stated, true = row.get("shrink"), row.get("achieved")
-    return float("inf") if stated is None or true is None else abs(stated - true)
-
-
-def _covers(row: Row) -> bool:
-    low, high = row["shrink_interval"]
-    return low is not None and high is not None and bool(low <= row["achieved"] <= high)
-
-
-def _probabilities(rows: Sequence[Row]) -> list[Measure]:
+def probabilities(rows: Sequence[Row]) -> list[Measure]:
+    """Whether stated probabilities are those of being right, over all answerable cases."""
     answered = [r for r in rows if r["verdict"] and answerable(r)]
     stated = np.array([r["p"] for r in answered])
     hits = np.array([overall_right(r) for r in answered], dtype=np.float64)
@@ -222,14 +228,6 @@ def _final_measures(rows_of_effects: list[Row]) -> list[Measure]:
         return []
     return [
         share("final variants only: top-1", [right(r) for r in final]),
-        share("final variants only: truth among the first three", [r["true"][0] in _names(r, 3) for r in final]),
+        share("final variants only: truth among the first three", [r["true"][0] in first_names(r, 3) for r in final]),
         *(Measure(f"final variants only: {m.name}", "", m.value, m.low, m.high, m.n, None) for m in _shrink(final)),
     ]
-
-
-def _names(row: Row, count: int) -> list[str]:
-    return [name for name, _ in row["ranked"][:count]]
-
-
-def _called(row: Row) -> bool:
-    return row["verdict"] not in (NONE, UNKNOWN, "")

@@ -1,0 +1,1 @@
+"""The diagnosis on recordings of another simulator (docs/explanation/independent.md)."""

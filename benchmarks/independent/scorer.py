@@ -1,0 +1,116 @@
+"""Joins truths and answers: one row a recording, in the form of the check on withheld cases."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.independent.truths import Truth
+from benchmarks.withheld.making import ELIGIBLE_RAW, ELIGIBLE_VISIBLE
+from benchmarks.withheld.score_rows import Row, answerable, true_answer
+from benchmarks.withheld.scorer import Tampered, achieved, score_case
+from calibration.base.frame import station_frame
+from calibration.base.plain_file import read_text
+from calibration.base.toml_file import parse_toml
+from calibration.recording.header import RecordingFile
+
+KINDS = {"single": "effect", "null": "null", "pair": "pair", "outside": "outside"}
+ONE_PLACE, SEVERAL_PLACES = "one place", "several places"
+STEP_EFFECTS = ("foundation_settling", "smr_reseat")
+LEAST_P = 1.0e-6  # log score of an answer that was called impossible
+
+
+def score(recordings: Path, name: str, answer: Mapping[str, Any], predictions: bytes | None, truth: Truth) -> Row:
+    """The row of a recording; raises Tampered if the predictions are not those of the answer."""
+    case = case_of(name, truth.entry)
+    row = score_case(case, {"without": [], **answer})
+    row.pop("true_kinds", None)  # those of the mock's forms; another simulator has its own
+    if any("period_m" not in effect for effect in truth.entry["effects"]):
+        row.pop("period_error", None)
+    diagnosis = answer.get("diagnosis")
+    row |= {"campaign": truth.entry["campaign"], "places": [list(e["places"]) for e in truth.entry["effects"]]}
+    if diagnosis is None:
+        return row
+    if answerable(row):
+        row["p_true"] = max(float(diagnosis["ranking"].get(true_answer(row), 0.0)), LEAST_P)
+    row["named_places"] = [places_of(found) for found in diagnosis["effects"]]
+    if case["kind"] == "effect":
+        row |= _of_single(truth.entry["effects"][0], diagnosis)
+    if predictions is not None:
+        if hashlib.sha256(predictions).hexdigest() != answer["withheld_sha256"]:
+            raise Tampered(f"{name}: its predictions were changed after they were made; run again with --fresh")
+        turn = _turn(recordings / name / "recording.toml")
+        with np.load(io.BytesIO(predictions), allow_pickle=False) as arrays:
+            row |= achieved({"turn": turn}, arrays, truth.noise_free_m, truth.platform)
+    return row
+
+
+def case_of(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A truth in the form that `score_case` takes. Sizes are those of the reflectors that the effect moves most."""
+    facts = [_fact(effect) for effect in entry["effects"]]
+    return {
+        "key": name,
+        "kind": KINDS[entry["kind"]],
+        "effects": facts,
+        "raw": _combined([f["raw"] for f in facts]),
+        "visible": _combined([f["visible"] for f in facts]),
+        "eligible": bool(facts) and all(f["raw"] >= ELIGIBLE_RAW and f["visible"] >= ELIGIBLE_VISIBLE for f in facts),
+        "wanted_raw": [f["raw"] for f in facts],
+        "profile": entry["disturbances"],
+        "design": entry["campaign"],
+    }
+
+
+def places_of(found: Mapping[str, Any]) -> list[str]:
+    """Where a diagnosis says that an effect is."""
+    if found.get("places"):
+        return [place["place"] for place in found["places"]]
+    return [found["place"]] if found["place"] else []
+
+
+def _turn(header: Path) -> NDArray[np.float64]:
+    """Rotation (3, 3) from the machine's to the station's axes; the rough heading does for an RMS in the plane."""
+    station = parse_toml(read_text(header), RecordingFile, str(header)).station
+    return station_frame(station.position_m, station.heading_rad).rotation
+
+
+def _fact(effect: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "effect": effect["effect"],
+        "variant": SEVERAL_PLACES if len(effect["places"]) > 1 else ONE_PLACE,
+        "final": False,
+        "place": "",  # compared below, where there may be several
+        "raw": effect["raw_sigma"],
+        "visible": effect["visible_sigma"],
+        "period_m": effect.get("period_m", np.nan),
+    }
+
+
+def _combined(sizes: list[float]) -> float:
+    return float(np.sqrt(np.sum(np.square(sizes))))
+
+
+def _of_single(effect: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """Places, step and size of an effect that is found under its name."""
+    found = next((f for f in diagnosis["effects"] if f["effect"] == effect["effect"]), None)
+    if found is None:
+        return {}
+    out: dict[str, Any] = {}
+    named, true = set(places_of(found)), set(effect["places"])
+    if true:
+        out |= {"place_right": bool(named) and named <= true, "places_right": named == true}
+    quantities = {q["name"]: q["value"] for q in found["others"]}
+    if effect["effect"] in STEP_EFFECTS and "step_s" in effect:
+        onset = quantities.get("onset_s")
+        out["step_error_s"] = None if onset is None else onset - effect["step_s"]
+    size, u = found["size"]["value"], found["size"]["u"]
+    if size and np.isfinite(u):
+        out |= {"raw_named": found["raw_sigma"], "raw_true": effect["raw_platform_sigma"]}
+        out["raw_u"] = found["raw_sigma"] * abs(u / size)
+    return out

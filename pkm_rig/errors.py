@@ -7,6 +7,10 @@ class CampaignRefused(Exception):
     """The rig works but must not be calibrated now, or its result is refused; one line with what to do."""
 
 
+class StationMoved(CampaignRefused):
+    """The station does not stand any more where it stood: the campaign goes on in a new set-up."""
+
+
 class StoreError(RuntimeError):
     """The store could not be written or read; one line."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,8 +30,8 @@ def calibrate(
     new_setup: NewSetupOption = False,
 ) -> None:
     """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
-    with resumable("calibrate", rig, out):
-        _calibrate(rig, out, json, resume, new_setup=new_setup)
+    goes_on = resumable("calibrate", rig, out, campaign=resume, new_setup=new_setup)
+    _calibrate(rig, out, json, resume, goes_on, new_setup=new_setup)
 
 
 def demo(
@@ -46,8 +47,8 @@ def demo(
 
     options = ["--real-time"] if real_time else []
     options += [] if seed is None else ["--seed", str(seed)]
-    with resumable("demo", None, out, *options):
-        _calibrate(embedded_rig_path(), out, json, resume, new_setup=new_setup, real_time=real_time, seed=seed)
+    goes_on = resumable("demo", None, out, *options, campaign=resume, new_setup=new_setup)
+    _calibrate(embedded_rig_path(), out, json, resume, goes_on, new_setup=new_setup, real_time=real_time, seed=seed)
 
 
 def _calibrate(
@@ -55,6 +56,7 @@ def _calibrate(
     out: Path,
     json: bool,
     resume: str | None,
+    goes_on: AbstractContextManager[None],
     *,
     new_setup: bool,
     real_time: bool = False,
@@ -70,7 +72,7 @@ def _calibrate(
 
     needs = Need.MOTION | Need.TABLES
     _require_campaign(resume, out, new_setup=new_setup)
-    with open_store(out, hold=True, campaign=resume) as store:
+    with goes_on, open_store(out, hold=True, campaign=resume) as store:
         after = None if resume is None else last_moment(store, resume)
         with (
             open_rig(rig, needs=needs, real_time=real_time, seed=seed, after=after) as connected_rig,
@@ -111,7 +113,7 @@ def measure(
     _require_campaign(resume, out, new_setup=new_setup)
     options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
-        resumable("measure", rig, out, *options),
+        resumable("measure", rig, out, *options, campaign=resume, new_setup=new_setup),
         open_store(out, hold=True, campaign=resume) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
         operated_from_terminal(connected_rig),
@@ -152,7 +154,7 @@ def verify(
     with open_existing_store(out) as store:
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
-        resumable("verify", rig, out),
+        resumable("verify", rig, out, campaign=campaign, new_setup=new_setup),
         open_store(out, hold=True, campaign=campaign) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
         operated_from_terminal(connected_rig),

@@ -16,7 +16,7 @@ from bluesky.utils import Msg
 from calibration.instruments.station_geometry import across_line_of_sight
 from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DrivesMoved
-from pkm_rig.errors import CampaignRefused
+from pkm_rig.errors import CampaignRefused, StationMoved
 from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, WaitingDevice
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block, PlannedVisit
@@ -164,7 +164,7 @@ def _measure_nests(devices: CampaignDevices) -> Plan:
         if shift <= limit:
             return
         if attempt:
-            raise CampaignRefused(
+            raise StationMoved(
                 f"nest check: a floor nest moved {shift * 1e6:.0f} um (limit {limit * 1e6:.0f} um); "
                 "secure the station's stand and go on with --new-setup; readings since the last good check are not used"
             )

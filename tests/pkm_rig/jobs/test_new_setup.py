@@ -12,7 +12,7 @@ from calibration.base.errors import InputError
 from calibration.instruments.station_geometry import polar_to_points
 from calibration.reduction.nest_checks import usable_readings
 from calibration.reduction.recording_setups import setups_of
-from pkm_rig.errors import CampaignRefused
+from pkm_rig.errors import StationMoved
 from pkm_rig.jobs.measure import measure
 from pkm_rig.jobs.verify import verify
 from pkm_rig.rig.session_record import last_moment
@@ -90,7 +90,7 @@ def test_a_campaign_goes_on_in_new_set_ups_to_its_verdict(of_begun):
 
         return note
 
-    with pytest.raises(CampaignRefused, match=r"nest check: .* go on with --new-setup; readings since"):
+    with pytest.raises(StationMoved, match=r"nest check: .* go on with --new-setup; readings since"):
         go_on(store, SECOND, campaign=campaign, meddle=look(2))
     with pytest.raises(Stopped):
         go_on(store, SECOND, campaign=campaign, new_setup=True, progress=stop_after(12))

@@ -9,7 +9,6 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from drivers.errors import NoAnswer
 from pkm_rig.errors import StoreError
 from pkm_rig.jobs import session
 from pkm_rig.store.lock import Lock, user_name
@@ -112,23 +111,3 @@ def test_a_place_where_no_lock_can_be_made_is_named(tmp_path):
     with pytest.raises(StoreError, match="cannot be opened"):
         Lock(tmp_path / "lock", "the rig")
     assert (tmp_path / "target").read_text() == "precious"
-
-
-@pytest.mark.parametrize(
-    "words",
-    [("demo", "--resume", "first"), ("calibrate", "--rig", "embedded", "--resume", "first"),
-     ("measure", "--rig", "embedded", "--resume", "first"), ("verify", "first", "--rig", "embedded")],
-    ids=lambda words: words[0],
-)  # fmt: skip
-def test_a_campaign_that_is_gone_on_with_is_running_while_its_rig_is_connected(run, words, tmp_path, monkeypatch):
-    states = []
-
-    def look(*_, **__):
-        with open_existing_store(tmp_path) as store:
-            states.extend((row.campaign, row.state, row.step) for row in store.campaigns())
-        raise NoAnswer("PLC", "line", "silent", "switch it on")
-
-    small_store(tmp_path / "pkm-rig.sqlite", "first", "second")
-    monkeypatch.setattr(session, "open_rig", look)
-    assert run(*words, "--out", tmp_path).returncode == 3
-    assert states == [("first", "running", "connecting"), ("second", "measured", "")]

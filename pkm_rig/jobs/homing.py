@@ -6,6 +6,7 @@ from typing import Any
 
 from calibration.base.errors import InputError
 from drivers.drives.homing import HomingParameters
+from pkm_rig.rig.drive_tables import telling_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import switch_off
 from pkm_rig.store.store import Store
@@ -15,17 +16,18 @@ def home_drives(rig: Rig, *, again: bool = False, store: Store | None = None) ->
     """Home the drives that are not referenced, or all with `again`; where each is then (docs/reference/json.md).
 
     One after the other, the others under their brakes; compensation is switched off and stays off (which a
-    `store` records, so that `pkm-rig tables rollback` can bring it back). InputError, before
-    anything moves, where the rig file does not say how; raises what a motion raises.
+    `store` records, so that `pkm-rig tables rollback` can bring it back). InputError, before anything moves, where the
+    rig file does not say how; raises what a motion raises, with a note which tables are active.
     """
     homings = [
         _homing(rig, number) if again or not drive.reference.is_valid else None
         for number, drive in enumerate(rig.drives.drives)
     ]
     if any(homings):
-        switch_off(rig, store, "home")
-        with rig.supervisor.during_motion():
-            rig.drives.home(homings)
+        with telling_tables(rig, store):
+            switch_off(rig, store, "home")
+            with rig.supervisor.during_motion():
+                rig.drives.home(homings)
     positions_m = rig.positions_m()
     return {
         "drives": {

@@ -9,7 +9,14 @@ from calibration.base.errors import InputError
 from drivers.drives.table_bank import BankStatus, CompensationState, TableBank
 from drivers.drives.table_image import decode_table, machine_id_of
 from drivers.errors import DriveFault, TableError
-from pkm_rig.rig.drive_tables import WantedTables, campaign_of, read_states, serial_of, tables_line
+from pkm_rig.rig.drive_tables import (
+    WantedTables,
+    campaign_of,
+    read_states,
+    serial_of,
+    tables_line,
+    telling_tables,
+)
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import DONE, KEPT, TableChange, begin, changes_of, switch_off
 from pkm_rig.store.store import Store
@@ -63,11 +70,15 @@ def _is_of_this_machine(rig: Rig, bank: TableBank, number: int) -> bool:
 
 
 def change_to_off(rig: Rig, store: Store | None) -> None:
-    """Use no table on any drive. Raises DriveFault while one moves, and what supervision finds."""
+    """Use no table on any drive. Raises DriveFault while one moves, and what supervision finds.
+
+    An error says which tables are active.
+    """
     _require_banks(rig)
-    _require_standstill(rig)
-    with rig.supervisor.during_motion():
-        switch_off(rig, store, "off")
+    with telling_tables(rig, store):
+        _require_standstill(rig)
+        with rig.supervisor.during_motion():
+            switch_off(rig, store, "off")
 
 
 def last_change(rig: Rig, store: Store) -> TableChange:
@@ -101,10 +112,11 @@ def describe_before(change: TableChange) -> str:
 
 def roll_back(rig: Rig, store: Store, change: TableChange) -> None:
     """Bring all drives to their state before a change: a change of its own, so that it can be rolled back too."""
-    _require_standstill(rig)
     before = change.before
-    with rig.supervisor.during_motion():
-        begin(rig, store, "rollback", target=WantedTables(before.images, before.on)).bring_to_target()
+    with telling_tables(rig, store):
+        _require_standstill(rig)
+        with rig.supervisor.during_motion():
+            begin(rig, store, "rollback", target=WantedTables(before.images, before.on)).bring_to_target()
 
 
 def _require_banks(rig: Rig) -> None:

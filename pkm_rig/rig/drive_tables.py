@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from drivers.drives.table_bank import BankStatus, CompensationMode, CompensationState, TableBank
 from drivers.drives.table_image import decode_table, image_crc
 from drivers.errors import DeviceError
+from pkm_rig.errors import StoreError
 from pkm_rig.rig.rig import Rig
 from pkm_rig.store.store import Store
 
 Table = tuple[int, int]  # generation and CRC
+TABLES_NOTE = "tables: "  # begins the line that tells which are active
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,20 @@ def tables_line(rig: Rig, store: Store | None) -> str:
     campaign = None if store is None else campaign_of(store, names[0], (first.generation, first.crc))
     trial = ", on trial" if first.mode is CompensationMode.TRIAL else ""
     return f"tables: generation {first.generation}{f' of campaign {campaign}' if campaign else ''}{trial} on all drives"
+
+
+@contextmanager
+def telling_tables(rig: Rig, store: Store | None) -> Iterator[None]:
+    """An error says which tables are active after it, as a note; once, however often this is entered."""
+    try:
+        yield
+    except BaseException as error:
+        if not any(note.startswith(TABLES_NOTE) for note in getattr(error, "__notes__", ())):
+            try:
+                error.add_note(tables_line(rig, store))
+            except StoreError:  # the drives can still tell
+                error.add_note(tables_line(rig, None))
+        raise
 
 
 def campaign_of(store: Store, drive: str, table: Table) -> str | None:

@@ -25,7 +25,7 @@ from pkm_rig.rig.drive_tables import (
     record_state,
     state_to_return_to,
     table_of,
-    tables_line,
+    telling_tables,
 )
 from pkm_rig.rig.rig import Rig
 from pkm_rig.store.store import Store
@@ -165,14 +165,14 @@ def changing_tables(rig: Rig, store: Store, purpose: Purpose, campaign: str) -> 
     The error then says which tables are active (as a note).
     """
     change = begin(rig, store, purpose, campaign)
-    try:
-        yield change
-    except BaseException as error:
-        with suppress(DeviceError, StoreError):
-            if not change.ended and not change.accepted:
-                change.fall_back()
-        error.add_note(tables_line(rig, store))
-        raise
+    with telling_tables(rig, store):
+        try:
+            yield change
+        except BaseException:
+            with suppress(DeviceError, StoreError):
+                if not change.ended and not change.accepted:
+                    change.fall_back()
+            raise
 
 
 def switch_off(rig: Rig, store: Store | None, purpose: Purpose) -> None:

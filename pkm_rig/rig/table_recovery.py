@@ -14,6 +14,7 @@ from pkm_rig.rig.drive_tables import (
     serial_of,
     table_of,
     tables_line,
+    telling_tables,
     whole_tables,
 )
 from pkm_rig.rig.rig import Rig
@@ -25,14 +26,15 @@ def settle_tables(rig: Rig, store: Store | None, notify: Callable[[str], None]) 
     """End what was left unfinished, then switch off what is in doubt on all drives; says what it does.
 
     The change that was ended, if there was one. Without a store only the drives can be asked.
-    Raises DeviceError and StoreError.
+    Raises DeviceError and StoreError, which say which tables are active.
     """
-    change = end_unfinished_change(rig, store, notify)
-    why = doubt(read_states(rig), [bank.drive.name for bank in rig.banks])
-    if why is not None:
-        rig.switch_compensation(None)
-        notify(f"{why}; compensation is now off on all drives")
-    return change
+    with telling_tables(rig, store):
+        change = end_unfinished_change(rig, store, notify)
+        why = doubt(read_states(rig), [bank.drive.name for bank in rig.banks])
+        if why is not None:
+            rig.switch_compensation(None)
+            notify(f"{why}; compensation is now off on all drives")
+        return change
 
 
 def end_unfinished_change(rig: Rig, store: Store | None, notify: Callable[[str], None]) -> TableChange | None:
@@ -42,7 +44,8 @@ def end_unfinished_change(rig: Rig, store: Store | None, notify: Callable[[str],
     """
     change = None if store is None else unfinished_change(rig, store)
     if change is not None and store is not None:
-        _end(rig, store, change, notify)
+        with telling_tables(rig, store):
+            _end(rig, store, change, notify)
     return change
 
 

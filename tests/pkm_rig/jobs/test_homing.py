@@ -108,8 +108,9 @@ def test_an_open_interlock_stops_it_and_one_that_is_open_forbids_it():
         assert isinstance(rig.supervisor.trip, InterlockOpen)
         assert not rig.drives.drives[0].reference.is_valid
         assert not any(drive.is_moving(rig.clock.now_s() + 0.1) for drive in mock.drives)
-        with pytest.raises(InterlockOpen):
+        with pytest.raises(InterlockOpen) as caught:
             homing.home_drives(rig)
+        assert caught.value.__notes__ == ["tables: off on all drives"]
 
 
 def test_how_drives_are_homed_does_not_make_a_campaign_another_one():

@@ -13,12 +13,14 @@ from calibration.base.errors import InputError
 from drivers.drives.table_image import TableImage, encode_table
 from drivers.errors import DriveFault, InterlockOpen
 from pkm_rig.cli import entry, main
+from pkm_rig.errors import StoreError
 from pkm_rig.jobs.tables import change_to_off, describe_before, last_change, roll_back, show_tables
 from pkm_rig.report.tables_text import print_tables
 from pkm_rig.rig.runner import describe_campaign
 from pkm_rig.rig.table_change import VERDICT, changing_tables
-from pkm_rig.rig.table_recovery import unfinished_change
+from pkm_rig.rig.table_recovery import end_unfinished_change, settle_tables, unfinished_change
 from pkm_rig.store.append import now_text
+from tests.pkm_rig.conftest import silent
 from tests.pkm_rig.tables_bench import CAMPAIGN, FORMER, images, table, tables_bench
 
 NEW = 8
@@ -84,6 +86,31 @@ def test_off_and_back_and_back_again(bench):
         roll_back(rig, store, change)
         assert bench.modes() == [0, 0]
         assert unfinished_change(rig, store) is None
+
+
+def test_what_was_interrupted_says_which_tables_are_active(bench, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    def notes(job, *arguments):
+        with pytest.raises(KeyboardInterrupt) as caught:
+            job(*arguments)
+        return caught.value.__notes__
+
+    with bench.host() as (rig, store, _):
+        calibrate(rig, store)
+        change, active = last_change(rig, store), [f"tables: generation {NEW} of campaign {CAMPAIGN} on all drives"]
+        monkeypatch.setattr(rig, "bring_tables_to", interrupt)
+        assert notes(change_to_off, rig, store) == active
+        assert notes(settle_tables, rig, store, silent) == active
+        assert notes(end_unfinished_change, rig, store, silent) == active
+        assert notes(roll_back, rig, store, change) == active
+
+        def unreadable(*_):
+            raise StoreError("the disk is gone")
+
+        monkeypatch.setattr(store, "table_changes", unreadable)
+        assert notes(roll_back, rig, store, change) == [f"tables: generation {NEW} on all drives"]
 
 
 def test_a_rollback_goes_to_before_the_campaign_and_not_to_a_state_within_it(bench):
@@ -154,8 +181,9 @@ def test_nothing_is_changed_in_motion_or_with_an_open_interlock(bench):
         assert axis.motion.is_moving(bench.mock.clock.now_s())
         rig.drives.disable()
         bench.mock.mock.plc.set_interlock(0, False)
-        with pytest.raises(InterlockOpen):
+        with pytest.raises(InterlockOpen) as caught:
             change_to_off(rig, store)
+        assert caught.value.__notes__ == ["tables: off on all drives"]
         bench.mock.mock.plc.set_interlock(0, True)
     assert [step.data["purpose"] for step in store_steps(bench)] == ["verify"]
 

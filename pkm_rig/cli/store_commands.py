@@ -72,7 +72,8 @@ def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: 
         results.print(f"session {s.number}  {s.command}  {span}  {s.why}".rstrip(), soft_wrap=True, markup=False)
     for event in events:
         plan = event.data.get("plan") or ""
-        line = f"{event.created}  {event.kind}  {plan} {event.data.get('reason', '')}".rstrip()
+        what = event.data.get("reason") or event.data.get("name") or ""
+        line = f"{event.created}  {event.kind}  {plan} {what}".rstrip()
         results.print(line, soft_wrap=True, markup=False)
 
 

@@ -56,9 +56,11 @@ def calibrate(
             measure_blocks(runner, blocks)
         else:
             rig.enable()
+        runner.devices.progress(0, "identifying")
         notify("identifying")
         identification = identify_recording(store.recording(campaign))
         store.add_event(campaign, "identified", identified_summary(identification))
+        runner.devices.progress(0, "diagnosing")
         diagnosis = try_diagnosis(store.recording(campaign))
         store.add_event(campaign, "diagnosed", diagnosis_attempt_json(diagnosis))
         notify(diagnosis_line(diagnosis))

@@ -49,15 +49,18 @@ def verify(
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))
+    planned = planned_readings(rig, (), verify=True)
+    total = PlannedReadings(planned, planned)
+    show = total.show_by(progress)
+    show(0, "identifying")
     identification = identify_recording(store.recording(campaign))
     if store.events(campaign, "accepted") or store.events(campaign, "refused"):
         raise InputError(f"campaign {campaign} was verified already; measure a new one")
+    show(0, "diagnosing")
     diagnosis = try_diagnosis(store.recording(campaign))
     notify(diagnosis_line(diagnosis))
-    planned = planned_readings(rig, (), verify=True)
-    total = PlannedReadings(planned, planned)
     with (
-        open_runner(rig, store, campaign, total.show_by(progress), "verify", notify) as runner,
+        open_runner(rig, store, campaign, show, "verify", notify) as runner,
         changing_tables(rig, store, "verify", campaign) as change,
     ):
         go_on(runner, (), total, new_setup=new_setup)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -59,6 +60,7 @@ results = PeopleConsole()
 
 
 LINE_PERIOD_S = 60.0
+LOOK_S = 1.0
 SIMULATED = "SIMULATED: by simulated devices, not on a machine"
 
 
@@ -109,29 +111,59 @@ def say_repaired(recording: Recording) -> dict[str, str]:
 
 
 class ProgressLines:
-    """Progress where nobody watches: one line a minute, and one for each phase."""
+    """Progress where nobody watches: one line a minute, and one for each phase. Safe to use from several threads."""
 
     def __init__(self, say: Callable[[str], None], host_s: Callable[[], float] = time.monotonic) -> None:
         self._say, self._host_s = say, host_s
-        self._done, self._phase, self._said_s = 0, "", host_s()
+        self._done, self._total, self._phase, self._said_s = 0, 0, "", host_s()
+        self._lock = threading.Lock()
 
     def advance(self, count: int, total: int, phase: str) -> None:
         """Count readings."""
-        self._done += count
-        now_s = self._host_s()
-        if phase == self._phase and now_s - self._said_s < LINE_PERIOD_S:
-            return
-        if phase == "nests" and now_s - self._said_s < LINE_PERIOD_S:  # between all others
-            return
-        self._phase, self._said_s = phase, now_s
-        self._say(f"{self._done} of {total} readings: {phase.replace('_', ' ')}")
+        with self._lock:
+            self._done, self._total = self._done + count, total
+            if self._is_due() or phase not in (self._phase, "nests"):  # nests come between all others
+                self._phase = phase
+                self._say_phase()
+
+    def remind(self) -> None:
+        """Say where it is, if nothing was said for a minute: something takes long that counts no readings."""
+        with self._lock:
+            if self._phase and self._is_due():
+                self._say_phase()
+
+    def _is_due(self) -> bool:
+        return self._host_s() - self._said_s >= LINE_PERIOD_S
+
+    def _say_phase(self) -> None:
+        self._said_s = self._host_s()
+        self._say(f"{self._done} of {self._total} readings: {self._phase.replace('_', ' ')}")
+
+
+@contextmanager
+def _progress_lines() -> Iterator[ReportProgress]:
+    lines, ended = ProgressLines(print_message), threading.Event()
+
+    def watch() -> None:
+        with suppress(OSError):  # nobody reads it any more
+            while not ended.wait(LOOK_S):
+                lines.remind()
+
+    watching = threading.Thread(target=watch, name="progress", daemon=True)
+    watching.start()
+    try:
+        yield lines.advance
+    finally:  # nothing may follow the last line of a command
+        ended.set()
+        watching.join()
 
 
 @contextmanager
 def progress_bar() -> Iterator[ReportProgress]:
     """A progress bar on stderr; one line a minute where that is no terminal."""
     if not messages.is_terminal:
-        yield ProgressLines(print_message).advance
+        with _progress_lines() as lines:
+            yield lines
         return
     columns = (
         TextColumn("{task.description:20.20}"),

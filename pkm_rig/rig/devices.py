@@ -33,6 +33,7 @@ SETTLED_ACROSS_M = 40e-6
 SETTLE_READINGS = 3
 SETTLE_LIMIT_S = 60.0
 POINTS_TO_FIT = 5
+PAYLOAD_ASKED, PAYLOAD_ON = "payload_asked", "payload_on"  # events of the campaign
 
 
 @dataclass
@@ -116,22 +117,40 @@ class MachineDevice:
 
 
 class PayloadDevice:
-    """`set(number)`: ask the PLC for a payload and wait until it reports that it is on."""
+    """`set(number)`: ask the PLC for a payload and wait until it reports that it is on; both are in the record."""
 
     name = "payload"
     parent = None
 
-    def __init__(self, rig: Rig, worker: Worker, say: Callable[[str], None]) -> None:
-        self._rig, self._worker, self._say = rig, worker, say
+    def __init__(
+        self,
+        rig: Rig,
+        worker: Worker,
+        say: Callable[[str], None],
+        note: Callable[[str, dict[str, Any]], None],
+        progress: Callable[[int, str], None],
+    ) -> None:
+        self._rig, self._worker, self._say, self._note, self._progress = rig, worker, say, note, progress
 
     def set(self, number: int) -> WorkStatus:
         """Have a payload put on; the PLC is told, and whoever stands at the terminal or reads the log."""
-        if self._rig.supervisor.state().payload != number:
-            load = self._rig.file.payloads[number]
-            simulated = self._rig.supervisor.state().simulated
-            who = "the simulated PLC has it put on" if simulated else "put it on and acknowledge at the PLC"
-            self._say(f"payload needed: '{load.name}' ({load.mass_kg:g} kg); {who}")
-        return self._worker.submit(f"payload {number}", lambda: self._rig.change_payload(number))
+        what = f"payload {number}"
+        state = self._rig.supervisor.state()
+        if state.payload == number:
+            return self._worker.submit(what, lambda: self._rig.change_payload(number))
+        load = self._rig.file.payloads[number]
+        who = "the simulated PLC has it put on" if state.simulated else "put it on and acknowledge at the PLC"
+        self._say(f"payload needed: '{load.name}' ({load.mass_kg:g} kg); {who}")
+        self._note(PAYLOAD_ASKED, {"payload": number, "name": load.name, "mass_kg": load.mass_kg})
+        self._progress(0, "payload exchange")
+        return self._worker.submit(what, lambda: self._exchange(number))
+
+    def _exchange(self, number: int) -> None:
+        """Wait for the payload. The PLC acknowledges it; who stands at the PLC it does not say."""
+        self._rig.change_payload(number)
+        plc, simulated = self._rig.plc, self._rig.supervisor.state().simulated
+        by = {"acknowledged_by": f"{plc.name} ({plc.where})", "simulated": simulated}
+        self._note(PAYLOAD_ON, {"payload": number, "name": self._rig.file.payloads[number].name, **by})
 
 
 class WaitingDevice:

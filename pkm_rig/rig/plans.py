@@ -118,6 +118,7 @@ def _until_done(devices: CampaignDevices, part: Callable[[], Plan]) -> Plan:
 
 def _wait_for_operator(devices: CampaignDevices) -> Plan:
     """Wait until the campaign may go on; again if an interlock opens as it does."""
+    devices.progress(0, "waiting for operator")
     while True:
         yield from bps.abs_set(devices.waiting, None, wait=True)
         if not devices.waiting.asked():

@@ -80,7 +80,7 @@ class Runner:
             rig=rig,
             tags=tags,
             machine=MachineDevice(rig, self._worker, tags),
-            payload=PayloadDevice(rig, self._worker, notify),
+            payload=PayloadDevice(rig, self._worker, notify, note, progress),
             station=StationDevice(rig, self._worker, tags),
             wait=WaitDevice(rig, self._worker),
             progress=progress,

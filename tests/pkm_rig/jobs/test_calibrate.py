@@ -25,6 +25,7 @@ from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.outcome_json import outcome_json
 from pkm_rig.report.outcome_text import print_outcome, short_table
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
+from pkm_rig.store.audit import audit
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 from tests.pkm_rig.rig.test_rig import flat_table
@@ -36,11 +37,13 @@ def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("short")
     file, machine = short_rig_file(seed=4)
     store = Store(out / "store.sqlite")
+    phases = set()
     with mock_and_rig(file, machine) as (mock, rig):
-        outcome = calibrate(rig, store, silent, silent)
+        outcome = calibrate(rig, store, silent, lambda _advance, _total, phase: phases.add(phase))
         states = [bank.state() for bank in rig.banks]
         trip = rig.supervisor.trip
         drives = [(drive.compensation.mode, drive.compensation.active_bank) for drive in mock.drives]
+    assert {"payload exchange", "identifying", "diagnosing"} < phases  # what takes long without a reading
     yield outcome, store, out, states, trip, drives
     store.close()
 
@@ -71,6 +74,19 @@ def test_every_planned_reading_is_in_the_store_once(run):
     phases = set(np.asarray(recording["phase"]).tolist())
     assert phases == {"repeatability", "nests", "calibration", "verification_before", "verification_after"}
     assert set(np.unique(recording["left_direction"])) == {-1.0, 1.0}
+
+
+def test_each_payload_is_asked_for_and_acknowledged_in_the_record(run):
+    outcome, store, *_ = run
+    exchanges = [event for event in store.events(outcome.campaign) if event.kind.startswith("payload_")]
+    asked, on = exchanges[::2], exchanges[1::2]
+    assert [event.data["payload"] for event in asked] == [event.data["payload"] for event in on] == [2, 0, 1]
+    assert [(event.data["name"], event.data["mass_kg"]) for event in asked][2] == ("plate 200 kg", 200.0)
+    for event in on:
+        assert event.data["acknowledged_by"].startswith("PLC (")
+        assert event.data["simulated"]
+    (found,) = audit(store, outcome.campaign)
+    assert found.state == "whole"
 
 
 def test_200_kg_was_never_calibrated(run):

@@ -24,6 +24,7 @@ class Script:
         self.pause = False
         self.steps = []
         self.seen = []
+        self.phases = []
 
     def asks_to_pause(self):
         return self.pause
@@ -57,6 +58,7 @@ def campaign(tmp_path_factory):
         counts = {"calibration": 0, "nests": 0}
 
         def meddle(_advance, _total, what):
+            script.phases.append(what)
             if what not in counts:
                 return
             counts[what] += 1
@@ -78,6 +80,11 @@ def test_the_drives_are_without_power_while_it_waits(campaign):
     *_, script = campaign
     assert script.seen
     assert not any(script.seen)
+
+
+def test_progress_shows_that_it_waits(campaign):
+    *_, script = campaign
+    assert script.phases.count("waiting for operator") == 3
 
 
 def test_an_acknowledgement_with_an_open_interlock_does_not_suffice(campaign):

@@ -19,6 +19,8 @@ from mock_devices.commands import USAGE
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig, mock_rig_path
 from pkm_rig.rig.connection import connect_rig
+from pkm_rig.rig.devices import PayloadDevice
+from pkm_rig.rig.worker import Worker
 from pkm_rig.virtual.new_rig import with_values, write_new_rig
 from pkm_rig.virtual.ownership import owned, require_free_port
 from pkm_rig.virtual.served_rig import serve_mock_rig, tell
@@ -63,6 +65,15 @@ def connected(path):
         clock.close()
 
 
+def exchange_payload(rig, number):
+    """What a campaign keeps of the exchange."""
+    noted, worker = [], Worker()
+    device = PayloadDevice(rig, worker, lambda _line: None, lambda *event: noted.append(event), lambda *_: None)
+    assert device.set(number).exception(timeout=60.0) is None
+    worker.close()
+    return noted
+
+
 def test_two_mocks_run_side_by_side_and_one_that_was_killed_comes_back_as_hardware_does(tmp_path):
     with ExitStack() as stack:
         first_path, second_path = tmp_path / "first.toml", tmp_path / "second.toml"
@@ -76,6 +87,11 @@ def test_two_mocks_run_side_by_side_and_one_that_was_killed_comes_back_as_hardwa
             generation = rig.next_generation()
             rig.switch_compensation(rig.images(flat_table(), generation))
             before = rig.positions_m()
+            exchanged = exchange_payload(rig, 1)
+        kinds, (_, on) = zip(*exchanged, strict=True)
+        assert kinds == ("payload_asked", "payload_on")
+        assert on["payload"] == 1
+        assert on["acknowledged_by"] == f"PLC (127.0.0.1:{load_rig(first_path)[0].plc.port} unit 1)"
         status = json.loads(first.tell("status"))
         assert [drive["generation"] for drive in status["drives"].values()] == [generation] * 2
         assert [drive["generation"] for drive in json.loads(tell(second, "status"))["drives"].values()] == [0, 0]

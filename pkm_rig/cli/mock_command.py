@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import OutOption
+from pkm_rig.cli.options import OutOption, campaigns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +37,10 @@ def mock(
         ),
     ] = None,
     twin: Annotated[
-        str | None, typer.Option(help="serve this twin: campaign of `pkm-rig diagnose --add`, or the twin's folder")
+        str | None,
+        typer.Option(
+            help="serve this twin: campaign of `pkm-rig diagnose --add`, or the twin's folder", autocompletion=campaigns
+        ),
     ] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python file with own effects that the twin has")] = None,
     out: OutOption = Path("runs"),

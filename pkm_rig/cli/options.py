@@ -17,10 +17,14 @@ def rig_path(name: str) -> Path:
 
 
 def campaigns(context: typer.Context, incomplete: str) -> list[str]:
-    """Ids of the store's campaigns that begin so, for a shell that completes them; none where there is no store."""
+    """Ids of the store's campaigns that begin so, for a shell that completes them; none where there is no store.
+
+    Where there are none, as for all other options and arguments, shells complete files.
+    """
     import sqlite3
 
-    store = Path(context.params.get("out") or "runs") / "pkm-rig.sqlite"
+    out = Path(context.params.get("out") or "runs")
+    store = out if out.is_file() else out / "pkm-rig.sqlite"
     if not store.is_file():
         return []
     try:

@@ -11,14 +11,16 @@ import typer
 from rich.text import Text
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument
+from pkm_rig.cli.options import JsonOption, OutOption, StoredCampaignArgument, campaigns
 from pkm_rig.errors import CampaignRefused
 
 WhyOption = Annotated[str, typer.Option(help="why, for the record")]
 
 
 def audit(
-    campaign: Annotated[str | None, typer.Argument(help="campaign id in the store; without it all")] = None,
+    campaign: Annotated[
+        str | None, typer.Argument(help="campaign id in the store; without it all", autocompletion=campaigns)
+    ] = None,
     head: Annotated[str | None, typer.Option(help="head from a report or an export that must be in the chain")] = None,
     out: OutOption = Path("runs"),
     json: JsonOption = False,

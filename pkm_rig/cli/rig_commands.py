@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pkm_rig.cli.going_on import resumable
-from pkm_rig.cli.options import JsonOption, OutOption, RigOption, StoredCampaignArgument
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption, StoredCampaignArgument, campaigns
 from pkm_rig.cli.terminal_operator import operated_from_terminal
 from pkm_rig.errors import CampaignRefused, StoreError
 
 if TYPE_CHECKING:
     from pkm_rig.results.outcome import CampaignOutcome
 
-ResumeOption = Annotated[str | None, typer.Option("--resume", help="go on with this campaign, wherever it ended")]
+ResumeOption = Annotated[
+    str | None,
+    typer.Option("--resume", help="go on with this campaign, wherever it ended", autocompletion=campaigns),
+]
 NewSetupOption = Annotated[
     bool, typer.Option("--new-setup", help="the station stands anew: tie it to where it stood, then go on")
 ]
@@ -88,7 +91,8 @@ def measure(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     resume: Annotated[
-        str | None, typer.Option(help="continue this campaign: it broke off, or gets more visits")
+        str | None,
+        typer.Option(help="continue this campaign: it broke off, or gets more visits", autocompletion=campaigns),
     ] = None,
     campaign_file: Annotated[
         Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")

@@ -49,6 +49,13 @@ def test_commands_and_campaigns_are_completed(completed, tmp_path):
     assert completed(f"pkm-rig identify {campaign[:5]}") == [campaign]
     assert completed("pkm-rig report --out other ") == [campaign]
     assert completed("pkm-rig verify x") == []
+    backup = f"other/{STORE_NAME}"
+    for command in ("demo --resume", "calibrate --resume", "measure --resume", "audit", "mock --twin"):
+        assert completed(f"pkm-rig {command} {campaign[:5]}") == [campaign]
+    assert completed(f"pkm-rig show --out {backup} ") == [campaign]
+    for path in ("list --out", "check --rig", "measure --campaign", "mock --new-rig", "mock --state", "import"):
+        assert completed(f"pkm-rig {path} ") == []  # so the shell completes files
+    assert completed("pkm-rig mock --twin ./") == []
     assert completed("pkm-rig show --out none ") == []
     (tmp_path / "runs" / STORE_NAME).write_bytes(b"not a store")
     assert completed("pkm-rig show ") == []

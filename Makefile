@@ -71,10 +71,12 @@ withheld: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.withheld.run $(if $(SEED),--seed $(SEED),--final) $(if $(N),--n $(N))
 
 # The diagnosis on recordings of another simulator (docs/explanation/independent.md), if they lie in
-# ../shared/independent or DATA=FOLDER: even numbers, with a list of the misjudged. N=10 for a first look. FINAL=1 scores
-# the odd ones: at most five times ever, each a line in the committed log. Stopped, it goes on.
+# ../shared/independent or DATA=FOLDER: even numbers, with a list of the misjudged. N=10 for a first look; GROSS=1 plants
+# gross readings too. FINAL=1 scores the odd ones: at most five times ever, each a line in the committed log. Stopped, it
+# goes on.
 independent: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) $(if $(FINAL),--final)
+	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) \
+		$(if $(GROSS),--gross) $(if $(FINAL),--final)
 
 # Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/explanation/benchmarks.md). QUICK=1 for a check
 # that it runs.

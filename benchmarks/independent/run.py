@@ -1,11 +1,12 @@
 """Checks the diagnosis on recordings of another simulator: one table (docs/explanation/independent.md).
 
-    python -m benchmarks.independent.run [--data FOLDER] [--n N] [--jobs 1] [--fresh] [--final]
+    python -m benchmarks.independent.run [--data FOLDER] [--n N] [--jobs 1] [--gross] [--fresh] [--final]
 
 Reads the even-numbered recordings of FOLDER/recordings.tar.xz (else of INDEPENDENT_RECORDINGS, else of
 ../shared/independent beside the checkout) and says which are misjudged. Answers lie in runs/independent, one folder for
 each state of the code that they depend on; stopped at any time, the same command goes on. --final scores the odd ones
-instead, without saying which: at most five times, each a line in log.jsonl. Exit status 1 if a goal is missed, 2 if
+instead, without saying which: at most five times, each a line in log.jsonl. --gross diagnoses again what was sure, with
+gross readings planted (a final run always does). Exit status 1 if a goal is missed, 2 if
 there are no recordings or a process failed.
 """
 
@@ -19,13 +20,14 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from benchmarks.independent import final_runs
 from benchmarks.independent.final_runs import FinalRun, NoFinalRun
+from benchmarks.independent.gross import plant_in
 from benchmarks.independent.recordings import NoRecordings, copy_recordings, digest_of, find_archive, names_of
 from benchmarks.independent.scorer import score
 from benchmarks.independent.table import figures, misjudged, printed, without_cases
@@ -40,6 +42,7 @@ DATA = ROOT.parent / "shared" / "independent"
 OUT = ROOT / "runs" / "independent"
 CODE = ("calibration", "benchmarks/withheld/answers.py", "benchmarks/withheld/diagnoser.py")
 BATCH = 5
+SURE = 0.9
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -62,7 +65,11 @@ def _run(options: argparse.Namespace, archive: Path) -> int:
     if options.fresh:
         shutil.rmtree(out, ignore_errors=True)
     answers = answer(archive, chosen, out, options.diagnose, options.jobs)
+    held = hold_against_gross(archive, out, answers, options) if options.gross or final_run is not None else {}
     rows = score_all(archive, out, answers, final_run)
+    for row in rows:
+        if row["key"] in held:
+            row["held_against_gross"] = held[row["key"]]
     data = figures(rows)
     if final_run is not None:
         data = without_cases(data)
@@ -80,8 +87,40 @@ def spread(names: Sequence[str], n: int) -> list[str]:
     return list(names) if not 0 < n < len(names) else [names[k * len(names) // n] for k in range(n)]
 
 
-def answer(archive: Path, names: Sequence[str], out: Path, function: str, jobs: int) -> dict[str, dict[str, Any]]:
-    """Answers by recording, those on disk and those that were missing; each batch is on disk before the next."""
+def hold_against_gross(
+    archive: Path, out: Path, answers: dict[str, dict[str, Any]], options: argparse.Namespace
+) -> dict[str, bool]:
+    """Whether the verdicts that were sure are the same with gross readings planted, by recording."""
+    sure = [name for name, of_name in answers.items() if probability(of_name) > SURE]
+    planting = hashlib.sha256((Path(__file__).parent / "gross.py").read_bytes()).hexdigest()[:12]
+    print(f"{len(sure)} of {len(answers)} verdicts are sure; with gross readings:", file=sys.stderr)
+    again = answer(archive, sure, out / f"gross-{planting}", options.diagnose, options.jobs, prepare=plant_in)
+    return {name: verdict(again[name]) == verdict(answers[name]) for name in sure}
+
+
+def verdict(of_name: dict[str, Any]) -> str:
+    """The verdict of an answer; empty if the diagnosis failed."""
+    return str(of_name["diagnosis"]["verdict"]) if "diagnosis" in of_name else ""
+
+
+def probability(of_name: dict[str, Any]) -> float:
+    """What an answer states of its own verdict."""
+    return float(of_name["diagnosis"]["ranking"].get(verdict(of_name), 0.0)) if "diagnosis" in of_name else 0.0
+
+
+def answer(
+    archive: Path,
+    names: Sequence[str],
+    out: Path,
+    function: str,
+    jobs: int,
+    prepare: Callable[[Path], None] | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Answers by recording, those on disk and those that were missing; each batch is on disk before the next.
+
+    `prepare` is given each copy of a recording before it is diagnosed.
+    """
+    code = code_digest(function)
     results = ResultsFile(out / "answers.jsonl", {"diagnose": function})
     answers = {row["recording"]: row["answer"] for row in results.rows()}
     left = [name for name in names if name not in answers]
@@ -91,7 +130,9 @@ def answer(archive: Path, names: Sequence[str], out: Path, function: str, jobs: 
 
     def work(batch: Sequence[str]) -> None:
         nonlocal done
-        given = diagnose_batch(out, batch, function)
+        given = diagnose_batch(out, batch, function, prepare)
+        if code_digest(function) != code:
+            raise RunFailed("the code was changed during the run; run again")
         with lock:
             for name, of_name in given.items():
                 answers[name] = of_name
@@ -114,12 +155,16 @@ def answer(archive: Path, names: Sequence[str], out: Path, function: str, jobs: 
     return {name: answers[name] for name in names}
 
 
-def diagnose_batch(out: Path, names: Sequence[str], function: str) -> dict[str, dict[str, Any]]:
+def diagnose_batch(
+    out: Path, names: Sequence[str], function: str, prepare: Callable[[Path], None] | None = None
+) -> dict[str, dict[str, Any]]:
     """Answers of some recordings, by a process that is given copies of them and nothing else."""
     folder = out / "batches" / names[0]
     shutil.rmtree(folder, ignore_errors=True)
     for name in names:
         shutil.copytree(out / "recordings" / name, folder / "recordings" / name)
+        if prepare is not None:
+            prepare(folder / "recordings" / name)
     table = {name: {"without": []} for name in names}
     (folder / "recordings" / "options.json").write_text(json.dumps(table), encoding="utf-8")
     diagnose(folder / "recordings", folder / "answers", function, "--no-baselines")
@@ -171,6 +216,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--data", type=Path, default=default, help="folder of the archive")
     parser.add_argument("--n", type=int, default=0, help="so many recordings only, for a first look")
     parser.add_argument("--jobs", type=int, default=1, help="diagnosers at work side by side")
+    parser.add_argument(
+        "--gross", action="store_true", help="diagnose again what was sure, with gross readings planted"
+    )
     parser.add_argument("--fresh", action="store_true", help="forget the answers that this code has given")
     parser.add_argument("--final", action="store_true", help="score all odd recordings and log it; at most five times")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")

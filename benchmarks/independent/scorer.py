@@ -97,20 +97,24 @@ def _combined(sizes: list[float]) -> float:
 
 
 def _of_single(effect: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    """Places, step and size of an effect that is found under its name."""
-    found = next((f for f in diagnosis["effects"] if f["effect"] == effect["effect"]), None)
-    if found is None:
+    """Places, step and size of an effect that is found under its name, perhaps as several findings."""
+    found = [f for f in diagnosis["effects"] if f["effect"] == effect["effect"]]
+    if not found:
         return {}
     out: dict[str, Any] = {}
-    named, true = set(places_of(found)), set(effect["places"])
+    named, true = {place for f in found for place in places_of(f)}, set(effect["places"])
     if true:
         out |= {"place_right": bool(named) and named <= true, "places_right": named == true}
-    quantities = {q["name"]: q["value"] for q in found["others"]}
+    quantities = {q["name"]: q["value"] for q in found[0]["others"]}
     if effect["effect"] in STEP_EFFECTS and "step_s" in effect:
         onset = quantities.get("onset_s")
         out["step_error_s"] = None if onset is None else onset - effect["step_s"]
-    size, u = found["size"]["value"], found["size"]["u"]
-    if size and np.isfinite(u):
-        out |= {"raw_named": found["raw_sigma"], "raw_true": effect["raw_platform_sigma"]}
-        out["raw_u"] = found["raw_sigma"] * abs(u / size)
+    sizes = np.array([f["size"]["value"] for f in found], dtype=np.float64)
+    u = np.array([f["size"]["u"] for f in found], dtype=np.float64)
+    raw = np.array([f["raw_sigma"] for f in found])
+    if np.all(sizes != 0.0) and np.all(np.isfinite(u)) and np.any(raw > 0.0):
+        # At different places their shifts hardly correlate: squares add up.
+        together = float(np.linalg.norm(raw))
+        out |= {"raw_named": together, "raw_true": effect["raw_platform_sigma"]}
+        out["raw_u"] = float(np.linalg.norm(raw**2 * u / sizes)) / together
     return out

@@ -98,6 +98,10 @@ def _singles(rows: list[Row]) -> list[Measure]:
         class_size("  mean class size", rows, MOST_CLASS),
         share("  truth among the first three", [r["true"][0] in first_names(r, 3) for r in rows], 0.97),
         share("  another effect named", [called(r) and not right(r) for r in rows]),
+        share(
+            "  named right, with another effect beside it",
+            [right(r) and set(r["named"]) != set(r["true"]) for r in rows],
+        ),
         share("  called unknown", [r["verdict"] == UNKNOWN for r in rows]),
         share("  called none", [r["verdict"] == NONE for r in rows]),
     ]
@@ -139,9 +143,11 @@ def _probability_rows(rows: Sequence[Row]) -> list[Measure]:
     spread = Z95 * float(np.std(logs)) / np.sqrt(len(logs)) if logs else 0.0
     low, high = (mean or 0.0) - spread, (mean or 0.0) + spread
     unknown = [overall_right(r) for r in rows if "p_true" in r and r["verdict"] == UNKNOWN and r["p"] > 0.99]
+    changed = [not r["held_against_gross"] for r in rows if "held_against_gross" in r]
     return [
         *probabilities(rows),
         share("  right when called unknown with p > 0.99", unknown),
+        share("verdicts of p > 0.9 that six gross readings change", changed, 0.02, at_most=True),
         Measure("log score (mean -ln p of the truth)", "", mean, low, high, len(logs), None),
     ]
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import shutil
 import tarfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +15,16 @@ import pytest
 
 from benchmarks.independent import final_runs, run
 from benchmarks.independent.final_runs import MOST, NoFinalRun
+from benchmarks.independent.gross import plant_in
 from benchmarks.independent.recordings import FILES, NoRecordings, copy_recordings, names_of
 from benchmarks.independent.scorer import score
 from benchmarks.independent.table import figures, misjudged
 from benchmarks.independent.truths import OddTruth, Truth, read_truths
-from benchmarks.withheld import sealing
+from benchmarks.withheld import sealing, table
 from benchmarks.withheld.scorer import Tampered
+from benchmarks.withheld.statistics import excess_calibration_error
 from calibration.base.frame import station_frame
+from calibration.recording.folder import read_folder
 
 ROOT = Path(__file__).parents[2]
 HEADER = """
@@ -36,6 +41,7 @@ range_constant_u_m = 5e-6, range_scale_u = 1e-6}}
 payloads = [{name = "none", mass_kg = 0.0, u_mass_kg = 0.0, com_m = [0.0, 0.0, 0.0], u_com_m = 0.002}]
 """
 TURN = station_frame((1.0, 2.0, 3.0), 0.7).rotation
+SURE_OF = {"rec001": 0.95, "rec002": 0.95, "rec004": 0.85}
 EVEN, ODD = ["rec002", "rec004"], ["rec001", "rec003"]
 
 
@@ -159,12 +165,15 @@ def asked(monkeypatch):
     """What is diagnosed; every answer is backlash on the left."""
     names = []
 
-    def batch(out, of, function):
+    def batch(out, of, function, prepare):
         names.extend(of)
+        if prepare is not None:  # with gross readings backlash is no longer found
+            return {name: answer("unknown", 0.8) for name in of}
         assert all((out / "recordings" / name / "recording.toml").is_file() for name in of)
-        return {name: answer("backlash", 0.8, found(), none=0.2) for name in of}
+        return {name: answer("backlash", SURE_OF[name], found(), none=0.02) for name in of}
 
     monkeypatch.setattr(run, "diagnose_batch", batch)
+    monkeypatch.setattr(table, "excess_calibration_error", partial(excess_calibration_error, simulations=10))
     return names
 
 
@@ -175,6 +184,8 @@ def arguments(tmp_path, *more, data="data"):
 def test_a_run_reads_the_even_half_goes_on_and_begins_anew_with_other_code(
     tmp_path, spoiled, asked, capsys, monkeypatch
 ):
+    code = ["one"]
+    monkeypatch.setattr(run, "code_digest", lambda _: code[0])
     assert run.main(arguments(tmp_path, "--n", "1")) == 1
     assert asked == EVEN[:1]
     assert run.main(arguments(tmp_path)) == 1
@@ -187,16 +198,21 @@ def test_a_run_reads_the_even_half_goes_on_and_begins_anew_with_other_code(
     assert not list((tmp_path / "out").glob("*/odd"))
     assert run.main(arguments(tmp_path, "--fresh")) == 1
     assert asked == EVEN + EVEN
-    monkeypatch.setattr(run, "code_digest", lambda _: "other")
+    code[0] = "other"
     assert run.main(arguments(tmp_path)) == 1
     assert asked == EVEN * 3
+    capsys.readouterr()
+    assert run.main(arguments(tmp_path, "--gross")) == 1
+    assert asked == EVEN * 3 + ["rec002"]
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "six gross readings change" in line)
+    assert "20.7 % to 100.0 %      1  short" in line
     assert not (tmp_path / "log").exists()
 
 
 def test_a_final_run_scores_the_odd_half_and_tells_of_no_single_recording(tmp_path, asked, capsys):
     archive_in(tmp_path / "data", {"rec001": entry("single", effect("latency")), "rec002": "spoiled"})
     assert run.main(arguments(tmp_path, "--final")) == 1
-    assert asked == ["rec001"]
+    assert asked == ["rec001", "rec001"]  # once more with gross readings
     shown = capsys.readouterr().out
     assert "latency                      0 of 1\n" in shown
     assert "rec001" not in shown
@@ -206,6 +222,18 @@ def test_a_final_run_scores_the_odd_half_and_tells_of_no_single_recording(tmp_pa
     assert kept == []
     assert run.main(arguments(tmp_path, "--final")) == 2
     assert "scored this very code" in capsys.readouterr().err
+
+
+def test_the_code_of_an_answer_is_the_diagnosis(tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "ROOT", tmp_path)
+    monkeypatch.setattr(run, "CODE", ("package", "one.py"))
+    (tmp_path / "package" / "below").mkdir(parents=True)
+    digests = set()
+    for name in ("one.py", "package/below/module.py", "other.py"):
+        (tmp_path / "one.py").touch()
+        (tmp_path / name).write_text("changed")
+        digests.add(run.code_digest())
+    assert len(digests) == 2  # other.py is not part of it
 
 
 def test_without_recordings_it_says_so_in_one_line(tmp_path, capsys):
@@ -237,6 +265,10 @@ def test_places_step_and_size_of_a_single_effect(tmp_path):
     several = found("foundation_settling", places=[{"place": "left"}, {"place": "right"}])
     both = row_of(tmp_path, answer("foundation_settling", 0.9, several), truth(step))
     assert (both["place_right"], both["places_right"], both["step_error_s"]) == (True, True, None)
+    two = [found("foundation_settling", place, raw=raw) for place, raw in (("left", 3.0), ("right", 4.0))]
+    apart = row_of(tmp_path, answer("foundation_settling", 0.9, *two), truth(step))
+    assert (apart["places_right"], apart["raw_named"]) == (True, pytest.approx(5.0))
+    assert apart["raw_u"] == pytest.approx(0.1 * np.hypot(9.0, 16.0) / 5.0)
     wrong = row_of(tmp_path, answer("backlash", 0.9, found()), truth(step))
     assert "place_right" not in wrong
     assert wrong["p_true"] == pytest.approx(1e-6)
@@ -260,7 +292,7 @@ def test_the_achieved_shrink_is_in_the_machines_plane(tmp_path):
 def test_measures_are_counted_by_hand(tmp_path):
     pair = (effect("backlash"), effect("latency", visible=0.6))
     cases = [
-        (answer("backlash", 0.995, found()), truth(effect())),
+        (answer("backlash", 0.995, found(), found("latency", "")), truth(effect())),
         (answer("unknown", 0.999, backlash=0.001), truth(effect(places=("left", "right")))),
         (answer("latency", 0.6, found("latency"), backlash=0.4), truth(effect())),
         (answer("latency", 0.6, found("latency")), truth(effect(visible=0.4))),
@@ -277,6 +309,7 @@ def test_measures_are_counted_by_hand(tmp_path):
     for name, value, n in (
         ("visible single effects named right", 0.25, 4),
         ("another effect named", 0.25, 4),
+        ("named right, with another effect beside it", 0.25, 4),
         ("called unknown", 0.25, 4),
         ("truth among the first three", 0.75, 4),
         ("null cases called an effect", 0.5, 2),
@@ -302,3 +335,17 @@ def test_measures_are_counted_by_hand(tmp_path):
     assert "backlash at left,right (raw 5.0, visible 4.0): unknown (unknown 0.999, backlash 0.001)" in listed[0]
     assert any("below the sizes that count" in line for line in listed)
     assert any("latency at right (raw 5.0, visible 4.0): InputError: x" in line for line in listed)
+
+
+def test_six_gross_readings_are_planted_the_same_each_time(tmp_path):
+    for name in ("a", "b"):
+        shutil.copytree(ROOT / "tests/data/version_0_1/recording", tmp_path / name / "rec002")
+        plant_in(tmp_path / name / "rec002")
+    before = read_folder(ROOT / "tests/data/version_0_1/recording")
+    after, again = (read_folder(tmp_path / name / "rec002") for name in ("a", "b"))
+    off = np.linalg.norm(after.positions_m - before.positions_m, axis=1)
+    assert np.sum(off > 0.0) == 6
+    assert np.all((off[off > 0.0] > 0.99e-4) & (off[off > 0.0] < 1.01e-2))
+    np.testing.assert_array_equal(after.positions_m, again.positions_m)
+    np.testing.assert_allclose(after["slope_distance_m"], np.linalg.norm(after.positions_m, axis=1), atol=1e-4)
+    assert np.sum(after["hz_rad"] != before["hz_rad"]) <= 6

@@ -72,6 +72,12 @@ def read_text(path: Path, most_bytes: int = MAX_FILE_BYTES) -> str:
         return stream.read().replace("\r\n", "\n").replace("\r", "\n")
 
 
+def require_file_or_folder(path: Path) -> None:
+    """Raise InputError for what is there and is neither, such as a device or a pipe; it is not opened."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: not a plain file or folder; check the path")
+
+
 def bounded_lines(stream: io.TextIOWrapper, path: Path) -> Iterator[str]:
     """Lines of an open file; InputError for one that is longer than MAX_LINE characters."""
     number = 0

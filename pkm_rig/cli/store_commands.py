@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
+from calibration.base.plain_file import require_file_or_folder
 from pkm_rig.cli.options import JsonOption, OutOption, SequenceOption, StoredCampaignArgument
 from pkm_rig.errors import StoreError
 
@@ -129,6 +130,7 @@ def import_folder(
     """Read a recording into the store or a printer.cfg into a measurement folder (docs/reference/measurements.md)."""
     if not source.exists():
         raise InputError(f"{source}: no such file or folder; check the path")
+    require_file_or_folder(source)
     if source.is_file():
         _import_printer(source, folder, out, json)
     elif folder is not None:

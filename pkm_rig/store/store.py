@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.base.errors import InputError
+from calibration.base.plain_file import require_file_or_folder
 from calibration.machine.description import parse_machine
 from calibration.recording.folder import read_folder
 from calibration.recording.header import RecordingFile
@@ -342,6 +343,7 @@ def find_recording(name: str, out: Path, *, by_sequence: bool = False) -> Record
     folder = Path(name)
     if folder.is_dir():
         return read_folder(folder, by_sequence=by_sequence)
+    require_file_or_folder(folder)
     if not store_path(out).is_file():
         raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
     with open_existing_store(out) as store:

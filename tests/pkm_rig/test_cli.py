@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 import json
+import os
 import re
 import socket
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -102,6 +104,19 @@ def test_bad_input_is_one_line_and_status_2(run, arguments, status, complaint, f
     assert complaint in last_line(done)
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize("command", ["import", "identify", "diagnose", "compensate", "check --rig"])
+def test_what_is_no_plain_file_is_called_that_and_not_opened(run, command, tmp_path):
+    """Also where there is a store: what is there is not taken for the id of a campaign."""
+    pipe, out = tmp_path / "pipe", tmp_path / "runs"
+    os.mkfifo(pipe)
+    with open_store(out):
+        pass
+    for path in (pipe, Path("/dev/zero")):
+        done = run(*command.split(), path, "--out", out)
+        assert done.returncode == 2
+        assert last_line(done).startswith(f"pkm-rig: {path}: not a plain file")
 
 
 CONNECTING = ("calibrate", "measure", "verify", "check", "home", "interim-test", "tables")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def score(recordings: Path, name: str, answer: Mapping[str, Any], predictions: b
         row["p_true"] = max(float(diagnosis["ranking"].get(true_answer(row), 0.0)), LEAST_P)
     row["named_places"] = [places_of(found) for found in diagnosis["effects"]]
     if case["kind"] == "effect":
-        row |= _of_single(truth.entry["effects"][0], diagnosis)
+        row |= _of_single(truth.entry["effects"][0], diagnosis, _drive_of_strut(recordings / name / "machine.toml"))
     if predictions is not None:
         if hashlib.sha256(predictions).hexdigest() != answer["withheld_sha256"]:
             raise Tampered(f"{name}: its predictions were changed after they were made; run again with --fresh")
@@ -96,13 +97,23 @@ def _combined(sizes: list[float]) -> float:
     return float(np.sqrt(np.sum(np.square(sizes))))
 
 
-def _of_single(effect: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+def _drive_of_strut(machine: Path) -> dict[str, str]:
+    struts = tomllib.loads(machine.read_text(encoding="utf-8")).get("struts", [])
+    return {strut["name"]: strut["drive"] for strut in struts}
+
+
+def _of_single(
+    effect: Mapping[str, Any], diagnosis: Mapping[str, Any], drive_of_strut: Mapping[str, str]
+) -> dict[str, Any]:
     """Places, step and size of an effect that is found under its name, perhaps as several findings."""
     found = [f for f in diagnosis["effects"] if f["effect"] == effect["effect"]]
     if not found:
         return {}
     out: dict[str, Any] = {}
     named, true = {place for f in found for place in places_of(f)}, set(effect["places"])
+    if named & drive_of_strut.keys() and not true & drive_of_strut.keys():
+        # Where the truth says a drive, and the diagnosis struts, both struts of the drive are meant.
+        true = {strut for strut, drive in drive_of_strut.items() if drive in true} or true
     if true:
         out |= {"place_right": bool(named) and named <= true, "places_right": named == true}
     quantities = {q["name"]: q["value"] for q in found[0]["others"]}

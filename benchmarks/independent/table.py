@@ -171,7 +171,7 @@ def _details(rows: list[Row]) -> list[Measure]:
     def places(key: str, variant: str) -> list[bool]:
         return [r[key] for r in rows if key in r and r["variant"][0] == variant]
 
-    sized = [abs(r["raw_named"] - r["raw_true"]) <= 2.0 * r["raw_u"] for r in rows if "raw_u" in r]
+    sized = [abs(r["raw_named"] - r["raw_true"]) <= 2.0 * r["raw_u"] for r in rows if "raw_u" in r and right(r)]
     return [
         share("place right, where there is one", places("places_right", ONE_PLACE)),
         share("named place is one of several", places("place_right", SEVERAL_PLACES)),

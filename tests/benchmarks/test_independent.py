@@ -40,6 +40,10 @@ station = {position_m = [1.0, 2.0, 3.0], heading_rad = 0.7, accuracy = {angle_sd
 range_constant_u_m = 5e-6, range_scale_u = 1e-6}}
 payloads = [{name = "none", mass_kg = 0.0, u_mass_kg = 0.0, com_m = [0.0, 0.0, 0.0], u_com_m = 0.002}]
 """
+MACHINE = "".join(
+    f'[[struts]]\nname = "{strut}"\ndrive = "{drive}"\n'
+    for strut, drive in (("a", "left"), ("b", "left"), ("c", "right"))
+)
 TURN = station_frame((1.0, 2.0, 3.0), 0.7).rotation
 SURE_OF = {"rec001": 0.95, "rec002": 0.95, "rec004": 0.85}
 EVEN, ODD = ["rec002", "rec004"], ["rec001", "rec003"]
@@ -252,6 +256,7 @@ def truth(*effects, kind="single"):
 def row_of(tmp_path, given, of, predictions=None):
     (tmp_path / "rec002").mkdir(exist_ok=True)
     (tmp_path / "rec002" / "recording.toml").write_text(HEADER)
+    (tmp_path / "rec002" / "machine.toml").write_text(MACHINE)
     return score(tmp_path, "rec002", given, predictions, of)
 
 
@@ -269,6 +274,11 @@ def test_places_step_and_size_of_a_single_effect(tmp_path):
     apart = row_of(tmp_path, answer("foundation_settling", 0.9, *two), truth(step))
     assert (apart["places_right"], apart["raw_named"]) == (True, pytest.approx(5.0))
     assert apart["raw_u"] == pytest.approx(0.1 * np.hypot(9.0, 16.0) / 5.0)
+    grown = effect("link_thermal_growth")  # at the left drive: both of its struts
+    struts = [found("link_thermal_growth", place) for place in ("b", "a", "c")]
+    ranges = [row_of(tmp_path, answer("link_thermal_growth", 0.9, *struts[:k]), truth(grown)) for k in (1, 2, 3)]
+    assert [r["place_right"] for r in ranges] == [True, True, False]
+    assert [r["places_right"] for r in ranges] == [False, True, False]
     wrong = row_of(tmp_path, answer("backlash", 0.9, found()), truth(step))
     assert "place_right" not in wrong
     assert wrong["p_true"] == pytest.approx(1e-6)

@@ -13,6 +13,7 @@ __all__ = [
     "observed_model",
     "outlying_readings",
     "periodogram",
+    "ranking",
     "result",
     "search",
     "settings",

@@ -23,8 +23,9 @@ from calibration.diagnosis.findings.withheld_blocks import (
 )
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
+from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
-from calibration.diagnosis.search import Cause, SearchResult, detectable_effects, include_cause, search_causes
+from calibration.diagnosis.search import SearchResult, detectable_effects, search_causes
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
 from calibration.diagnosis.twin.twin import Twin

@@ -5,124 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from calibration.base.arrays import Array
-from calibration.diagnosis.curve_fit import fit_curves
-from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
+from calibration.diagnosis.ranking import Cause, include_cause, rank_effects, refit_cause
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import Contributions, Effect, EffectInputs
+from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.context import TimelessContext, TimeUnknown
 
 TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
-
-
-@dataclass(frozen=True)
-class Cause:
-    """An effect with its evidence over all places and basis sets, and with the best of them.
-
-    log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
-    basis set; contributions: columns of that, in the order of its coefficients.
-    """
-
-    effect: Effect
-    log_evidence: float
-    places: dict[str, float]
-    place: str
-    best: BasisSetEvidence
-    contributions: tuple[Contributions, ...]
-
-    @property
-    def prior_deviations(self) -> Array:
-        """Prior standard deviations (k,) of the best basis set's coefficients."""
-        return self.best.size * np.array(self.best.basis_set.relative)
-
-
-def rank_effects(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> list[Cause]:
-    """All effects, the most likely first; those without a basis set at any place are left out."""
-    by_effect = [(effect, places) for effect in effects if (places := _evidence_by_place(likelihood, inputs, effect))]
-    strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
-    threshold = max(VERDICT.detection_threshold, VERDICT.curve_fit_share * strongest)
-    causes = []
-    for effect, places in by_effect:
-        refine = _total_log_evidence(places) > threshold
-        causes.append(_cause(effect, _refine_with_curves(likelihood, inputs, effect, places) if refine else places))
-    return sorted(causes, key=lambda cause: -cause.log_evidence)
-
-
-@dataclass(frozen=True)
-class _PlaceEvidence:
-    """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns."""
-
-    place: str
-    log_evidence: float
-    best: BasisSetEvidence
-    contributions: tuple[Contributions, ...]
-
-
-def _evidence_by_place(likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect) -> list[_PlaceEvidence]:
-    names = effect.places(inputs.machine)
-    low = _smallest_size(likelihood, effect)
-    out = []
-    for index, name in enumerate(names):
-        built = effect.forms(inputs, index)
-        if not built.sets:
-            continue
-        columns = likelihood.information_and_score(built.contributions)
-        evidence = evidence_of_basis_sets(columns, built.sets, low, effect.size.high)
-        weights = np.array([entry.basis_set.weight for entry in evidence])
-        # Weights that add up to less than one leave the remainder to basis sets that were not listed.
-        weights /= max(1.0, float(weights.sum()))
-        logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
-        best = evidence[int(np.argmax(logs))]
-        contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
-        out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
-    return out
-
-
-def _refine_with_curves(
-    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, places: list[_PlaceEvidence]
-) -> list[_PlaceEvidence]:
-    """The same with the effect's curves, at the places where its basis sets have evidence."""
-    names, low = effect.places(inputs.machine), _smallest_size(likelihood, effect)
-    strongest = max(place.log_evidence for place in places)
-
-    def refine(place: _PlaceEvidence) -> _PlaceEvidence:
-        curves = effect.curves(inputs, names.index(place.place))
-        fit = fit_curves(likelihood, curves, low, effect.size.high)
-        if fit is None:
-            return place
-        log_evidence = fit.log_evidence - float(np.log(len(names) * len(curves)))
-        both = float(np.logaddexp(log_evidence, place.log_evidence)) - float(np.log(2.0))
-        if log_evidence > place.log_evidence:
-            return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
-        return replace(place, log_evidence=both)
-
-    threshold = VERDICT.curve_fit_share_at_place * strongest
-    return [refine(place) if place.log_evidence > threshold else place for place in places]
-
-
-def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:
-    total, best = _total_log_evidence(places), max(places, key=lambda place: place.log_evidence)
-    probabilities = {place.place: float(np.exp(place.log_evidence - total)) for place in places}
-    return Cause(effect, total, probabilities, best.place, best.best, best.contributions)
-
-
-def _total_log_evidence(places: list[_PlaceEvidence]) -> float:
-    return float(log_sum(np.array([place.log_evidence for place in places])))
-
-
-def _smallest_size(likelihood: MarginalLikelihood, effect: Effect) -> float:
-    return effect.smallest_size(likelihood.linear.recording.file.nuisance)
-
-
-def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEffect) -> MarginalLikelihood:
-    """The marginal likelihood with a cause, in its best basis set, or a non-parametric effect added to the model."""
-    if isinstance(cause, NonParametricEffect):
-        return likelihood.including(cause.columns(likelihood))
-    return likelihood.including(likelihood.columns(cause.contributions) * cause.prior_deviations)
 
 
 def detectable_effects(inputs: EffectInputs, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
@@ -185,11 +76,12 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
         non_parametric_alone = rank_non_parametric(likelihood, inputs)
         best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)
         non_parametric = non_parametric or non_parametric_alone
-    if len(causes) > 1:
-        causes, likelihoods = _refit_causes(likelihood, inputs, causes)
+    parts = [part for cause in causes for part in cause.parts]
+    if len(parts) > 1:
+        parts, likelihoods = _refit_causes(likelihood, inputs, parts)
     return SearchResult(
         ranking=tuple(ranking),
-        causes=tuple(causes),
+        causes=tuple(parts),
         likelihoods=tuple(likelihoods),
         log_evidence=log_evidence,
         excess_log_evidence=max(best_log_evidence - log_evidence, 0.0),
@@ -221,7 +113,8 @@ def _refit_causes(
         likelihood_of_others = likelihood
         for other in (*refitted, *causes[number + 1 :]):
             likelihood_of_others = include_cause(likelihood_of_others, other)
-        refitted.append(rank_effects(likelihood_of_others, inputs, [causes[number].effect])[0])
+        taken = {o.place for o in (*refitted, *causes[number + 1 :]) if o.effect.name == causes[number].effect.name}
+        refitted.append(refit_cause(likelihood_of_others, inputs, causes[number], taken - {causes[number].place}))
     refitted.sort(key=lambda cause: -cause.log_evidence)
     likelihoods = [likelihood]
     for cause in refitted:

@@ -13,8 +13,9 @@ import numpy as np
 from scipy.special import expit
 
 from calibration.diagnosis.evidence import log_sum
+from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN
-from calibration.diagnosis.search import Cause, SearchResult
+from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 
 

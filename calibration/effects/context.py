@@ -110,6 +110,11 @@ class ReadingContext:
             lag_on_grid[i] = lag
         return np.asarray(np.interp(self.t_s, grid, lag_on_grid))
 
+    def part_temperature_k(self, sensor: str, tau_s: float) -> Array:
+        """Change (n,) in kelvin since the start, of a part that follows a sensor with a time constant, 0: at once."""
+        change = np.asarray(self.temperatures_c[sensor]) - self.temperatures_c[sensor][int(np.argmin(self.t_s))]
+        return change + self.thermal_lag_k(sensor, tau_s) if tau_s > 0.0 else np.asarray(change)
+
     former = former_name("previous_drives")
     warmth = former_name("motion_heat")
     lag_k = former_name("thermal_lag_k")

@@ -6,9 +6,12 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, geometric_series, varies
-from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.basis_functions import cosine_basis, scale_to_symmetric
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
+PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
+PRESSED_SHARES = (0.25, 0.5, 0.75)  # of the play, taken away by the largest payload
+FRICTION_SHARE = 0.1  # of the rated force: plausible, where friction is not seen in the torque
 RATED_N = 6000.0  # force at rated torque, for the plausible range only: the torque's own scale is unknown
 
 
@@ -18,34 +21,66 @@ def _untested_from_one_side(inputs: EffectInputs) -> str | None:
 
 
 def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
-    """Half the play, opposite to the approach direction; its width may depend on position, payload and dwell."""
+    """Half the play, opposite to the approach direction; its width may depend on position and dwell.
+
+    A load that presses the nut to one flank makes it smaller, never larger: what grows with load is wind-up.
+    """
     sets, travel = BasisSets(), f"travel.{inputs.drive(drive)}"
     side = -0.5 * inputs.context.direction[:, drive]
     rest = np.stack([np.exp(-inputs.context.dwell_s / tau) for tau in DWELL_TIMES_S], axis=1)
     main = sets.add((travel, side))
     place = sets.add((travel, side[:, None] * cosine_basis(inputs.context.drives[:, drive], 6, roughness=1.0)))
-    load = sets.add((travel, side * (inputs.payload_ratio - 0.5)))
     resting = [sets.add((travel, side * column)) for column in rest.T]
     sets.add_set(main)
     sets.add_set(main, place, share=0.5)
-    sets.add_set(main, load, share=0.7)
+    for pressed in PRESSED_SHARES:
+        sets.add_set(sets.add((travel, side * (1.0 - pressed * inputs.payload_ratio))), place, share=0.1)
     for column in resting:
         sets.add_set((*main, *column))
-    sets.add_set(main, (*place, *load, *resting[1]), share=0.3)
+    sets.add_set(main, (*place, *resting[1]), share=0.3)
     return sets
 
 
 def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
-    """The screw is wound up by its torque: the weight, and the friction that remained when the drive stopped."""
-    sets, travel = BasisSets(), f"travel.{inputs.drive(drive)}"
+    """The screw is wound up by its torque: the weight, and the friction that remained when the drive stopped.
+
+    Friction grows with what presses on the nut, the weight above all (Coulomb), and with speed. Torsion goes with the
+    length between motor and nut, that of a coupling or a gear does not.
+    """
+    sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
+    side, u = context.direction[:, drive], inputs.normalised_travel(drive)
     force = _torque_at_rest(inputs, drive) * RATED_N
     force = force - force.mean()
-    size = max(float(np.std(force)), 1.0)
-    main = sets.add((travel, -force))
-    bent = sets.add((travel, np.stack([force**2 / size, force**3 / size**2], axis=1)))
-    sets.add_set(main)
-    sets.add_set(main, bent, share=0.2)
+    weight = _weight_share(inputs, drive, force)
+    mass = inputs.machine.moving_mass_kg + context.payload_kg
+    pressed = FRICTION_SHARE * RATED_N * side * mass / mass.max()
+    fast = scale_to_symmetric(context.speed_m_per_s)
+    fast = fast - fast.mean()  # without what does not vary: that would be play
+    for wound in (force, force - weight, weight):
+        size = max(float(np.std(wound)), 1.0)
+        main = sets.add((travel, -wound))
+        bent = sets.add((travel, np.stack([wound**2 / size, wound**3 / size**2], axis=1)))
+        sets.add_set(main)
+        sets.add_set(main, bent, share=0.2)
+    faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast))
+    if varies(mass / mass.max(), PRESSED_LEAST):  # else nothing tells it from play
+        main = sets.add((travel, -pressed))
+        sets.add_set(main)
+        sets.add_set(main, (*faster, *sets.add((travel, -pressed * u))), share=0.3)
+    low, high = inputs.machine.travel[drive]
+    length = (context.drives[:, drive] - low) / (high - low)
+    for wound in (force, pressed, FRICTION_SHARE * RATED_N * side):
+        for lever in (length, 1.0 - length):
+            sets.add_set(sets.add((travel, -wound * lever)), faster, share=0.3)
     return sets
+
+
+def _weight_share(inputs: EffectInputs, drive: int, force_n: Array) -> Array:
+    """The part (n,) of the forces on a drive that goes with payload and place, and not with the direction."""
+    u, load, side = inputs.normalised_travel(drive), inputs.payload_ratio, inputs.context.direction[:, drive]
+    columns = np.stack([np.ones_like(u), load, u, u**2, load * u, side], axis=1)
+    coefficients = np.linalg.lstsq(columns, force_n, rcond=None)[0]
+    return np.asarray(columns[:, :-1] @ coefficients[:-1])
 
 
 def _torque_at_rest(inputs: EffectInputs, drive: int) -> Array:

@@ -19,10 +19,33 @@ PRETENSION_SHARES = (
     0.45,
     0.6,
 )  # of the largest heat, absorbed by the stretch of a screw that was mounted under tension
+FOLLOWING_TIME_CONSTANTS_S = (0.0, 600.0, 2500.0)  # of parts that follow a recorded temperature; 0: at once
+SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files call it
+    "struts": ("strut", "link", "rod", "leg"),
+    "base": ("column", "base", "frame", "tower", "bed"),
+    "drives": ("screw", "spindle", "nut"),
+}
+LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
 _RISE = EffectParameter("rise_k", 0.1, 40.0, "K", "how much warmer than its sensor the part becomes")
 _TAU = EffectParameter("tau_s", 200.0, 8000.0, "s", "time constant of the part")
+
+
+def _followed(inputs: EffectInputs, part: str) -> list[tuple[Array, float]]:
+    """Changes (n,) of recorded temperatures, at once and with time constants, each over its own range.
+
+    A part follows the sensors that by their names are on it; without any such sensor it may follow each of them.
+    """
+    out = []
+    sensors = list(inputs.context.temperatures_c)
+    on_part = [name for name in sensors if any(word in name.lower() for word in SENSOR_WORDS[part])]
+    for sensor in on_part or sensors:
+        for tau in FOLLOWING_TIME_CONSTANTS_S:
+            change = inputs.context.part_temperature_k(sensor, tau)
+            if np.ptp(change) > LEAST_CHANGE_K:
+                out.append((change / np.ptp(change), tau))
+    return out
 
 
 def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float]], list[tuple[Array, float]]]:
@@ -42,10 +65,10 @@ def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
 
 
 def _add_thermal_sets(
-    sets: BasisSets, contributions: tuple[tuple[str, Array], ...], inputs: EffectInputs, sensor: str
+    sets: BasisSets, contributions: tuple[tuple[str, Array], ...], inputs: EffectInputs, part: str
 ) -> None:
     """Basis sets of one geometry: one time constant, two stages, a decaying pulse of heat, a lag behind the sensor."""
-    rises, lags = _warming(inputs, sensor)
+    rises, lags = _warming(inputs, inputs.machine.sensors[part])
     t = inputs.context.elapsed_s
 
     def through(shapes: Array) -> list[int]:
@@ -63,34 +86,36 @@ def _add_thermal_sets(
         sets.add_set(through(t / tau * np.exp(1.0 - t / tau)), rest, share=0.1, weight=0.5, tau_s=tau)
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
+    for following, tau in _followed(inputs, part):
+        sets.add_set(through(following), rest, share=0.1, tau_s=max(tau, _TAU.low))
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
     """A strut grows by alpha l dT."""
     sets, machine = BasisSets(), inputs.machine
     grown = np.full(len(inputs.context), machine.expansion_per_k["struts"] * machine.nominal.length_m[strut])
-    _add_thermal_sets(sets, ((f"length.{machine.strut_names[strut]}", grown),), inputs, machine.sensors["struts"])
+    _add_thermal_sets(sets, ((f"length.{machine.strut_names[strut]}", grown),), inputs, "struts")
     return sets
 
 
 def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """A column grows from its foot and takes the guide with it, or bends where one side is warmer."""
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
-    h, sensor = inputs.height_m(drive), inputs.machine.sensors["base"]
+    h = inputs.height_m(drive)
     travel = f"travel.{inputs.drive(drive)}"
-    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, sensor)
-    _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, sensor)
+    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base")
+    _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base")
     for side, turn in zip(
         inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False
     ):
         bent = alpha / COLUMN_WIDTH_M
-        _add_thermal_sets(sets, ((side, -0.5 * bent * h**2), (turn, bent * h)), inputs, sensor)
-        _add_thermal_sets(sets, ((side, 0.5 * bent * h**2), (turn, bent * h)), inputs, sensor)
+        _add_thermal_sets(sets, ((side, -0.5 * bent * h**2), (turn, bent * h)), inputs, "base")
+        _add_thermal_sets(sets, ((side, 0.5 * bent * h**2), (turn, bent * h)), inputs, "base")
     return sets
 
 
 def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
-    """A screw is heated by its own motion; how that moves the slider depends on which end is fixed."""
+    """A screw is heated by its motion, or follows a temperature; which end is fixed says how that moves the slider."""
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["drives"]
     travel, x = f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive] - inputs.machine.travel[drive, 0]
     span = float(inputs.machine.travel[drive, 1] - inputs.machine.travel[drive, 0])
@@ -111,6 +136,13 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         for columns in limited:
             sets.add_set(columns, tau_s=tau)
         sets.add_set(bend, share=0.5, tau_s=tau)
+    rises, _ = _warming(inputs, inputs.machine.sensors["drives"])
+    for warmer, tau in (*rises, *_followed(inputs, "drives")):
+        low = sets.add((travel, alpha * warmer * x))
+        high = sets.add((travel, alpha * warmer * (x - span)))
+        bend = sets.add((travel, span * alpha * warmer[:, None] * np.stack([0.5 * u**2, 0.5 * u**3], axis=1)))
+        sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
+        sets.add_set(high, tau_s=max(tau, _TAU.low))
     return sets
 
 

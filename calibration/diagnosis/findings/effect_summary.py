@@ -10,8 +10,9 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import parameter_uncertainty
 from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import FoundEffect, Quantity
-from calibration.diagnosis.search import Cause, SearchResult, include_cause
+from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.api import EffectInputs
@@ -25,10 +26,10 @@ def equivalent_effects(
     Predictions agree if they differ by less than `equivalent_sigma`, RMS over the platform's readings, after the
     calibration has been refitted.
     """
-    main = next((cause for cause in search_result.causes if cause.effect.name == verdict), None)
-    if main is None:
+    main = [cause for cause in search_result.causes if cause.effect.name == verdict]
+    if not main:
         return (), 0.0
-    signal = _signal(main, likelihood)
+    signal = np.sum([_signal(cause, likelihood) for cause in main], axis=0)
     names, largest = [], 0.0
     log_evidence = next(cause.log_evidence for cause in search_result.ranking if cause.effect.name == verdict)
     threshold = log_evidence - VERDICT.distinguishable - VERDICT.distinguishable_share * log_evidence

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood, evidence_of_basis_sets
-from calibration.diagnosis.search import Cause
+from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import EffectInputs, EffectParameter
 
 STEPS = 8  # of the fine grid to each side of the reported value

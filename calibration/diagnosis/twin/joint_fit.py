@@ -19,7 +19,7 @@ from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import NEST_PRIOR_M, LinearModel
-from calibration.diagnosis.search import Cause
+from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.twin.twin_model import FittedMachine, full_model
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 

@@ -19,7 +19,7 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import LinearModel
-from calibration.diagnosis.search import Cause
+from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.twin import plain_data
 from calibration.diagnosis.twin.answers import RecordedAnswers
 from calibration.diagnosis.twin.joint_fit import JointFit, Solution, machine_of_linear_model
@@ -71,7 +71,7 @@ class Twin:
             _twin_effect(cause, coefficients, linear.machine, inputs)
             for cause, coefficients in zip(causes, solution.coefficients, strict=True)
         )
-        catalogue = Catalogue(tuple(cause.effect for cause in causes))
+        catalogue = Catalogue(tuple(dict.fromkeys(cause.effect for cause in causes)))
         return cls(_campaign(linear), solution.fitted_machine, added, catalogue)
 
     def with_solution(self, solution: Solution) -> Twin:

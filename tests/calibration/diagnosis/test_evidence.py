@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.stats import multivariate_normal
 from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
 from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.diagnosis.search import rank_effects
+from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
 
 
@@ -190,6 +191,43 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
     causes = rank_effects(likelihood, inputs, [with_forms_at(*places)])
     assert [set(cause.places) for cause in causes] == ([{("left", "right")[i] for i in places}] if places else [])
     assert all(sum(cause.places.values()) == pytest.approx(1.0) for cause in causes)
+
+
+@pytest.mark.parametrize("planted", [(0,), (0, 1)])
+def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted):
+    """By dense densities: one place or both with even odds, the second given the first in its most likely size."""
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = with_forms_at(0, 1)
+    (one,), (other,) = (effect.forms(inputs, place).contributions for place in (0, 1))
+    h = explicit(small, likelihood, [one, other])
+    shift = h[:, planted] @ np.array([8.0e-5, 4.0e-5])[: len(planted)]
+    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
+    with_effect = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
+    y, c = there.residual.ravel(), dense(small)
+    sizes = np.geomspace(effect.smallest_size(small.recording.file.nuisance), HIGH, SIZES)
+
+    def over_sizes(column, covariance):
+        logs = np.array([log_density(y, covariance + a * a * np.outer(column, column)) for a in sizes])
+        return np.logaddexp.reduce(logs) - np.log(SIZES) - log_density(y, covariance), sizes[int(np.argmax(logs))]
+
+    (first, size), (second, _) = over_sizes(h[:, 0], c), over_sizes(h[:, 1], c)
+    further, _ = over_sizes(h[:, 1], c + size * size * np.outer(h[:, 0], h[:, 0]))
+    expected = np.logaddexp.reduce([first - np.log(4.0), second - np.log(4.0), *([first + further - np.log(2.0)])])
+    (cause,) = rank_effects(with_effect, inputs, [effect])
+    assert [part.place for part in cause.parts] == [("left", "right")[place] for place in planted]
+    assert all(not part.further for part in cause.parts)
+    assert cause.log_evidence == pytest.approx(
+        expected if len(planted) > 1 else np.logaddexp(first, second) - np.log(4.0), abs=1e-3
+    )
+    included = include_cause(with_effect, cause)
+    parts = np.concatenate([
+        likelihood.columns(part.contributions) * part.prior_deviations for part in cause.parts
+    ], axis=2)  # fmt: skip
+    np.testing.assert_allclose(
+        included.weighted_residual.ravel(), np.linalg.solve(dense(small, flat(parts)), y), atol=1e-6
+    )
+    again = refit_cause(with_effect, inputs, cause.parts[-1], {"left"})
+    assert again.place == "right"
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e9])

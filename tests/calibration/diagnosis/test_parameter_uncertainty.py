@@ -10,7 +10,7 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.findings.parameter_uncertainty import mean_square_about, parameter_uncertainty
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.diagnosis.search import rank_effects
+from calibration.diagnosis.ranking import rank_effects
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated

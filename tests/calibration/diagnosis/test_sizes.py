@@ -8,7 +8,7 @@ import pytest
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import BasisSetEvidence
 from calibration.diagnosis.findings.effect_summary import _size
-from calibration.diagnosis.search import Cause
+from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from tests.calibration.diagnosis.campaigns import STATED, Arrivals, simulated

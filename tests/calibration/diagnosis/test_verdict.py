@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.diagnosis import search
+from calibration.diagnosis import ranking, search
 from calibration.diagnosis.diagnose import _remarks
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
 from calibration.diagnosis.result import NONE, UNKNOWN
@@ -44,6 +44,10 @@ class Evidence:
     @property
     def best(self):
         return SimpleNamespace(coefficients=np.ones(1))
+
+    @property
+    def parts(self):
+        return (self,)
 
 
 def found(*causes: Evidence, explained: float | None = None, excess: float = 0.0) -> SimpleNamespace:
@@ -198,8 +202,8 @@ def test_alternatives_alone_are_tried_where_the_causes_leave_more_than_four(monk
     )
 
 
-def place(name: str, log_evidence: float) -> search._PlaceEvidence:
-    return search._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
+def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
+    return ranking._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
 
 
 @pytest.mark.parametrize(("strongest", "limit"), [(100.0, 25.0), (20.0, 6.0)])
@@ -207,11 +211,14 @@ def place(name: str, log_evidence: float) -> search._PlaceEvidence:
 def test_curves_are_fitted_above_a_quarter_of_the_strongest_evidence_and_six(monkeypatch, strongest, limit, side):
     logs = {"link_stiffness": strongest, "joint_clearance": limit + side}
     refined = []
-    monkeypatch.setattr(search, "_evidence_by_place", lambda _, __, effect: [place("left_upper", logs[effect.name])])
     monkeypatch.setattr(
-        search, "_refine_with_curves", lambda _, __, effect, places: refined.append(effect.name) or places
+        ranking, "_evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
     )
-    search.rank_effects(None, INPUTS, [CATALOGUE.effect(name) for name in logs])
+    monkeypatch.setattr(ranking, "_at_several_places", lambda _, __, cause: cause)
+    monkeypatch.setattr(
+        ranking, "_refine_with_curves", lambda _, __, effect, places: refined.append(effect.name) or places
+    )
+    ranking.rank_effects(None, INPUTS, [CATALOGUE.effect(name) for name in logs])
     assert refined == [name for name in logs if side > 0.0 or name == "link_stiffness"]
 
 
@@ -219,12 +226,12 @@ def test_curves_are_fitted_above_a_quarter_of_the_strongest_evidence_and_six(mon
 def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, side):
     tried = []
     effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
-    monkeypatch.setattr(search, "fit_curves", lambda *_: None)
+    monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
     likelihood = SimpleNamespace(
         linear=SimpleNamespace(recording=SimpleNamespace(file=SimpleNamespace(nuisance=DisturbanceLevels())))
     )
     places = [place("left_upper", 100.0), place("right_lower", 60.0 + side)]
-    search._refine_with_curves(likelihood, INPUTS, effect, places)
+    ranking._refine_with_curves(likelihood, INPUTS, effect, places)
     assert tried == ([0, 3] if side > 0.0 else [0])
 
 

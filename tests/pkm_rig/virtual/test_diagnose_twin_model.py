@@ -13,8 +13,8 @@ from calibration.diagnosis.effect_inputs import inputs_of_recording, periodogram
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.withheld_blocks import regions
 from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.search import rank_effects
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore
 from calibration.diagnosis.twin.twin import Twin

@@ -1,0 +1,182 @@
+"""The evidence of each effect alone: at each of its places, and at several of them together.
+
+Parts that are built alike wear alike, so an effect is as likely to be at several of its places as at a single one. By
+the chain rule its evidence at two places is that at the first times that at the second, given the first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.diagnosis.curve_fit import fit_curves
+from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.non_parametric import NonParametricEffect
+from calibration.diagnosis.settings import VERDICT
+from calibration.effects.api import Contributions, Effect, EffectInputs
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect with its evidence over all places and basis sets, and with the best of them.
+
+    log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
+    basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
+    places, if it is more likely to be at all of these together; each with its evidence given those before.
+    """
+
+    effect: Effect
+    log_evidence: float
+    places: dict[str, float]
+    place: str
+    best: BasisSetEvidence
+    contributions: tuple[Contributions, ...]
+    further: tuple[Cause, ...] = ()
+
+    @property
+    def parts(self) -> tuple[Cause, ...]:
+        """One cause for each place where it acts."""
+        return (replace(self, further=()), *self.further)
+
+    @property
+    def prior_deviations(self) -> Array:
+        """Prior standard deviations (k,) of the best basis set's coefficients."""
+        return self.best.size * np.array(self.best.basis_set.relative)
+
+
+def rank_effects(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> list[Cause]:
+    """All effects, the most likely first; those without a basis set at any place are left out."""
+    by_effect = [
+        (effect, places)
+        for effect in effects
+        if (places := _evidence_by_place(likelihood, inputs, effect, effect.places(inputs.machine)))
+    ]
+    strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
+    threshold = max(VERDICT.detection_threshold, VERDICT.curve_fit_share * strongest)
+    causes = []
+    for effect, places in by_effect:
+        if _total_log_evidence(places) <= threshold:
+            causes.append(_cause(effect, places))
+            continue
+        cause = _cause(effect, _refine_with_curves(likelihood, inputs, effect, places))
+        causes.append(_at_several_places(likelihood, inputs, cause))
+    return sorted(causes, key=lambda cause: -cause.log_evidence)
+
+
+def refit_cause(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause, taken: Collection[str]) -> Cause:
+    """The effect of a cause at the best of its places that are not taken, all other causes being in the model."""
+    effect = cause.effect
+    names = [name for name in effect.places(inputs.machine) if name not in taken]
+    places = _evidence_by_place(likelihood, inputs, effect, names)
+    if _total_log_evidence(places) > VERDICT.detection_threshold:
+        places = _refine_with_curves(likelihood, inputs, effect, places)
+    return _cause(effect, places)
+
+
+def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause) -> Cause:
+    """The cause, and the same effect at further places where that explains more; the strongest first."""
+    effect, names = cause.effect, cause.effect.places(inputs.machine)
+    if len(names) < 2:
+        return cause
+    # The evidence of a cause contains the prior of its place; that of a set of places replaces it.
+    log_evidence = cause.log_evidence + math.log(cause.places[cause.place]) + math.log(len(names))
+    alone = cause.log_evidence - math.log(2.0)
+    total, best_number = [alone], 0
+    further: list[Cause] = []
+    given = include_cause(likelihood, cause)
+    while left := [name for name in names if name != cause.place and name not in {part.place for part in further}]:
+        if not (places := _evidence_by_place(given, inputs, effect, left)):
+            break
+        if _total_log_evidence(places) > VERDICT.detection_threshold:
+            places = _refine_with_curves(given, inputs, effect, places)
+        part = _cause(effect, places)
+        if part.log_evidence < VERDICT.detection_threshold:
+            break
+        log_evidence += part.log_evidence + math.log(part.places[part.place]) + math.log(len(left))
+        further.append(part)
+        given = include_cause(given, part)
+        number = len(further) + 1
+        total.append(log_evidence - math.log(2.0 * (len(names) - 1) * math.comb(len(names), number)))
+        if total[-1] > total[best_number]:
+            best_number = number - 1
+    return replace(cause, log_evidence=float(log_sum(np.array(total))), further=tuple(further[:best_number]))
+
+
+@dataclass(frozen=True)
+class _PlaceEvidence:
+    """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns."""
+
+    place: str
+    log_evidence: float
+    best: BasisSetEvidence
+    contributions: tuple[Contributions, ...]
+
+
+def _evidence_by_place(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, names: Sequence[str]
+) -> list[_PlaceEvidence]:
+    """Evidence at each of some places of which one is the effect's."""
+    low, every = _smallest_size(likelihood, effect), effect.places(inputs.machine)
+    out = []
+    for name in names:
+        built = effect.forms(inputs, every.index(name))
+        if not built.sets:
+            continue
+        columns = likelihood.information_and_score(built.contributions)
+        evidence = evidence_of_basis_sets(columns, built.sets, low, effect.size.high)
+        weights = np.array([entry.basis_set.weight for entry in evidence])
+        # Weights that add up to less than one leave the remainder to basis sets that were not listed.
+        weights /= max(1.0, float(weights.sum()))
+        logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
+        best = evidence[int(np.argmax(logs))]
+        contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
+        out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
+    return out
+
+
+def _refine_with_curves(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, places: list[_PlaceEvidence]
+) -> list[_PlaceEvidence]:
+    """The same with the effect's curves, at the places where its basis sets have evidence."""
+    every, low = effect.places(inputs.machine), _smallest_size(likelihood, effect)
+    strongest = max(place.log_evidence for place in places)
+
+    def refine(place: _PlaceEvidence) -> _PlaceEvidence:
+        curves = effect.curves(inputs, every.index(place.place))
+        fit = fit_curves(likelihood, curves, low, effect.size.high)
+        if fit is None:
+            return place
+        log_evidence = fit.log_evidence - float(np.log(len(places) * len(curves)))
+        both = float(np.logaddexp(log_evidence, place.log_evidence)) - float(np.log(2.0))
+        if log_evidence > place.log_evidence:
+            return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
+        return replace(place, log_evidence=both)
+
+    threshold = VERDICT.curve_fit_share_at_place * strongest
+    return [refine(place) if place.log_evidence > threshold else place for place in places]
+
+
+def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:
+    total, best = _total_log_evidence(places), max(places, key=lambda place: place.log_evidence)
+    probabilities = {place.place: float(np.exp(place.log_evidence - total)) for place in places}
+    return Cause(effect, total, probabilities, best.place, best.best, best.contributions)
+
+
+def _total_log_evidence(places: list[_PlaceEvidence]) -> float:
+    return float(log_sum(np.array([place.log_evidence for place in places])))
+
+
+def _smallest_size(likelihood: MarginalLikelihood, effect: Effect) -> float:
+    return effect.smallest_size(likelihood.linear.recording.file.nuisance)
+
+
+def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEffect) -> MarginalLikelihood:
+    """The marginal likelihood with a cause, in its best basis set, or a non-parametric effect added to the model."""
+    if isinstance(cause, NonParametricEffect):
+        return likelihood.including(cause.columns(likelihood))
+    columns = [likelihood.columns(part.contributions) * part.prior_deviations for part in cause.parts]
+    return likelihood.including(np.concatenate(columns, axis=2))

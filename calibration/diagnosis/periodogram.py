@@ -14,6 +14,7 @@ from calibration.base.arrays import Array
 SHORTEST_M = 1.0e-5
 OVERSAMPLING = 1.6
 MAX_PEAKS = 8
+MAX_PEAKS_PER_OCTAVE = 2  # among few positions, aliases at short periods outnumber the true one and outdo it by chance
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,11 @@ class Periodogram:
             return []
         p = self.power
         peaks = inside[(p[inside] >= p[inside - 1]) & (p[inside] > p[inside + 1])]
+        highest_first = peaks[np.argsort(p[peaks])[::-1]]
+        octave = np.floor(np.log2(self.frequency[highest_first])).astype(np.intp)
+        in_octave = [highest_first[octave == o][:MAX_PEAKS_PER_OCTAVE] for o in np.unique(octave)]
         out = []
-        for k in peaks[np.argsort(p[peaks])[::-1][:MAX_PEAKS]]:
+        for k in dict.fromkeys(np.concatenate([highest_first[:MAX_PEAKS], *in_octave]).tolist()):
             f = self._refine(float(self.frequency[k]))
             out.append((1.0 / f, min(1.0, self.resolution / f / float(np.log(longest_m / shortest_m)))))
         return out

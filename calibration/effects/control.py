@@ -42,12 +42,20 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     def all_drives(shape: Array) -> list[int]:
         return sets.add(*((f"travel.{inputs.drive(a)}", shape[:, a]) for a in drives))
 
+    def one_drive(shape: Array) -> list[int]:
+        """Of each drive but the last: how much its delay differs from the others'."""
+        return [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", shape[:, a]))]
+
     speed = np.abs(context.velocity_m_per_s).max(axis=1, keepdims=True)
-    sets.add_set(all_drives(context.velocity_m_per_s), all_drives(context.velocity_m_per_s * speed / 0.25), share=0.5)
+    moving = all_drives(context.velocity_m_per_s)
+    faster = all_drives(context.velocity_m_per_s * speed / 0.25)
+    sets.add_set(moving, faster, share=0.5)
+    sets.add_set(moving, (*faster, *one_drive(context.velocity_m_per_s)), share=0.7)
     for reached in _speeds(inputs)[::2]:
         for tau in geometric_series(0.15, 5.0, 6):
             late = np.exp(-context.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
-            sets.add_set(all_drives(-context.direction * late[:, None]), tau_s=tau, weight=0.2)
+            behind = -context.direction * late[:, None]
+            sets.add_set(all_drives(behind), one_drive(behind), share=0.7, tau_s=tau, weight=0.2)
     return sets
 
 

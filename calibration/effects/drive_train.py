@@ -8,8 +8,8 @@ from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, varies
 from calibration.effects.basis_functions import cosine_basis
 
-LEAD_M = (4.0e-3, 4.0e-2)
-PITCH_M = (1.0e-5, 2.0e-3)
+LEAD_M = (4.0e-3, 6.0e-2)
+PITCH_M = (1.0e-5, 4.0e-3)  # inductive and magnetic scales included
 FEWEST_POSITIONS = 30
 
 

@@ -94,7 +94,7 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
         if _total_log_evidence(places) > VERDICT.detection_threshold:
             places = _refine_with_curves(given, inputs, effect, places)
         part = _cause(effect, places)
-        if part.log_evidence < VERDICT.detection_threshold:
+        if part.log_evidence < max(VERDICT.detection_threshold, VERDICT.min_gain_share_same_part * log_evidence):
             break
         log_evidence += part.log_evidence + math.log(part.places[part.place]) + math.log(len(left))
         further.append(part)

@@ -114,7 +114,9 @@ def _refit_causes(
         for other in (*refitted, *causes[number + 1 :]):
             likelihood_of_others = include_cause(likelihood_of_others, other)
         taken = {o.place for o in (*refitted, *causes[number + 1 :]) if o.effect.name == causes[number].effect.name}
-        refitted.append(refit_cause(likelihood_of_others, inputs, causes[number], taken - {causes[number].place}))
+        cause = refit_cause(likelihood_of_others, inputs, causes[number], taken - {causes[number].place})
+        if not taken or cause.log_evidence > VERDICT.detection_threshold:  # one of several places may be there no more
+            refitted.append(cause)
     refitted.sort(key=lambda cause: -cause.log_evidence)
     likelihoods = [likelihood]
     for cause in refitted:

@@ -43,19 +43,6 @@ class RecordedAnswers:
         use(replace(inputs, periods=periods, onsets=onsets))
         return cls(periods_m, onsets_s)
 
-    @classmethod
-    def from_order(
-        cls, inputs: EffectInputs, use: Use, periods_m: Sequence[Values], onsets_s: Sequence[Values]
-    ) -> RecordedAnswers:
-        """From answers in the order of the questions, as version 0.1 kept them: the questions are asked once more."""
-        next_periods_m, next_onsets_s = iter(periods_m), iter(onsets_s)
-        in_order = replace(
-            inputs,
-            periods=lambda *_: [(value, 1.0) for value in next(next_periods_m, ())],
-            onsets=lambda *_: [(value, 1.0) for value in next(next_onsets_s, ())],
-        )
-        return cls.record(in_order, use)
-
     def replay(self, inputs: EffectInputs) -> EffectInputs:
         """The same inputs with the recorded answers; a question that was never asked has none."""
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
-from calibration.diagnosis.twin.answers import OnsetQuestion, PeriodQuestion, RecordedAnswers, Use, Values
+from calibration.diagnosis.twin.answers import OnsetQuestion, PeriodQuestion, RecordedAnswers, Values
 from calibration.diagnosis.twin.twin_model import FittedMachine, TwinCampaign, TwinEffect, full_model
-from calibration.effects.api import CurvePoint, EffectInputs
+from calibration.effects.api import CurvePoint
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.context import ARRAYS, ArrivalHistory, ReadingContext
 from calibration.machine.description import Machine
 
-FORMAT = 2
+FORMAT = 3  # 2 and before: columns that are not recognised
 LARGEST = 1e12  # of any number
 LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
@@ -58,6 +58,7 @@ def _twin_effect_data(added: TwinEffect) -> dict[str, Any]:
         "columns": list(added.columns),
         "curve": None if added.curve is None else [added.curve[0], *added.curve[1]],
         "coefficients": list(added.coefficients),
+        "column_rms": list(added.column_rms),
         "periods_m": [list(values) for values in answers.periods_m.values()],
         "periods_asked": [list(question) for question in answers.periods_m],
         "onsets_s": [list(values) for values in answers.onsets_s.values()],
@@ -161,18 +162,12 @@ def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Cat
     curve = _curve(data["curve"])
     periods_m, onsets_s = _values(data["periods_m"], 1e-9), _values(data["onsets_s"], -LARGEST)
 
-    def use(inputs: EffectInputs) -> object:
-        return effect.contributions(inputs, place, curve)
-
-    if "periods_asked" in data or "onsets_asked" in data:
-        answers = RecordedAnswers(
-            _by_question([_period_question(asked) for asked in data["periods_asked"]], periods_m),
-            _by_question([_onset_question(asked) for asked in data["onsets_asked"]], onsets_s),
-        )
-    else:
-        # A file of version 0.1 has the answers in the order of the questions.
-        answers = _answers_in_order(campaign, use, periods_m, onsets_s)
-    return TwinEffect(effect.name, place, columns, curve, coefficients, answers)
+    answers = RecordedAnswers(
+        _by_question([_period_question(asked) for asked in data["periods_asked"]], periods_m),
+        _by_question([_onset_question(asked) for asked in data["onsets_asked"]], onsets_s),
+    )
+    column_rms = tuple(_float_array("column_rms", data["column_rms"], len(columns)).tolist())
+    return TwinEffect(effect.name, place, columns, curve, coefficients, answers, column_rms)
 
 
 def _curve(data: Any) -> CurvePoint | None:
@@ -212,15 +207,3 @@ def _onset_question(asked: Any) -> OnsetQuestion:
     if not isinstance(asked, list) or len(asked) > MOST_CHANNELS or not all(isinstance(c, str) for c in asked):
         raise ValueError("'onsets_asked' must hold names of channels only")
     return tuple(asked)
-
-
-def _answers_in_order(
-    campaign: TwinCampaign, use: Use, periods_m: Sequence[Values], onsets_s: Sequence[Values]
-) -> RecordedAnswers:
-    try:
-        with np.errstate(all="ignore"):
-            return RecordedAnswers.from_order(campaign.inputs, use, periods_m, onsets_s)
-    except InputError:
-        raise
-    except Exception as error:  # a user's effect may raise anything
-        raise ValueError(str(error)) from error

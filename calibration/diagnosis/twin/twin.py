@@ -28,6 +28,7 @@ from calibration.diagnosis.twin.twin_model import (
     TwinCampaign,
     TwinEffect,
     reflector_positions_m,
+    rms_of_columns,
     visits_of,
 )
 from calibration.effects.api import Contributions, EffectInputs
@@ -44,6 +45,7 @@ from calibration.model.visits import Visits
 
 # Readings of the campaign for each one that is simulated at once: means over all rows remain those of the campaign.
 CAMPAIGN_ROWS_PER_ROW = 40
+SAME_COLUMNS = 1e-6  # relative difference of their RMS: rounding, of another computer too
 SELF_TEST_ROWS = 50  # readings of the campaign on which a twin is tried when it is read
 
 
@@ -188,6 +190,12 @@ class Twin:
     def _self_test(self) -> None:
         """Use everything once, so that invalid data show here and not while the twin is served."""
         try:
+            for added in self.added:
+                built = rms_of_columns(self._contributions(self.campaign.inputs, added))
+                if not np.allclose(built, added.column_rms, rtol=SAME_COLUMNS, atol=0.0):
+                    raise InputError(
+                        f"twin: '{added.effect}' has other columns in this version; make it again with diagnose --add"
+                    )
             rows = np.unique(np.linspace(0, len(self.campaign.smr) - 1, SELF_TEST_ROWS).astype(np.intp))
             self.readings_m(self.campaign.context, rows, self.campaign.smr[rows])
         except InputError:
@@ -203,6 +211,7 @@ def _twin_effect(cause: Cause, coefficients: Array, machine: Machine, inputs: Ef
     """The effect of a cause with the answers that its basis sets were built with."""
     effect, basis_set = cause.effect, cause.best.basis_set
     place = effect.places(machine).index(cause.place)
+    contributions = effect.contributions(inputs, place, basis_set.curve)
     return TwinEffect(
         effect=effect.name,
         place=place,
@@ -210,6 +219,7 @@ def _twin_effect(cause: Cause, coefficients: Array, machine: Machine, inputs: Ef
         curve=basis_set.curve,
         coefficients=tuple(coefficients.tolist()),
         answers=RecordedAnswers.record(inputs, lambda used: effect.contributions(used, place, basis_set.curve)),
+        column_rms=rms_of_columns([contributions[column] for column in basis_set.columns]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.twin.answers import RecordedAnswers
-from calibration.effects.api import CurvePoint, EffectInputs
+from calibration.effects.api import Contributions, CurvePoint, EffectInputs
 from calibration.effects.context import CachedContext, ReadingContext
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine
@@ -33,7 +34,8 @@ ALL_SYSTEMATIC = SystematicUncertainties(1.0, 1.0, dict.fromkeys(PARTS, 1.0), di
 class TwinEffect:
     """An effect of the twin: its place, the columns of its basis sets or of a curve's tangent, their coefficients.
 
-    answers: periods and onsets of the campaign that its basis sets were built with.
+    answers: periods and onsets of the campaign that its basis sets were built with. column_rms: of each column over the
+    campaign's readings (`rms_of_columns`), by which a file that was written with other basis sets is recognised.
     """
 
     effect: str
@@ -42,6 +44,12 @@ class TwinEffect:
     curve: CurvePoint | None
     coefficients: tuple[float, ...]
     answers: RecordedAnswers
+    column_rms: tuple[float, ...]
+
+
+def rms_of_columns(contributions: Sequence[Contributions]) -> tuple[float, ...]:
+    """RMS over the readings of each column's functions, its channels taken together."""
+    return tuple(float(np.sqrt(sum(np.mean(shape**2) for _, shape in contribution))) for contribution in contributions)
 
 
 @dataclass(frozen=True)

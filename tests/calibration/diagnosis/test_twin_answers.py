@@ -40,9 +40,3 @@ def test_a_question_may_be_repeated_and_left_out(inputs):
     replay = recorded.replay(inputs)
     assert ask(replay)[2] == ask(inputs)[2]
     assert replay.periods(1, 1e-5, 2e-3) == []
-
-
-def test_answers_in_order_are_those_of_the_questions(inputs):
-    recorded = RecordedAnswers.record(inputs, ask)
-    periods_m, onsets_s = list(recorded.periods_m.values()), list(recorded.onsets_s.values())
-    assert RecordedAnswers.from_order(inputs, ask, periods_m, onsets_s) == recorded

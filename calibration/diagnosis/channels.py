@@ -93,7 +93,7 @@ class Channels:
                 yield from self.reflector_channels(i)
         yield from self.station_channels()
         yield from self.floor_channels()
-        yield from ("light.v", "light.hz")
+        yield from ("light.v", "light.hz", "light.range")
 
     def _machine_response(self, name: str) -> Array:
         kind, place, direction = (*name.split("."), "")[:3]
@@ -197,8 +197,10 @@ class Channels:
         return np.repeat(axis[None], len(observed.position_m), axis=0)
 
     def _refraction_response(self, angle: str) -> Array:
-        """An angle error of one radian per metre of distance."""
+        """An angle error of one radian per metre of distance; a range that is one metre too long per metre."""
         p = self.observed.sight_m
+        if angle == "range":
+            return p
         distance = np.linalg.norm(p, axis=1)[:, None]
         level = np.hypot(p[:, 0], p[:, 1])[:, None]
         if angle == "hz":

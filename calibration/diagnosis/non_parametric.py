@@ -148,6 +148,7 @@ def _channel_groups(inputs: EffectInputs, channels: Channels) -> Iterator[tuple[
     yield channels.floor_channels()
     yield ("light.v",)
     yield ("light.hz",)
+    yield ("light.range",)
 
 
 def _drive_of(inputs: EffectInputs, channel: str) -> int | None:

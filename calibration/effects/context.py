@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.effects.former_names import former_name
+from calibration.instruments.air import refractivity
 from calibration.recording.recording import Recording
 from calibration.recording.sessions import breaks_s
 
@@ -21,7 +22,7 @@ LAG_GRID = 400  # points in time at which the temperature of a part is integrate
 # Fields with one row per reading; they are also keys of a twin's file.
 ARRAYS = (
     "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
-    "payload_com_m", "exchanges",
+    "payload_com_m", "exchanges", "air_refractivity",
 )  # fmt: skip
 NOT_CLIPPED = ("arrival", "payload_com_m", "direction", "velocity_m_per_s")
 
@@ -48,7 +49,8 @@ class ReadingContext:
     t_s (n,): rig time; arrival (n,): row of the history, the last arrival before the reading; drives, direction,
     velocity_m_per_s, torque (n, d): drive coordinates, side of the last approach (+1 from below), torque over rated
     torque; speed_m_per_s (n,): of the approach; dwell_s (n,): since the target was reached; payload_kg (n,),
-    payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; temperatures_c: by sensor,
+    payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; air_refractivity (n,):
+    by the recorded air, uncorrected; temperatures_c: by sensor,
     (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed.
     """
 
@@ -64,6 +66,7 @@ class ReadingContext:
     payload_kg: Array
     payload_com_m: Array
     exchanges: Array
+    air_refractivity: Array
     temperatures_c: Mapping[str, Array]
     start_s: float
     breaks_s: tuple[float, ...] = field(default=(), kw_only=True)
@@ -147,6 +150,7 @@ def context_of_recording(recording: Recording) -> ReadingContext:
         payload_kg=recording["payload_mass_kg"],
         payload_com_m=recording.payload_com_m(),
         exchanges=exchanges,
+        air_refractivity=refractivity(recording["air_temperature_c"], recording["pressure_hpa"]),
         temperatures_c={"air": recording["air_temperature_c"], **recording.temperatures_c()},
         start_s=float(t.min()),
         breaks_s=breaks_s(recording),

@@ -7,11 +7,14 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, strongest_onset, varies
 from calibration.effects.basis_functions import random_walk_basis, scale_to_symmetric, tensor_product
+from calibration.effects.context import ReadingContext
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 ONSETS = 12
 PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
+INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
+LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
 
 
@@ -34,6 +37,7 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
 
 def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     """Light bends towards cold air: the angle error grows with distance and depends on the light path and the time.
+    Where the air is not what ranges are corrected for, their scale follows the weather.
 
     Everything seems further towards the warm air. A gradient that rises upwards therefore makes the vertical angle,
     which counts from the zenith, too small; one that rises clockwise makes the horizontal angle too large.
@@ -58,7 +62,29 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         sets.add_set(uniform, varying, share=0.5, sign=towards_warm)
         sets.add_set(varying)
         sets.add_set(warm, (*uniform, *slowly), share=0.5, sign=towards_warm)
+    _add_range_scale(sets, inputs.context)
     return sets
+
+
+def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:
+    """Ranges are corrected for the air of another time: of the campaign's begin, of a while ago, or of another place.
+
+    The size is that of a gradient over the metre between sensor and light.
+    """
+    t, air = context.t_s, context.air_refractivity
+    late = [air - np.interp(t - delay, *_in_time(t, air)) for delay in INDEX_DELAYS_S]
+    elsewhere = random_walk_basis(context.elapsed_s / HOUR_S, 12)
+    other = sets.add(("light.range", PER_KELVIN * elsewhere))
+    for error in (air - air[int(np.argmin(t))], *late):
+        if np.ptp(error) > LEAST_INDEX_CHANGE:
+            scaled = PER_KELVIN * error / np.ptp(error)
+            sets.add_set(sets.add(("light.range", scaled)), other, share=0.2, sign=-1.0)
+    sets.add_set(other)
+
+
+def _in_time(t: Array, values: Array) -> tuple[Array, Array]:
+    order = np.argsort(t, kind="stable")
+    return t[order], values[order]
 
 
 def reseat(inputs: EffectInputs, smr: int) -> BasisSets:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.effects.context import ArrivalHistory, ReadingContext
+from calibration.instruments.air import refractivity
 
 PAST_ROWS = 24  # earlier temperatures that parts which follow slowly are given
 
@@ -80,6 +81,7 @@ class RunningTwin:
         def same(value: float | Array | tuple[float, ...]) -> Array:
             return np.repeat(np.asarray(value, dtype=np.float64)[None], n, axis=0)
 
+        temperatures_c = {name: self._temperatures_c(name, times) for name in self._sensors}
         return ReadingContext(
             history=ArrivalHistory(np.array(self._arrived_s), np.array(self._arrival_drives_m)),
             t_s=times,
@@ -93,7 +95,8 @@ class RunningTwin:
             payload_kg=same(look.payload_kg),
             payload_com_m=same(look.payload_com_m),
             exchanges=same(float(look.exchanges)),
-            temperatures_c={name: self._temperatures_c(name, times) for name in self._sensors},
+            air_refractivity=refractivity(temperatures_c["air"]),
+            temperatures_c=temperatures_c,
             start_s=self._start_s,
         )
 

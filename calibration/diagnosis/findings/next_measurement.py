@@ -169,6 +169,7 @@ class _Hypotheses:
             payload_kg=payload,
             payload_com_m=np.array([payloads[visit.payload].com_m for visit in proposal.visits]),
             exchanges=np.full(n, float(context.exchanges.max())),
+            air_refractivity=np.full(n, float(np.median(context.air_refractivity))),
             temperatures_c={name: np.full(n, float(np.median(t))) for name, t in context.temperatures_c.items()},
             start_s=context.start_s,
         )

@@ -53,7 +53,8 @@ def moments_at(drives, payload_kg) -> ReadingContext:
     return ReadingContext(
         history=ArrivalHistory(np.zeros(1), drives[:1]), t_s=zero, arrival=zero.astype(np.intp), drives=drives,
         direction=0.0 * drives, velocity_m_per_s=0.0 * drives, torque=0.0 * drives, speed_m_per_s=zero, dwell_s=zero,
-        payload_kg=payload_kg, payload_com_m=np.zeros((n, 3)), exchanges=zero, temperatures_c={}, start_s=0.0,
+        payload_kg=payload_kg, payload_com_m=np.zeros((n, 3)), exchanges=zero,
+        air_refractivity=zero, temperatures_c={}, start_s=0.0,
     )  # fmt: skip
 
 
@@ -219,6 +220,7 @@ def test_light(case):
     for name, turned in (
         ("light.hz", lambda h: polar_to_points(hz + h * distance, v, distance)),
         ("light.v", lambda h: polar_to_points(hz, v + h * distance, distance)),
+        ("light.range", lambda h: polar_to_points(hz, v, distance * (1.0 + h))),
     ):
         expected = (turned(STEP) - turned(-STEP)) / (2.0 * STEP)
         np.testing.assert_allclose(station_shift(case, name), expected, atol=1e-6 * np.abs(expected).max())

@@ -10,6 +10,7 @@ import json
 import os
 import pwd
 import sys
+import time
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 
 from pkm_rig.errors import StoreError
 
+LOOKS, LOOK_S = 3, 0.01  # who only looks has the lock for microseconds
 MOST_BYTES = 10_000  # of what an owner says
 
 
@@ -27,7 +29,7 @@ class Lock:
         """Take it. StoreError, naming its owner, if another process or another object of this one has it."""
         self._file = _open(path, what)
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _take(self._file)
         except BlockingIOError:
             owner = _owner(self._file)
             os.close(self._file)
@@ -51,6 +53,16 @@ class Lock:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
+
+
+def _take(file: int) -> None:
+    """Lock a file. BlockingIOError if somebody has it for longer than `list` takes to look."""
+    for _ in range(LOOKS):
+        try:
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(LOOK_S)
+    return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def campaign_worked_on(path: Path) -> str | None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import fcntl
 import os
 import pwd
 import signal
@@ -11,6 +12,7 @@ import pytest
 
 from pkm_rig.errors import StoreError
 from pkm_rig.jobs import session
+from pkm_rig.store import lock
 from pkm_rig.store.lock import Lock, user_name
 from pkm_rig.store.store import Store, open_existing_store, open_store
 from tests.pkm_rig.store.stores import small_store
@@ -89,6 +91,18 @@ def test_who_runs_a_process_is_what_the_system_says_not_the_environment(monkeypa
     assert user_name() == pwd.getpwuid(os.getuid()).pw_name
     monkeypatch.setattr(os, "getuid", lambda: 4_000_000_123)
     assert user_name() == "user 4000000123"
+
+
+def test_who_only_looks_keeps_nobody_out(tmp_path, monkeypatch):
+    """As `list` does, which asks for a shared lock to see whether there is an owner."""
+    path = tmp_path / "lock"
+    path.touch()
+    looking = os.open(path, os.O_RDONLY)
+    fcntl.flock(looking, fcntl.LOCK_SH)
+    monkeypatch.setattr(lock.time, "sleep", lambda _: os.close(looking))
+    Lock(path, "the rig").release()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.close(looking)
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[1]", b'{"command": "x"}', b"\xff"])

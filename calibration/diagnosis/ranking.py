@@ -80,7 +80,7 @@ def refit_cause(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cau
 def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause) -> Cause:
     """The cause, and the same effect at further places where that explains more; the strongest first."""
     effect, names = cause.effect, cause.effect.places(inputs.machine)
-    if len(names) < 2:
+    if len(names) < 2 or effect.place == "smr":  # all reflectors that move together are a platform that moves
         return cause
     # The evidence of a cause contains the prior of its place; that of a set of places replaces it.
     log_evidence = cause.log_evidence + math.log(cause.places[cause.place]) + math.log(len(names))

@@ -55,6 +55,20 @@ def platform_rms(linear: LinearModel, whitened: Array) -> float:
     return float(np.sqrt(np.sum(whitened[rows] ** 2) / (moves * max(int(rows.sum()), 1))))
 
 
+def rms_shift_sigma(linear: LinearModel, whitened: Array) -> float:
+    """RMS shift of the platform's reflectors in sigma, from whitened shifts (n, 3).
+
+    Of the coordinates in which the platform moves, one by one. Sigma is the angles' stated standard deviation times the
+    distance: that of a coordinate across the line of sight (docs/reference/definitions.md).
+    """
+    rows, moves = np.flatnonzero(linear.on_platform), linear.machine.dof[linear.machine.dof < 3]
+    if not rows.size:
+        return 0.0
+    shift_m = np.linalg.solve(linear.whiten[rows], whitened[rows, :, None])[:, :, 0] @ linear.frame.rotation
+    sigma_m = linear.recording.file.station.accuracy.angle_sd_rad * np.linalg.norm(linear.sight_m[rows], axis=1)
+    return float(np.sqrt(np.mean((shift_m[:, moves] / sigma_m[:, None]) ** 2)))
+
+
 def summarise_effect(
     cause: Cause,
     others: Sequence[Cause],
@@ -81,8 +95,8 @@ def summarise_effect(
         size=Quantity(effect.size.name, value, u, effect.size.unit),
         probability=ranking[effect.name] if main else presence_probability(cause, ranking),
         place_probability=cause.places[cause.place],
-        raw_sigma=platform_rms(likelihood.linear, signal),
-        visible_sigma=platform_rms(likelihood.linear, likelihood.apply(signal[:, :, None])[:, :, 0]),
+        raw_sigma=rms_shift_sigma(likelihood.linear, signal),
+        visible_sigma=rms_shift_sigma(likelihood.linear, likelihood.apply(signal[:, :, None])[:, :, 0]),
         others=tuple(
             Quantity(
                 parameter.name,

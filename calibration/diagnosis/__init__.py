@@ -1,6 +1,7 @@
 """The gap between the calibrated model and the machine: where it is, which effect causes it, how far it shrinks."""
 
 __all__ = [
+    "any_change",
     "channels",
     "curve_fit",
     "diagnose",

@@ -75,7 +75,7 @@ class LinearModel(ObservedModel):
 
 
 def linearise_recording(recording: Recording) -> LinearModel:
-    """Fit the model to a recording and linearise it there, wrong readings left out (identification.gate).
+    """Fit the model to a recording and linearise it there, wrong readings left out (outlying_readings).
 
     Raises InputError if the readings do not allow it.
     """
@@ -117,7 +117,7 @@ def _linearise_rows(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
-    keep = fitting_readings(observed, residual, columns)
+    keep = fitting_readings(observed, whiten, residual, columns)
     q = _inverse_covariance_factor(columns)
     weight = outlier_weights(residual, q)
     if weight is not None:

@@ -4,27 +4,129 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from calibration.base.arrays import Array
+from calibration.base.outliers import GATE_SIGMAS, scale_of
+from calibration.diagnosis.any_change import FREE_SIGMAS, columns_by_stand, columns_of_any_change, stands
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.identification.gate import LinearReadings
 
 HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
 GROSS_SIGMAS = 15.0  # of a reading's own
 LARGEST_OUTLIER_SHARE = 0.025
+MOST_SUSPECTS = 0.1  # of all readings, before the search for wrong ones is given up
+WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
+LEFT_OUT = 1e-3  # weight of a reading that is taken for wrong
+SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
 
-def fitting_readings(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
-    """Which readings (n,) are not grossly wrong by what the others say; each part of the machine has its own scale.
+def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> NDArray[np.bool_]:
+    """Which readings (n,) are not wrong by what the others say, whatever an effect may have changed (any_change.py).
 
-    A strong effect of few readings reaches beyond six standard deviations too. Short of GROSS_SIGMAS a reading keeps
-    its place, with less weight; where many are beyond, an effect is the likely cause, and all stay.
+    whiten (n, 3, 3), residual (n, 3) and columns (n, 3, b) of the linear model. Where many are wrong, only those count
+    that are so grossly; where many are gross, an effect that nothing here describes is the likely cause, and all stay.
     """
     parts = [smr.on for smr in observed.machine.smrs]
     kind = np.unique(np.array(parts)[observed.smr], return_inverse=True)[1].astype(np.intp)
-    readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (kind,))
-    keep = readings.judge([np.ones(len(residual), dtype=bool)])[0].sigmas <= GROSS_SIGMAS
-    return keep if np.mean(~keep) < LARGEST_OUTLIER_SHARE else np.ones(len(keep), dtype=bool)
+    stand, (of_platform, of_drives) = stands(observed), columns_by_stand(observed, whiten)
+    both = np.concatenate([columns, columns_of_any_change(observed, whiten)], axis=2)
+    of_platform = of_platform * _shift_sigmas(stand, residual, both, observed.on_platform)
+    by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
+    leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
+    sigmas = leave_one_out.judge(kind)
+    for limit in (GATE_SIGMAS, GROSS_SIGMAS):
+        if np.mean(sigmas > limit) < LARGEST_OUTLIER_SHARE:
+            return np.asarray(sigmas <= limit)
+    return np.ones(len(sigmas), dtype=bool)
+
+
+def _shift_sigmas(stand: NDArray[np.intp], residual: Array, columns: Array, on_platform: NDArray[np.bool_]) -> float:
+    """Typical shift of the platform at a stand that none of the columns explains, in sigma; one at least.
+
+    A slider's reading that is off while the platform stands where it should is then wrong; where the platform has moved
+    with it, the drive has slipped.
+    """
+    flat = columns.reshape(-1, columns.shape[2])
+    fitted = flat @ np.linalg.solve(flat.T @ flat + np.eye(flat.shape[1]), flat.T @ residual.ravel())
+    left = (residual - fitted.reshape(residual.shape))[on_platform]
+    numbers, index = np.unique(stand[on_platform], return_inverse=True)
+    mean = np.stack([np.bincount(index, left[:, k]) for k in range(3)], axis=1) / np.bincount(index)[:, None]
+    return max(1.0, float(np.median(np.linalg.norm(mean, axis=1)))) if numbers.size else 1.0
+
+
+class _LeaveOneOut:
+    """Deviations of single readings from what all others predict, each reading three numbers with correlated others.
+
+    C = B + A A' with A the columns (n, 3, k) and B = 1 + Z Z' within each stand (n,), Z its columns (n, 3, f). Of the
+    readings with index i, (C^-1 y)_i' ((C^-1)_ii)^-1 (C^-1 y)_i is chi-squared (Rasmussen and Williams 2006, eq. 5.12).
+    """
+
+    def __init__(self, stand: NDArray[np.intp], by_stand: Array, residual: Array, columns: Array) -> None:
+        self._by_stand = by_stand
+        self._target = np.concatenate([columns, residual[:, :, None]], axis=2)
+        order = np.argsort(stand, kind="stable")
+        self._stands = np.split(order, np.flatnonzero(np.diff(stand[order])) + 1)
+
+    def judge(self, kind: NDArray[np.intp]) -> Array:
+        """Own standard deviations (n,) by which each reading is off the others that fit; kind (n,): those of one scale.
+
+        The worst of a stand goes first, since one wrong reading makes good ones beside it look wrong; those come back.
+        """
+        keep, came_back = np.ones(len(kind), dtype=bool), False
+        while True:
+            sigmas = self._sigmas(keep, kind)
+            if np.mean(~keep) > MOST_SUSPECTS:
+                return sigmas
+            worst = float(np.max(sigmas[keep]))
+            if worst <= GATE_SIGMAS:
+                good = ~keep & (sigmas <= GATE_SIGMAS)
+                if came_back or not np.any(good):
+                    return sigmas
+                keep, came_back = keep | good, True
+                continue
+            limit = max(GATE_SIGMAS, WORST_SHARE * worst)
+            for rows in self._stands:
+                suspect = rows[np.argmax(np.where(keep[rows], sigmas[rows], 0.0))]
+                if sigmas[suspect] > limit:
+                    keep[suspect] = False
+
+    def _sigmas(self, keep: NDArray[np.bool_], kind: NDArray[np.intp]) -> Array:
+        """Deviations (n,) in own standard deviations, whose scales those that are kept determine."""
+        distance = self._distances(np.where(keep, 1.0, LEFT_OUT))
+        for one in np.unique(kind):
+            if np.any(keep & (kind == one)):
+                distance[kind == one] /= scale_of(distance[keep & (kind == one)], 3)
+        return distance
+
+    def _distances(self, weight: Array) -> Array:
+        """Roots (n,) of the square forms of the deviations from the prediction by all others, weighted (n,).
+
+        A reading of small weight w has next to no influence, and its own deviation is to be had all the same: times w
+        it has the variance 1 + w^2 V, with V that of its prediction.
+        """
+        n, _, width = self._target.shape
+        target, by_stand = self._target * weight[:, None, None], self._by_stand * weight[:, None, None]
+        white, inverses = np.empty_like(target), []
+        for rows in self._stands:
+            z = by_stand[rows].reshape(3 * len(rows), -1)
+            inverses.append(np.linalg.inv(np.linalg.cholesky(np.eye(len(z)) + z @ z.T)))
+            white[rows] = (inverses[-1] @ target[rows].reshape(len(z), -1)).reshape(len(rows), 3, -1)
+        flat, y = white[:, :, :-1].reshape(3 * n, width - 1), white[:, :, -1].ravel()
+        upper = np.linalg.cholesky(np.eye(width - 1) + flat.T @ flat).T
+        along = solve_triangular(upper, flat.T, trans="T", lower=False).T
+        rest = (y - along @ (along.T @ y)).reshape(n, 3)
+        along = along.reshape(n, 3, width - 1)
+        score, information = np.empty((n, 3)), np.empty((n, 3, 3))
+        for rows, inverse in zip(self._stands, inverses, strict=True):
+            score[rows] = (inverse.T @ rest[rows].ravel()).reshape(-1, 3)
+            part = (inverse.T @ along[rows].reshape(3 * len(rows), -1)).reshape(len(rows), 3, -1)
+            own = (inverse.T @ inverse).reshape(len(rows), 3, len(rows), 3).diagonal(axis1=0, axis2=2)
+            information[rows] = own.transpose(2, 0, 1) - part @ part.transpose(0, 2, 1)
+        variance = np.linalg.inv(information + SINGULAR * np.eye(3))
+        deviation = (variance @ score[:, :, None])[:, :, 0] / weight[:, None]
+        variance = np.eye(3) + (variance - np.eye(3)) / weight[:, None, None] ** 2
+        square = np.sum(deviation * np.linalg.solve(variance, deviation[:, :, None])[:, :, 0], axis=1)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def outlier_weights(residual: Array, q: Array) -> Array | None:

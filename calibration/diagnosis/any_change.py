@@ -17,7 +17,7 @@ from calibration.recording.header import HOUR_S
 
 FREE_SIGMAS = 30.0  # standard deviation of each function, in those of a reading: larger than effects are
 SAME_PLACE_M = 2.0e-5  # between visits of one place: some programs count each reading as a visit
-WALK_TERMS, SLOW_TERMS, CURVE_TERMS, FEW_TERMS = 24, 8, 16, 6
+WALK_TERMS, SLOW_TERMS, CURVE_TERMS, FEW_TERMS = 24, 4, 16, 6
 FUNCTIONS_PER_READING = 0.5  # of a reflector on a slider: more would explain every single one
 DWELLS_S = (1.5, 6.0, 24.0)
 
@@ -39,13 +39,17 @@ def stands(observed: ObservedModel) -> NDArray[np.intp]:
 
 def columns_by_stand(observed: ObservedModel, whiten: Array) -> tuple[Array, Array]:
     """Whitened shifts that may be others at every stand, one sigma RMS each: (n, 3, f) by the platform's free
-    coordinates alone, and (n, 3, d) by the travel of each drive.
+    coordinates alone, and (n, 3, d) by each drive, along its travel and across.
     """
     channels = Channels(observed)
-    travel = [f"travel.{drive}" for drive in observed.machine.drive_names]
+    drives = [
+        name
+        for a, drive in enumerate(observed.machine.drive_names)
+        for name in (f"travel.{drive}", *channels.sideways_channels(a))
+    ]
     of_platform, of_drives = (
         np.stack([_free(whiten, observed, channels.shift_m(name)) / FREE_SIGMAS for name in names], axis=2)
-        for names in (channels.pose_channels(), travel)
+        for names in (channels.pose_channels(), drives)
     )
     return of_platform, of_drives
 

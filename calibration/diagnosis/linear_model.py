@@ -33,7 +33,7 @@ from calibration.reduction.report_frame import fit_report_frame
 NEST_PRIOR_M = 5.0e-3
 FRAME_PRIOR = 5.0e-3  # m and rad, about the frame that was fitted to the commanded poses
 LINEARISATION_STEPS = 2
-GATINGS = 3
+GATINGS = 4
 LEAST_VISITS = 20
 STIFFNESS_LIMIT_SIGMA = 3.0
 NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts

@@ -10,9 +10,10 @@ from calibration.base.arrays import Array
 from calibration.base.outliers import GATE_SIGMAS, scale_of
 from calibration.diagnosis.any_change import FREE_SIGMAS, columns_by_stand, columns_of_any_change, stands
 from calibration.diagnosis.observed_model import ObservedModel
+from calibration.identification.gate import LinearReadings
 
 HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
-GROSS_SIGMAS = 15.0  # of a reading's own
+GROSS_SIGMAS, GIANT_SIGMAS = 15.0, 60.0  # of a reading's own
 LARGEST_OUTLIER_SHARE = 0.025
 MOST_SUSPECTS = 0.1  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
@@ -26,18 +27,32 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     whiten (n, 3, 3), residual (n, 3) and columns (n, 3, b) of the linear model. Where many are wrong, only those count
     that are so grossly; where many are gross, an effect that nothing here describes is the likely cause, and all stay.
     """
-    parts = [smr.on for smr in observed.machine.smrs]
-    kind = np.unique(np.array(parts)[observed.smr], return_inverse=True)[1].astype(np.intp)
+    giant = _beyond_calibration(observed, residual, columns)
+    if np.any(giant):  # they would spoil what is said of the others
+        return ~giant
     stand, (of_platform, of_drives) = stands(observed), columns_by_stand(observed, whiten)
     both = np.concatenate([columns, columns_of_any_change(observed, whiten)], axis=2)
     of_platform = of_platform * _shift_sigmas(stand, residual, both, observed.on_platform)
     by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
     leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
-    sigmas = leave_one_out.judge(kind)
+    sigmas = leave_one_out.judge(_parts(observed))
     for limit in (GATE_SIGMAS, GROSS_SIGMAS):
         if np.mean(sigmas > limit) < LARGEST_OUTLIER_SHARE:
             return np.asarray(sigmas <= limit)
     return np.ones(len(sigmas), dtype=bool)
+
+
+def _beyond_calibration(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
+    """Readings (n,) so far off the fit of the others that no effect can be meant; none where these are many."""
+    readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (_parts(observed),))
+    giant = readings.judge([np.ones(len(residual), dtype=bool)])[0].sigmas > GIANT_SIGMAS
+    return giant if np.mean(giant) < LARGEST_OUTLIER_SHARE else np.zeros(len(residual), dtype=bool)
+
+
+def _parts(observed: ObservedModel) -> NDArray[np.intp]:
+    """On what each reading's reflector is, by number: each kind of part has its own scale."""
+    parts = np.array([smr.on for smr in observed.machine.smrs])
+    return np.unique(parts[observed.smr], return_inverse=True)[1].astype(np.intp)
 
 
 def _shift_sigmas(stand: NDArray[np.intp], residual: Array, columns: Array, on_platform: NDArray[np.bool_]) -> float:

@@ -137,9 +137,12 @@ def test_an_adapters_port_is_opened_exclusively_and_not_touched_while_another_pr
         serial.Serial(adapter.port, exclusive=True)
     with pytest.raises(ConnectionFailed, match="another program has the port; end that program"):
         open_bus("slcan", adapter.port, bitrate=1_000_000)
+    heard = None
     with can.Bus(interface="virtual", channel="exclusive adapter") as drive:
-        drive.send(can.Message(arbitration_id=0x701, data=[5], is_extended_id=False))
-        heard = first.recv(10.0)
+        for _ in range(50):  # the adapter may not have opened its line yet
+            drive.send(can.Message(arbitration_id=0x701, data=[5], is_extended_id=False))
+            if (heard := first.recv(0.2)) is not None:
+                break
     assert heard is not None
     assert (heard.arbitration_id, bytes(heard.data)) == (0x701, b"\x05")
     first.shutdown()

@@ -23,7 +23,7 @@ LARGEST = 1e12  # of any number
 LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
 NOT_A_ROTATION = 1e-6
-MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS = 16, 1000, 1000
+MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS = 64, 1000, 1000
 Question = TypeVar("Question", PeriodQuestion, OnsetQuestion)
 
 

@@ -54,7 +54,7 @@ def check_consistent(diagnosis, catalogue) -> None:
     assert set(ranking) <= {*catalogue.names, NONE, UNKNOWN}
     assert not set(ranking) & set(diagnosis.not_tested)
     assert ranking[diagnosis.verdict] == max(ranking.values())
-    assert len(diagnosis.effects) <= 3
+    assert len({effect.effect for effect in diagnosis.effects}) <= 3
     if diagnosis.verdict in (NONE, UNKNOWN):
         assert not diagnosis.effects
         assert not diagnosis.equivalent

@@ -326,7 +326,7 @@ def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
     assert sum(overall_right(r) for r in rows if answerable(r)) >= 3
     for r in rows:
         assert sum(p for _, p in r["ranked"]) <= 1.0 + 1e-9
-        assert r["predicted_share"] == 1.0
+        assert r["predicted_share"] > 0.99  # noise with tails: a reading or two in a thousand is left out
         assert r["achieved"] < 1.0
     document = json.loads((tmp_path / "out" / "results.json").read_text())
     assert document["cases"] == 6

@@ -60,7 +60,7 @@ def test_json_has_the_keys_that_programs_were_promised():
 
 def test_the_schema_refuses_what_is_none(schema):
     result = diagnosis_output.diagnosis_json(example())
-    for spoilt in ({"verdict": ""}, {"effects": result["effects"] * 4}, {"ranking": {"backlash": 1.0}}):
+    for spoilt in ({"verdict": ""}, {"effects": result["effects"] * 65}, {"ranking": {"backlash": 1.0}}):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate({**result, **spoilt}, schema)
 

@@ -118,6 +118,12 @@ class ReadingContext:
         change = np.asarray(self.temperatures_c[sensor]) - self.temperatures_c[sensor][int(np.argmin(self.t_s))]
         return change + self.thermal_lag_k(sensor, tau_s) if tau_s > 0.0 else np.asarray(change)
 
+    def refractivity_change(self, delay_s: float) -> Array:
+        """Refractivity (n,) of the recorded air less that of delay_s before; the first one's, where that is earlier."""
+        order = np.argsort(self.t_s, kind="stable")
+        before = np.interp(self.t_s - delay_s, self.t_s[order], self.air_refractivity[order])
+        return np.asarray(self.air_refractivity - before)
+
     former = former_name("previous_drives")
     warmth = former_name("motion_heat")
     lag_k = former_name("thermal_lag_k")
@@ -241,8 +247,10 @@ class CachedContext:
 
 
 def cached_context(clipped: ReadingContext, context: ReadingContext) -> CachedContext:
-    """The cache of a context in its own time, but with the temperatures of its clipped version."""
-    return CachedContext(replace(context, temperatures_c=clipped.temperatures_c))
+    """The cache of a context in its own time, but with temperatures and air of its clipped version."""
+    return CachedContext(
+        replace(context, temperatures_c=clipped.temperatures_c, air_refractivity=clipped.air_refractivity)
+    )
 
 
 @dataclass(frozen=True)
@@ -273,6 +281,11 @@ class CombinedContext(ReadingContext):
         return self._concatenate_clipped(
             self.campaign.thermal_lag_k(sensor, tau_s), self.other.thermal_lag_k(sensor, tau_s)
         )
+
+    def refractivity_change(self, delay_s: float) -> Array:
+        """Refractivity (n,) of the recorded air less that of delay_s before."""
+        campaign, other = self.campaign.context, self.other.context
+        return self._concatenate_clipped(campaign.refractivity_change(delay_s), other.refractivity_change(delay_s))
 
     def _concatenate_clipped(self, of_campaign: Array, of_other: Array) -> Array:
         return np.concatenate([of_campaign, np.clip(of_other[self.rows], of_campaign.min(), of_campaign.max())])

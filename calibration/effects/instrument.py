@@ -71,20 +71,14 @@ def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:
 
     The size is that of a gradient over the metre between sensor and light.
     """
-    t, air = context.t_s, context.air_refractivity
-    late = [air - np.interp(t - delay, *_in_time(t, air)) for delay in INDEX_DELAYS_S]
+    since_begin = context.air_refractivity - context.air_refractivity[int(np.argmin(context.t_s))]
     elsewhere = random_walk_basis(context.elapsed_s / HOUR_S, 12)
     other = sets.add(("light.range", PER_KELVIN * elsewhere))
-    for error in (air - air[int(np.argmin(t))], *late):
+    for error in (since_begin, *(context.refractivity_change(delay_s) for delay_s in INDEX_DELAYS_S)):
         if np.ptp(error) > LEAST_INDEX_CHANGE:
             scaled = PER_KELVIN * error / np.ptp(error)
             sets.add_set(sets.add(("light.range", scaled)), other, share=0.2, sign=-1.0)
     sets.add_set(other)
-
-
-def _in_time(t: Array, values: Array) -> tuple[Array, Array]:
-    order = np.argsort(t, kind="stable")
-    return t[order], values[order]
 
 
 def reseat(inputs: EffectInputs, smr: int) -> BasisSets:

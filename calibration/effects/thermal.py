@@ -33,7 +33,7 @@ _TAU = EffectParameter("tau_s", 200.0, 8000.0, "s", "time constant of the part")
 
 
 def _followed(inputs: EffectInputs, part: str) -> list[tuple[Array, float]]:
-    """Changes (n,) of recorded temperatures, at once and with time constants, each over its own range.
+    """Changes (n,) of recorded temperatures over their ranges, at once and with time constants.
 
     A part follows the sensors that by their names are on it; without any such sensor it may follow each of them.
     """
@@ -41,10 +41,11 @@ def _followed(inputs: EffectInputs, part: str) -> list[tuple[Array, float]]:
     sensors = list(inputs.context.temperatures_c)
     on_part = [name for name in sensors if any(word in name.lower() for word in SENSOR_WORDS[part])]
     for sensor in on_part or sensors:
-        for tau in FOLLOWING_TIME_CONSTANTS_S:
-            change = inputs.context.part_temperature_k(sensor, tau)
-            if np.ptp(change) > LEAST_CHANGE_K:
-                out.append((change / np.ptp(change), tau))
+        # Of the sensor, not of the part: that is the campaign's also where readings of another context follow.
+        span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
+        if span_k > LEAST_CHANGE_K:
+            parts = [(inputs.context.part_temperature_k(sensor, tau), tau) for tau in FOLLOWING_TIME_CONSTANTS_S]
+            out += [(change / span_k, tau) for change, tau in parts]
     return out
 
 

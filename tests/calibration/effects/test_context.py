@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from calibration.effects.context import context_of_recording
+from calibration.effects.api import EffectInputs
+from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import (
+    CachedContext,
+    cached_context,
+    clip_to_campaign,
+    combine_contexts,
+    context_of_recording,
+)
 from mock_devices.recordings.design import DesignOptions
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded
 
@@ -98,3 +107,43 @@ def test_an_unmoved_drive_is_cold(recording):
     m = context_of_recording(changed(recording, **still))
     assert np.all(m.motion_heat(0, 600.0) == 0.0)
     assert np.any(m.motion_heat(1, 600.0) > 0.0)
+
+
+def inputs_of(machine, context) -> EffectInputs:
+    """Without forces: for effects that ask for none."""
+    n, drives, struts = len(context), len(machine.drive_names), len(machine.strut_names)
+    none = np.zeros((n, 3))
+    sideways = [
+        f"{kind}.{drive}.{c}" for drive in machine.drive_names for kind, c in (("sideways", "x"), ("turn", "z"))
+    ]
+    return EffectInputs(
+        machine, context, np.zeros((n, struts)), np.zeros((n, struts, struts)), np.zeros((n, drives, 3)),
+        np.zeros((n, drives)), none, tuple(sideways), lambda *_: [], lambda *_: [],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["link_thermal_growth", "column_thermal_growth", "screw_thermal_growth", "refraction"])
+def test_columns_of_a_campaign_stay_what_they_are_whatever_else_is_asked_of_its_twin(recording, m, name):
+    """A twin knows its columns by their numbers: none may come or go, or change where the campaign was."""
+    rng = np.random.default_rng(4)
+    wave = 2e-6 * np.sin(m.elapsed_s / 700.0)
+    campaign = replace(m, air_refractivity=m.air_refractivity + wave)
+    warmer = {n: t + 3.0 * rng.standard_normal(len(t)) for n, t in m.temperatures_c.items()}
+    other = replace(
+        campaign,
+        t_s=m.t_s + 2000.0,
+        temperatures_c=warmer,
+        air_refractivity=campaign.air_refractivity + 4e-6 * rng.standard_normal(len(m)),
+    )
+    clipped = clip_to_campaign(campaign, other)
+    combined = combine_contexts(
+        CachedContext(campaign), clipped, cached_context(clipped, other), np.arange(0, len(m), 9)
+    )
+    effect = load_catalogue().effect(name)
+    alone, beside = (effect.forms(inputs_of(recording.machine, c), 0) for c in (campaign, combined))
+    assert beside.sets == alone.sets
+    assert len(alone.contributions) > 20
+    for one, two in zip(alone.contributions, beside.contributions, strict=True):
+        for (channel, shape), (same, longer) in zip(one, two, strict=True):
+            assert channel == same
+            np.testing.assert_allclose(longer[: len(m)], shape, atol=1e-9 * max(np.abs(shape).max(), 1e-12))

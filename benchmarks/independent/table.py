@@ -22,7 +22,7 @@ from benchmarks.withheld.score_rows import (
 )
 from benchmarks.withheld.scorer import NONE, UNKNOWN
 from benchmarks.withheld.statistics import Z95
-from benchmarks.withheld.table import PERIOD, STEP_S, Measure, class_size, probabilities, share, share_between
+from benchmarks.withheld.table import PERIOD, STEP_S, Measure, class_size, pairs, probabilities, share, share_between
 
 MOST_CLASS = 1.4
 WORST_OF = 25  # an effect of fewer cases is not judged by itself
@@ -34,7 +34,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
     return [
         *_singles(singles),
         *_others(rows),
-        *_pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]]),
+        *pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]], 0.75, 0.95),
         *_probability_rows(rows),
         *_shrink([r for r in rows if r["kind"] == "effect" and r["visible"] >= 1.0]),
         *_details(singles),
@@ -126,14 +126,6 @@ def _others(rows: Sequence[Row]) -> list[Measure]:
         share("  of any size", [r["verdict"] == UNKNOWN for r in outside]),
         share("  of any size, called an effect", [called(r) for r in outside]),
         share("smaller single effects called another one", [called(r) and not right(r) for r in small]),
-    ]
-
-
-def _pairs(rows: list[Row]) -> list[Measure]:
-    return [
-        share("two effects: exact pair", [set(r["named"]) == set(r["true"]) for r in rows], 0.75),
-        share("two effects: at least one", [bool(set(r["named"]) & set(r["true"])) for r in rows], 0.95),
-        share("two effects: none that is not there", [not set(r["named"]) - set(r["true"]) for r in rows]),
     ]
 
 

@@ -68,7 +68,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         *_detection_rows(rows_of_effects),
         *_platform([r for r in rows if r["kind"] == "platform_only" and r["eligible"]]),
         *_none_and_unknown(rows),
-        *_pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]]),
+        *pairs([r for r in rows if r["kind"] == "pair" and r["eligible"]], 0.90, 0.99),
         *_shrink([r for r in rows if r["kind"] == "effect"]),
         *probabilities(rows),
         *_detail_measures(rows_of_effects),
@@ -144,10 +144,11 @@ def _removed_right(row: Row) -> bool:
     return row["verdict"] == UNKNOWN or bool(_mimics(row) & {row["verdict"]})
 
 
-def _pairs(rows: list[Row]) -> list[Measure]:
+def pairs(rows: list[Row], exact: float, at_least_one: float) -> list[Measure]:
+    """Of cases with two effects, with the goals of the first two."""
     return [
-        share("two effects: exact pair", [set(r["named"]) == set(r["true"]) for r in rows], 0.90),
-        share("two effects: at least one", [bool(set(r["named"]) & set(r["true"])) for r in rows], 0.99),
+        share("two effects: exact pair", [set(r["named"]) == set(r["true"]) for r in rows], exact),
+        share("two effects: at least one", [bool(set(r["named"]) & set(r["true"])) for r in rows], at_least_one),
         share("two effects: none that is not there", [not set(r["named"]) - set(r["true"]) for r in rows]),
     ]
 

@@ -84,11 +84,10 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
         return cause
     # The evidence of a cause contains the prior of its place; that of a set of places replaces it.
     log_evidence = cause.log_evidence + math.log(cause.places[cause.place]) + math.log(len(names))
-    alone = cause.log_evidence - math.log(2.0)
-    total, best_number = [alone], 0
-    further: list[Cause] = []
+    sets: list[tuple[float, tuple[Cause, ...]]] = [(cause.log_evidence - math.log(2.0), ())]
+    further: tuple[Cause, ...] = ()
     given = include_cause(likelihood, cause)
-    while left := [name for name in names if name != cause.place and name not in {part.place for part in further}]:
+    while left := [name for name in names if name not in {cause.place, *(part.place for part in further)}]:
         if not (places := _evidence_by_place(given, inputs, effect, left)):
             break
         if _total_log_evidence(places) > VERDICT.detection_threshold:
@@ -97,13 +96,12 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
         if part.log_evidence < max(VERDICT.detection_threshold, VERDICT.min_gain_share_same_part * log_evidence):
             break
         log_evidence += part.log_evidence + math.log(part.places[part.place]) + math.log(len(left))
-        further.append(part)
+        further = (*further, part)
         given = include_cause(given, part)
-        number = len(further) + 1
-        total.append(log_evidence - math.log(2.0 * (len(names) - 1) * math.comb(len(names), number)))
-        if total[-1] > total[best_number]:
-            best_number = number - 1
-    return replace(cause, log_evidence=float(log_sum(np.array(total))), further=tuple(further[:best_number]))
+        alike = 2.0 * (len(names) - 1) * math.comb(len(names), len(further) + 1)  # sets that share the prior
+        sets.append((log_evidence - math.log(alike), further))
+    _, likeliest = max(sets, key=lambda entry: entry[0])
+    return replace(cause, log_evidence=float(log_sum(np.array([log for log, _ in sets]))), further=likeliest)
 
 
 @dataclass(frozen=True)

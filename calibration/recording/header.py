@@ -7,8 +7,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from calibration.base.arrays import Array
 from calibration.base.toml_file import Label, Section
 from calibration.instruments.station_geometry import CertifiedLength, StationAccuracy
 from calibration.model.payload import PayloadEntry
@@ -99,6 +102,57 @@ class SessionEntry(Section):
     )
 
 
+Nodes = Annotated[tuple[Annotated[float, Field(ge=-1.0e3, le=1.0e3)], ...], Field(min_length=2, max_length=64)]
+Correction = Annotated[float, Field(ge=-1.0, le=1.0)]
+
+
+class KnownTable(Section):
+    """A compensation table that is kept for the machine, active or not: metres that are added to a drive's command,
+    bilinear between its nodes, held at the edge beyond them."""
+
+    generation: int = Field(ge=1, description="Generation that the table belongs to; it has at most one a drive.")
+    drive: Name = Field(description="Drive that it corrects.")
+    own_m: Nodes = Field(description="Nodes of that drive's commanded coordinate, rising.")
+    partner: Name | None = Field(default=None, description="Drive whose commanded coordinate it depends on as well.")
+    partner_m: Nodes | None = Field(default=None, description="Nodes of the partner's commanded coordinate, rising.")
+    corrections_m: tuple[tuple[Correction, ...], ...] = Field(
+        description="Corrections: a list for each own node, with one value for each node of the partner, or one alone."
+    )
+
+    @model_validator(mode="after")
+    def _check_grid(self) -> Self:
+        if (self.partner is None) != (self.partner_m is None):
+            raise ValueError("'partner' and 'partner_m' go together")
+        if self.partner == self.drive:
+            raise ValueError("'partner' is the drive itself")
+        for nodes in (self.own_m, self.partner_m or (0.0,)):
+            if np.any(np.diff(nodes) <= 0.0):
+                raise ValueError("the nodes of a table rise")
+        columns = len(self.partner_m or (0.0,))
+        if len(self.corrections_m) != len(self.own_m) or any(len(row) != columns for row in self.corrections_m):
+            raise ValueError(f"'corrections_m' holds {len(self.own_m)} lists of {columns}, one value a node")
+        return self
+
+    def correction_m(self, own_m: Array, partner_m: Array) -> Array:
+        """Corrections (n,) at commanded coordinates (n,) of the drive and of its partner."""
+        corrections = np.array(self.corrections_m)
+        row, up = _cell(self.own_m, own_m)
+        column, along = _cell(self.partner_m or (0.0,), partner_m)
+        beside = np.minimum(column + 1, corrections.shape[1] - 1)
+        low, high = ((1.0 - along) * corrections[r, column] + along * corrections[r, beside] for r in (row, row + 1))
+        return np.asarray((1.0 - up) * low + up * high)
+
+
+def _cell(nodes: tuple[float, ...], at: Array) -> tuple[NDArray[np.intp], Array]:
+    """First node (n,) of the cell that holds each coordinate (n,), and how far (n,) across it, in [0, 1]."""
+    if len(nodes) == 1:
+        return np.zeros(len(at), dtype=np.intp), np.zeros(len(at))
+    grid = np.array(nodes)
+    first = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
+    across = (at - grid[first]) / (grid[first + 1] - grid[first])
+    return first, np.clip(across, 0.0, 1.0)
+
+
 class RecordingFile(Section):
     """The header of a recording: the rig, its station and payloads, and the stated accuracies."""
 
@@ -125,6 +179,11 @@ class RecordingFile(Section):
     sessions: tuple[SessionEntry, ...] = Field(
         default=(), max_length=10_000, description="The processes that measured, in order."
     )
+    known_tables: tuple[KnownTable, ...] = Field(
+        default=(),
+        max_length=1000,
+        description="Compensation tables that are kept for the machine, of all generations.",
+    )
     columns: dict[str, str] = Field(
         default_factory=dict, description="Notes on columns of your own that are not read, by their names."
     )
@@ -137,7 +196,7 @@ class RecordingFile(Section):
     def _without_later_keys(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Version 0.1, which does not know these keys, can still read recordings that need none of them."""
         data: dict[str, Any] = serialise(self)
-        for key in ("extra_columns", "simulated", "sessions"):
+        for key in ("extra_columns", "simulated", "sessions", "known_tables"):
             if not data.get(key):
                 data.pop(key, None)
         return data
@@ -145,6 +204,18 @@ class RecordingFile(Section):
     @model_validator(mode="after")
     def _check_extra_columns(self) -> Self:
         check_extra_columns(self.drives, self.sensors, self.extra_columns)
+        return self
+
+    @model_validator(mode="after")
+    def _check_known_tables(self) -> Self:
+        seen = set()
+        for table in self.known_tables:
+            for drive in (table.drive, table.partner or table.drive):
+                if drive not in self.drives:
+                    raise ValueError(f"a known table is of '{drive}', the drives are {', '.join(self.drives)}")
+            if (table.generation, table.drive) in seen:
+                raise ValueError(f"two known tables of generation {table.generation} for '{table.drive}'; keep one")
+            seen.add((table.generation, table.drive))
         return self
 
 

@@ -66,9 +66,11 @@ outliers: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.outliers $(if $(SEEDS),--seeds $(SEEDS))
 
 # The diagnosis on withheld cases, sealed (docs/explanation/withheld.md): seed of the operating system, final variants,
-# one line in the committed log. N=60 for a first look; SEED=1 is for development: no final variants, no log. Stopped, it goes on.
+# one line in the committed log. N=60 for a first look; SEED=1 is for development: no final variants, no log; WHOLE=1 leaves
+# no forms out of the catalogue. Stopped, it goes on.
 withheld: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.withheld.run $(if $(SEED),--seed $(SEED),--final) $(if $(N),--n $(N))
+	$(BIN)/python -m benchmarks.withheld.run $(if $(SEED),--seed $(SEED),--final) $(if $(N),--n $(N)) \
+		$(if $(WHOLE),--no-leave-form-out)
 
 # The diagnosis on recordings of another simulator (docs/explanation/independent.md), if they lie in
 # ../shared/independent or DATA=FOLDER: even numbers, with a list of the misjudged. N=10 for a first look; GROSS=1 plants

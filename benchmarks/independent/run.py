@@ -165,7 +165,7 @@ def diagnose_batch(
         shutil.copytree(out / "recordings" / name, folder / "recordings" / name)
         if prepare is not None:
             prepare(folder / "recordings" / name)
-    table = {name: {"without": []} for name in names}
+    table = {name: {"without": [], "without_forms": []} for name in names}
     (folder / "recordings" / "options.json").write_text(json.dumps(table), encoding="utf-8")
     diagnose(folder / "recordings", folder / "answers", function, "--no-baselines")
     given = json.loads((folder / "answers" / "answers.json").read_text(encoding="utf-8"))

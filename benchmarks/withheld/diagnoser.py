@@ -2,7 +2,8 @@
 
     python -m benchmarks.withheld.diagnoser RECORDINGS ANSWERS [--diagnose MODULE:FUNCTION]
 
-RECORDINGS holds recording folders and options.json (by folder: names that the catalogue shall not have). Writes
+RECORDINGS holds recording folders and options.json (by folder: names of effects, and of forms of others, that the
+catalogue shall not have). Writes
 ANSWERS/answers.json and one npz a recording, named with its hash in answers.json. Exit status 1 if the mock plant was
 asked for (`sealing`); nothing is written then.
 """
@@ -49,17 +50,17 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def loaded(name: str) -> Callable[..., Any]:
-    """The function of MODULE:FUNCTION; it takes a recording and the names to leave out of the catalogue."""
+    """The function of MODULE:FUNCTION; it takes a recording, then effects and forms that are left out."""
     module, _, function = name.partition(":")
     return getattr(importlib.import_module(module), function)
 
 
-def real(recording: Any, without: tuple[str, ...]) -> Any:
+def real(recording: Any, without: tuple[str, ...], without_forms: tuple[str, ...] = ()) -> Any:
     """The diagnosis that users have."""
     from calibration.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from calibration.effects.catalogue import load_catalogue  # noqa: PLC0415 - sealed first
 
-    return diagnose(recording, load_catalogue(without=without))
+    return diagnose(recording, load_catalogue().without_forms(without_forms).without(without))
 
 
 def answer_all(
@@ -82,10 +83,11 @@ def _answer(
 
     recording = read_folder(folder)
     without = tuple(entry["without"])
-    out: dict[str, Any] = {"without": list(without)}
+    without_forms = tuple(entry["without_forms"])
+    out: dict[str, Any] = {"without": list(without), "without_forms": list(without_forms)}
     started, on_core = time.perf_counter(), time.process_time()
     try:
-        diagnosis = diagnose(recording, without)
+        diagnosis = diagnose(recording, without, without_forms)
         out |= _lasted(started, on_core)
         out["diagnosis"] = to_data(diagnosis)
         with io.BytesIO() as stream:

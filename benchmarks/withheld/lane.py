@@ -39,6 +39,7 @@ class LaneOptions:
     batch: int
     diagnose: str
     noise: bool
+    leave_form_out: bool
     out: Path
     done: tuple[str, ...]
     finished: int
@@ -107,6 +108,7 @@ class MakerProcess:
         answer = self.ask(
             do="start", seed=options.seed, final=options.final, n=options.n, kinds=options.kinds,
             lane=options.lane, lanes=options.lanes, batch=options.batch, done=options.done, finished=options.finished,
+            leave_form_out=options.leave_form_out,
         )  # fmt: skip
         return str(answer["commitment"])
 

@@ -3,8 +3,9 @@
     python -m benchmarks.withheld.maker
 
 One JSON object a line on standard input, one answer a line on standard output:
-`start` (seed or null, final, n, kinds, lane, lanes, done), `make` (folder), `more` (folder, proposals), `seal` (file,
-answers_sha256), `stop`. Without a seed every process draws its own from the operating system; it is never written:
+`start` (seed or null, final, n, kinds, lane, lanes, done, leave_form_out), `make` (folder), `more` (folder,
+proposals), `seal` (file, answers_sha256), `stop`. Without a seed every process draws its own from the operating
+system; it is never written:
 of each batch only its own seed, which does not lead to any other's, is told with the truth.
 """
 
@@ -24,12 +25,15 @@ from numpy.typing import NDArray
 
 from benchmarks.withheld.cases import BATCH, Slot, drawn_order, plan
 from benchmarks.withheld.designs import COUNTS, FEW, Designs
+from benchmarks.withheld.left_out_forms import FormComparison, LeftOut
 from benchmarks.withheld.making import Case, make_case, platform_rows
 from benchmarks.withheld.mimics import MimicLibraries
+from benchmarks.withheld.scorer import WHOLE
 from benchmarks.withheld.second_round import longer_recordings
 from mock_devices.recordings.files import write_recording
 
 SHORT = 300  # cases
+TWICE = ("effect", "pair")  # kinds that are diagnosed with the whole catalogue too
 
 
 @dataclass
@@ -43,10 +47,13 @@ class Maker:
     finished: int = 0
     batch_size: int = BATCH
     few_designs: bool = False
+    leave_form_out: bool = True
     _secret: int = field(init=False)
     _designs: Designs = field(init=False)
     _libraries: MimicLibraries = field(default_factory=MimicLibraries)
+    _comparison: FormComparison = field(default_factory=FormComparison)
     _cases: dict[str, Case] = field(default_factory=dict)
+    _left_out: dict[str, LeftOut] = field(default_factory=dict)
     _longer: dict[str, dict[str, Any]] = field(default_factory=dict)
     _batch_seed: int = 0
 
@@ -74,19 +81,27 @@ class Maker:
         return len(cases)
 
     def add_cases(self, folder: Path, proposals: dict[str, Any]) -> int:
-        """Measure further on the rigs of the `next` cases: what was proposed, and at random. Two recordings each."""
+        """What is asked after the first answers: recordings of the `next` cases measured further, as was proposed and
+        at random, and once more those of which the true effect's own forms were left out, with the whole catalogue."""
         rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 1])
         cases: dict[str, Any] = {}
+        options: dict[str, dict[str, list[str]]] = {}
+
+        def again(name: str, arm: str, recording: Any, without_forms: tuple[str, ...]) -> None:
+            retry = secrets.token_hex(8)
+            cases[retry], options[retry] = recording, option((), without_forms)
+            self._longer[retry] = {"of": name, "arm": arm}
+
         for name, case in self._cases.items():
-            if case.slot.kind != "next":
-                continue
-            for arm, recording in longer_recordings(case, proposals.get(name, []), rng).items():
-                retry = secrets.token_hex(8)
-                cases[retry] = recording
-                self._longer[retry] = {"of": name, "arm": arm}
+            left_out = self._left_out.get(name)
+            if case.slot.kind == "next":
+                for arm, recording in longer_recordings(case, proposals.get(name, []), rng).items():
+                    again(name, arm, recording, left_out.names if left_out else ())
+            elif case.slot.kind in TWICE and left_out and left_out.explained:
+                again(name, WHOLE, case.recording, ())
         for name in shuffled(list(cases)):
             write_recording(cases[name], folder / name)
-        write_options(folder, dict.fromkeys(cases, ()))
+        write_options(folder, options)
         return len(cases)
 
     def seal(self, file: Path, answers_sha256: str) -> str:
@@ -94,6 +109,8 @@ class Maker:
         if len(answers_sha256) != 64 or set(answers_sha256) - set("0123456789abcdef"):
             raise ValueError("the truth is given for the SHA-256 of the answers only")
         truth = {name: self._libraries.to_json(case) for name, case in self._cases.items()}
+        for name, left_out in self._left_out.items():
+            truth[name] = {**truth[name], "left_out": dict(left_out.explained), "decoys": list(left_out.decoys)}
         text = json.dumps(
             {
                 "answers_sha256": answers_sha256, "commitment": self.commitment, "batch_seed": str(self._batch_seed),
@@ -114,10 +131,16 @@ class Maker:
         return hashlib.sha256(file.read_bytes()).hexdigest()
 
     def _write(self, folder: Path, cases: dict[str, Case]) -> None:
-        self._cases = cases
+        self._cases, self._left_out = cases, {}
         for name in shuffled(list(cases)):
             write_recording(cases[name].recording, folder / name)
-        write_options(folder, {name: case.without for name, case in cases.items()})
+        if self.leave_form_out:
+            rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 2])
+            for name, case in cases.items():
+                changes = case.changes_by_effect() if case.slot.kind != "removed" else []
+                self._left_out[name] = self._comparison.left_out(folder / name, changes, rng)
+        forms = {name: left_out.names for name, left_out in self._left_out.items()}
+        write_options(folder, {name: option(case.without, forms.get(name, ())) for name, case in cases.items()})
 
 
 def derived(seed: int, purpose: str) -> int:
@@ -131,10 +154,15 @@ def shuffled(names: list[str]) -> list[str]:
     return names
 
 
-def write_options(folder: Path, without: dict[str, tuple[str, ...]]) -> None:
-    """What each diagnosis is told besides its recording: names that its catalogue shall not have."""
+def option(without: tuple[str, ...], without_forms: tuple[str, ...]) -> dict[str, list[str]]:
+    """What a diagnosis is told besides its recording: effects and forms that its catalogue shall not have."""
+    return {"without": list(without), "without_forms": list(without_forms)}
+
+
+def write_options(folder: Path, options: dict[str, dict[str, list[str]]]) -> None:
+    """The options of all recordings of a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    table = {name: {"without": list(without[name])} for name in sorted(without)}
+    table = {name: options[name] for name in sorted(options)}
     (folder / "options.json").write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
@@ -153,7 +181,10 @@ def main() -> int:
         if what == "start":
             slots = of_lane(plan(order["n"], order["kinds"]), order["lane"], order["lanes"], set(order["done"]))
             few = 0 < order["n"] <= SHORT
-            maker = Maker(order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few)
+            maker = Maker(
+                order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few,
+                order["leave_form_out"],
+            )  # fmt: skip
             answer = {"commitment": maker.commitment, "left": len(slots)}
         elif what == "stop" or maker is None:
             break

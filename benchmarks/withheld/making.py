@@ -43,6 +43,15 @@ class Case:
     change_m: Array
     without: tuple[str, ...]
 
+    def changes_by_effect(self) -> list[tuple[str, str, Array]]:
+        """Name, place ('' for the rig) and change (r, 3) of the readings, machine's axes, of each effect alone."""
+        facts = self.truth["effects"]
+        if len(facts) == 1:
+            return [(facts[0]["effect"], facts[0]["place"], self.change_m)]
+        alone = SizeScale(self.bench)
+        choices = self.bench.settings.effects
+        return [(f["effect"], f["place"], alone.change_m(c)) for f, c in zip(facts, choices, strict=True)]
+
 
 def make_case(slot: Slot, rng: np.random.Generator, designs: Designs, *, final: bool | None) -> Case:
     """Draw and carry out one case. `final` as in `mock_devices.effects.draw`."""

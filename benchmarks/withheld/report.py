@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from benchmarks.withheld.methods import baseline_table, shrink_baseline
 from benchmarks.withheld.score_rows import right
-from benchmarks.withheld.table import measures
+from benchmarks.withheld.table import measures, whole_measures
+from mock_devices.effects import CATALOGUE
 
 Row = dict[str, Any]
 
@@ -18,8 +20,11 @@ PLAIN = (" in s ", "class size", "error", "log score")  # measures that are no p
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """All figures of the rows."""
+    left_out = any(row.get("decoys") for row in rows)
     return {
         "measures": [measure.data() for measure in measures(rows)],
+        "whole_catalogue": [measure.data() for measure in whole_measures(rows)] if left_out else [],
+        "left_out": left_out_forms(rows) if left_out else [],
         "effects": by_effect(rows),
         "baselines": baseline_table(rows),
         "shrink_baseline": shrink_baseline(rows),
@@ -45,9 +50,36 @@ def by_effect(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return out
 
 
+def left_out_forms(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """By effect: cases, those of which nothing had to be left out, forms left out a case, and how often each was."""
+    of_effect: dict[str, list[list[str]]] = {}
+    for row in rows:
+        if row["kind"] == "removed":
+            continue
+        for name in row["true"]:
+            if name in CATALOGUE:
+                forms = [form.partition("/") for form in row["left_out"]]
+                of_effect.setdefault(name, []).append([form for effect, _, form in forms if effect == name])
+    return [
+        {
+            "effect": name,
+            "cases": len(cases),
+            "nothing": sum(not forms for forms in cases),
+            "forms_a_case": sum(map(len, cases)) / len(cases),
+            "forms": dict(Counter(form for forms in cases for form in forms).most_common()),
+        }
+        for name, cases in sorted(of_effect.items())
+    ]
+
+
 def printed(summary_data: dict[str, Any]) -> str:
     """The table for people."""
-    lines = [*measure_lines(summary_data["measures"]), "", *effect_lines(summary_data["effects"])]
+    lines = measure_lines(summary_data["measures"])
+    if summary_data["left_out"]:
+        title = "leave-form-out: without each effect's forms that explain more than 98 % of its true change"
+        lines = [title, *lines, "", "with the whole catalogue", *measure_lines(summary_data["whole_catalogue"])]
+        lines += ["", *left_out_lines(summary_data["left_out"])]
+    lines += ["", *effect_lines(summary_data["effects"])]
     lines += ["", f"{'right answers of':26} {'effects':>9} {'null':>9} {'outside':>9} {'mean':>9}"]
     for b in summary_data["baselines"]:
         values = [b["effect"]["value"], b["null"]["value"], b["outside"]["value"], b["mean_of_kinds"]]
@@ -70,6 +102,20 @@ def measure_lines(measures_data: Sequence[dict[str, Any]]) -> list[str]:
         verdict = {None: "", True: "ok", False: "short"}[m["ok"]]
         lines.append(f"{m['name']:58} {m['goal']:>18} {value:>8} {interval:>18} {m['n']:>6}  {verdict}".rstrip())
     return lines
+
+
+def left_out_lines(left_out: Sequence[dict[str, Any]]) -> list[str]:
+    """What was left out of the catalogue, as a table."""
+    cases, nothing = (sum(entry[key] for entry in left_out) for key in ("cases", "nothing"))
+    return [
+        f"{'left out':26} {'a case':>7}   {'nothing':>10}   forms (cases)",
+        *(
+            f"{e['effect']:26} {e['forms_a_case']:>7.1f}   {e['nothing']:>3} of {e['cases']:<3}   "
+            f"{', '.join(f'{form} ({count})' for form, count in e['forms'].items())}".rstrip()
+            for e in left_out
+        ),
+        f"{'all':26} {'':>7}   {nothing:>3} of {cases:<3}",
+    ]
 
 
 def effect_lines(effects: Sequence[dict[str, Any]]) -> list[str]:
@@ -99,6 +145,11 @@ def log_entry(
         "figures": {
             m["name"]: [None if m[k] is None else round(m[k], 4) for k in ("value", "low", "high")] + [m["n"], m["ok"]]
             for m in summary_data["measures"]
+        },
+        "leave_form_out": bool(summary_data["left_out"]),
+        "whole_catalogue": {
+            m["name"]: [None if m[k] is None else round(m[k], 4) for k in ("value", "low", "high")] + [m["n"], m["ok"]]
+            for m in summary_data["whole_catalogue"]
         },
     }
 

@@ -1,6 +1,6 @@
 """Checks the diagnosis on withheld cases: one table, three pictures (docs/explanation/withheld.md).
 
-    python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2]
+    python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2] [--no-leave-form-out]
 
 --final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
 comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any time,
@@ -41,7 +41,8 @@ def main(arguments: list[str] | None = None) -> int:
     settings = {
         "seed": "operating system" if options.final else options.seed,
         "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
-        "diagnose": options.diagnose, "noise": options.noise, **({"code": code_digest()} if options.final else {}),
+        "diagnose": options.diagnose, "noise": options.noise, "leave_form_out": options.leave_form_out,
+        **({"code": code_digest()} if options.final else {}),
     }  # fmt: skip
     out = (options.out or default_folder(options, settings)).resolve()
     results = ResultsFile(out / "results.jsonl", settings)
@@ -106,6 +107,7 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
         batch=options.batch,
         diagnose=options.diagnose,
         noise=options.noise,
+        leave_form_out=options.leave_form_out,
         out=out,
         done=tuple(sorted(done)),
         finished=0,
@@ -129,7 +131,8 @@ def default_folder(options: argparse.Namespace, settings: dict[str, Any]) -> Pat
     """The folder of the run that was stopped, or a new one; a development run has one by its seed."""
     base = ROOT / "runs" / "withheld"
     if not options.final:
-        return base / f"seed-{options.seed}-n{options.n}{'-noise' if options.noise else ''}"
+        kind = f"{'-noise' if options.noise else ''}{'' if options.leave_form_out else '-whole'}"
+        return base / f"seed-{options.seed}-n{options.n}{kind}"
     number = 1
     while (base / f"final-{number}").exists():
         folder = base / f"final-{number}"
@@ -153,6 +156,10 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, help="folder of the run")
     parser.add_argument("--lanes", type=int, default=2, help="makers and diagnosers at work side by side")
     parser.add_argument("--noise", action="store_true", help="replace readings by noise: scores must fall to chance")
+    parser.add_argument(
+        "--leave-form-out", action=argparse.BooleanOptionalAction, default=True,
+        help="leave forms out of the catalogue that explain a case's change by themselves (left_out_forms)",
+    )  # fmt: skip
     parser.add_argument("--batch", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--diagnose", default="", help=argparse.SUPPRESS)
     parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.withheld.scorer import NONE, UNKNOWN
+from benchmarks.withheld.scorer import NONE, UNKNOWN, WHOLE
 
 Row = dict[str, Any]
 
@@ -19,6 +19,12 @@ def right(row: Row) -> bool:
 def in_class(row: Row) -> bool:
     """Verdict or its equivalents hold the one true effect."""
     return row["true"][0] in (row["verdict"], *row["equivalent"])
+
+
+def with_whole_catalogue(row: Row) -> Row:
+    """The row with the answer given with the whole catalogue. It is the same where no form of the true effect was left
+    out; forms of other effects, which are left out as decoys, are none that the answer could need."""
+    return {**row, **row.get(WHOLE, {})}
 
 
 def answerable(row: Row) -> bool:

@@ -22,7 +22,7 @@ from calibration.diagnosis.result import (
 from calibration.recording.recording import Recording
 
 
-def diagnose(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:
+def diagnose(recording: Recording, without: tuple[str, ...] = (), without_forms: tuple[str, ...] = ()) -> Diagnosis:
     """The nearest residual's effect; predicts what was measured."""
     verdict = simple_answers(recording, without)["nearest_residual"]
     platform = {s.name for s in recording.machine.smrs if s.on == "platform"}
@@ -50,14 +50,18 @@ def diagnose(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:
     )
 
 
-def asks_for_the_plant(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:
+def asks_for_the_plant(
+    recording: Recording, without: tuple[str, ...] = (), without_forms: tuple[str, ...] = ()
+) -> Diagnosis:
     """One that cheats, and hides it."""
     with contextlib.suppress(Exception):
         __import__("mock_devices.effects")
     return diagnose(recording, without)
 
 
-def reads_a_truth(recording: Recording, without: tuple[str, ...] = ()) -> Diagnosis:
+def reads_a_truth(
+    recording: Recording, without: tuple[str, ...] = (), without_forms: tuple[str, ...] = ()
+) -> Diagnosis:
     """One that looks for the truths of former batches, and hides it."""
     with contextlib.suppress(Exception):
         Path("truth.json").read_text(encoding="utf-8")

@@ -18,6 +18,7 @@ from benchmarks.withheld.score_rows import (
     right,
     shrink_covered,
     shrink_off,
+    with_whole_catalogue,
 )
 from benchmarks.withheld.scorer import UNKNOWN
 from benchmarks.withheld.statistics import Z95, excess_calibration_error, paired_difference, wilson
@@ -75,6 +76,15 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         *_next([r for r in rows if r["kind"] == "next" and "after_chosen" in r]),
         *_costs(rows),
         *_final_measures(rows_of_effects),
+    ]
+
+
+def whole_measures(rows: Sequence[Row]) -> list[Measure]:
+    """What is reached with the whole catalogue, on cases that are diagnosed with and without some of its forms."""
+    whole = [with_whole_catalogue(r) for r in rows]
+    return [
+        *_detection_rows([r for r in whole if r["kind"] == "effect" and r["eligible"]]),
+        *pairs([r for r in whole if r["kind"] == "pair" and r["eligible"]], 0.90, 0.99),
     ]
 
 

@@ -74,15 +74,16 @@ class LinearModel(ObservedModel):
         return whitened_shift(self.whiten, self.frame, shift_m)
 
 
-def linearise_recording(recording: Recording) -> LinearModel:
+def linearise_recording(recording: Recording, *, judge: bool = True) -> LinearModel:
     """Fit the model to a recording and linearise it there, wrong readings left out (outlying_readings).
 
-    Raises InputError if the readings do not allow it.
+    judge: whether wrong readings are looked for; the costliest part, in vain where there are none. Raises
+    InputError if the readings do not allow it.
     """
     usable = usable_rows(recording)
     rows = usable
     for _ in range(GATINGS):
-        linear, keep = _linearise_rows(recording, rows, np.setdiff1d(usable, rows))
+        linear, keep = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge)
         if np.all(keep):
             break
         rows = rows[keep]
@@ -90,7 +91,7 @@ def linearise_recording(recording: Recording) -> LinearModel:
 
 
 def _linearise_rows(
-    recording: Recording, rows: NDArray[np.intp], wrong: NDArray[np.intp]
+    recording: Recording, rows: NDArray[np.intp], wrong: NDArray[np.intp], *, judge: bool
 ) -> tuple[LinearModel, NDArray[np.bool_]]:
     """The linear model of some rows (n,) without wrong ones (k,), and which of them (n,) fit the others."""
     setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
@@ -117,7 +118,7 @@ def _linearise_rows(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
-    keep = fitting_readings(observed, whiten, residual, columns)
+    keep = fitting_readings(observed, whiten, residual, columns) if judge else np.ones(len(rows), dtype=np.bool_)
     q = _inverse_covariance_factor(columns)
     weight = outlier_weights(residual, q)
     if weight is not None:

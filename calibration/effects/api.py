@@ -9,8 +9,8 @@ size of one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -59,20 +59,34 @@ class BasisSet:
     curve: CurvePoint | None = None
     size: tuple[float, ...] = ()
 
+    @property
+    def main(self) -> tuple[int, ...]:
+        """Numbers of the columns that are not mere departures: those whose standard deviation is the size itself."""
+        return tuple(c for c, relative in zip(self.columns, self.relative, strict=True) if relative == 1.0)
+
 
 class BasisSets:
-    """The columns and basis sets of an effect at one place."""
+    """The columns and basis sets of an effect at one place. named (k,): the form of each column, empty if it has none.
+
+    A form is a formula with a name, whatever its parameters. Columns without one are general: smooth, rough or periodic
+    functions of a coordinate, which may take any shape.
+    """
 
     def __init__(self) -> None:
         self.contributions: list[Contributions] = []
         self.sets: list[BasisSet] = []
+        self.named: list[str] = []
 
-    def add(self, *contributions: tuple[str, Array]) -> list[int]:
-        """Columns that act through one or several channels at once, (n,) or (n, k) each. Returns their numbers."""
+    def add(self, *contributions: tuple[str, Array], form: str = "") -> list[int]:
+        """Columns that act through one or several channels at once, (n,) or (n, k) each. Returns their numbers.
+
+        form: name of the formula that they are; left out for general functions.
+        """
         wide = [(channel, shape[:, None] if shape.ndim == 1 else shape) for channel, shape in contributions]
         first = len(self.contributions)
         for k in range(wide[0][1].shape[1]):
             self.contributions.append(tuple((channel, shape[:, k]) for channel, shape in wide))
+        self.named += [form] * wide[0][1].shape[1]
         return list(range(first, len(self.contributions)))
 
     def add_set(
@@ -94,6 +108,25 @@ class BasisSets:
         if flexible:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
             self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=size))
+
+    def without_forms(self, names: Collection[str]) -> BasisSets:
+        """The same columns; basis sets without those of some forms, and without sets that are made of them."""
+        out, seen = BasisSets(), set()
+        out.contributions, out.named = self.contributions, self.named
+        for basis_set in self.sets:
+            if any(self.named[c] in names for c in basis_set.main):
+                continue
+            kept = [k for k, c in enumerate(basis_set.columns) if self.named[c] not in names]
+            left = replace(
+                basis_set,
+                columns=tuple(basis_set.columns[k] for k in kept),
+                relative=tuple(basis_set.relative[k] for k in kept),
+            )
+            key = (left.columns, left.relative, tuple(left.parameters.items()))
+            if key not in seen:  # what is left of one may be another
+                out.sets.append(left)
+            seen.add(key)
+        return out
 
     form = former_name("add_set")
     forms = former_name("sets")
@@ -121,7 +154,7 @@ class Curve:
     """A family of columns that is not linear in its parameters (p), fitted iteratively from several starts (m, p).
 
     The first parameter carries the size. low, high (p,): limits; spread (p,): prior standard deviations about zero,
-    infinite where only the limits are known.
+    infinite where only the limits are known. form: its name, as that of a column.
     """
 
     starts: Array
@@ -129,6 +162,15 @@ class Curve:
     high: Array
     spread: Array
     tangent: Callable[[Array], Tangent]
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class Textbook:
+    """The form of an effect that textbooks give, and where it stands."""
+
+    form: str
+    source: str
 
 
 @dataclass(frozen=True)
@@ -209,8 +251,9 @@ class Effect:
     in the size's unit: only more than twice as much is the effect. curves: families of columns that are not linear in
     their parameters; they are fitted only where the basis sets have evidence. measured: how the size follows from
     several main columns: the norm of their coefficients, their sum, or RMS or range over the readings of what they
-    contribute at their channel. order: position in the shipped catalogue and in its lists; a user's effect comes after
-    all shipped ones.
+    contribute at their channel. textbook: the form that is never left out (`without_forms`); None for an effect that is
+    general functions only. order: position in the shipped catalogue and in its lists; a user's effect comes after all
+    shipped ones.
     """
 
     name: str
@@ -224,6 +267,7 @@ class Effect:
     declared: Callable[[DisturbanceLevels], float] = lambda nuisance: 0.0
     measured: SizeMeasure = "norm"
     curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
+    textbook: Textbook | None = None
     order: float = math.inf
 
     def contributions(
@@ -239,6 +283,18 @@ class Effect:
                 f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(parameters)}"
             )
         return chosen.tangent(np.clip(parameters, chosen.low, chosen.high)).contributions
+
+    def without_forms(self, names: Collection[str]) -> Effect:
+        """The effect without some of its forms; general functions and the textbook's form stay."""
+        left_out = set(names) - ({self.textbook.form} if self.textbook else set()) - {""}
+        if not left_out:
+            return self
+        forms, curves = self.forms, self.curves
+        return replace(
+            self,
+            forms=lambda inputs, place: forms(inputs, place).without_forms(left_out),
+            curves=lambda inputs, place: tuple(c for c in curves(inputs, place) if c.form not in left_out),
+        )
 
     def smallest_size(self, nuisance: DisturbanceLevels) -> float:
         """The smallest size that counts as this effect and not as a disturbance that the recording declares."""

@@ -47,6 +47,17 @@ class Catalogue:
             self.effect(name)
         return Catalogue(tuple(effect for effect in self.effects if effect.name not in names))
 
+    def without_forms(self, names: Collection[str]) -> Catalogue:
+        """The catalogue without some forms, each named EFFECT/FORM. Raises InputError for an effect that is not in it.
+
+        A form that its effect does not have on a recording, and a textbook's, are ignored.
+        """
+        by_effect: dict[str, set[str]] = {}
+        for name in names:
+            effect, _, form = name.partition("/")
+            by_effect.setdefault(self.effect(effect).name, set()).add(form)
+        return Catalogue(tuple(effect.without_forms(by_effect.get(effect.name, ())) for effect in self.effects))
+
 
 def load_catalogue(files: Sequence[Path] = (), *, without: Collection[str] = ()) -> Catalogue:
     """The shipped effects in their order, then those of installed packages (entry points `pkm_rig.effects`) and files.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, geometric_series, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
 from calibration.effects.basis_functions import cosine_basis, tensor_product
 
 REFERENCE_SPEED_M_PER_S = 0.5
@@ -20,17 +20,18 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
     for other in inputs.other_drives(drive):
         (middle, half), q = inputs.travel_range_m(other), context.drives[:, other]
         x, u = q - middle, inputs.normalised_travel(other)
-        straight = sets.add((travel, x))
+        straight = sets.add((travel, x), form="in_proportion")
         curve = sets.add((travel, half * cosine_basis(q, 5)))
-        crossed = sets.add(
-            (travel, half * tensor_product(np.stack([u, u**2], axis=1), np.stack([mine, mine**2 - 0.4], axis=1)))
-        )
+        products = half * tensor_product(np.stack([u, u**2], axis=1), np.stack([mine, mine**2 - 0.4], axis=1))
+        crossed = sets.add((travel, products), form="product")
         sets.add_set(straight, curve[1:], share=0.5)
         sets.add_set(curve)
         sets.add_set(crossed[:1], (*straight, *crossed[1:], *curve), share=0.3)
-        pushed = sets.add((travel, 0.25 * context.direction[:, other]))
+        push = 0.25 * context.direction[:, other]
+        pushed = sets.add((travel, push), form="by_approach")
         for speed in _speeds(inputs):
-            sets.add_set(sets.add((travel, 0.25 * context.direction[:, other] * speed)), pushed, share=0.3, weight=0.5)
+            faster = sets.add((travel, push * speed), form="by_approach_speed")
+            sets.add_set(faster, pushed, share=0.3, weight=0.5)
     return sets
 
 
@@ -39,23 +40,24 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     sets, context = BasisSets(), inputs.context
     drives = range(len(inputs.machine.drive_names))
 
-    def all_drives(shape: Array) -> list[int]:
-        return sets.add(*((f"travel.{inputs.drive(a)}", shape[:, a]) for a in drives))
+    def all_drives(shape: Array, form: str) -> list[int]:
+        return sets.add(*((f"travel.{inputs.drive(a)}", shape[:, a]) for a in drives), form=form)
 
-    def one_drive(shape: Array) -> list[int]:
+    def one_drive(shape: Array, form: str) -> list[int]:
         """Of each drive but the last: how much its delay differs from the others'."""
-        return [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", shape[:, a]))]
+        return [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", shape[:, a]), form=form)]
 
     speed = np.abs(context.velocity_m_per_s).max(axis=1, keepdims=True)
-    moving = all_drives(context.velocity_m_per_s)
-    faster = all_drives(context.velocity_m_per_s * speed / 0.25)
+    moving = all_drives(context.velocity_m_per_s, "dead_time")
+    faster = all_drives(context.velocity_m_per_s * speed / 0.25, "by_speed")
     sets.add_set(moving, faster, share=0.5)
-    sets.add_set(moving, (*faster, *one_drive(context.velocity_m_per_s)), share=0.7)
+    sets.add_set(moving, (*faster, *one_drive(context.velocity_m_per_s, "by_drive")), share=0.7)
     for reached in _speeds(inputs)[::2]:
         for tau in geometric_series(0.15, 5.0, 6):
             late = np.exp(-context.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
             behind = -context.direction * late[:, None]
-            sets.add_set(all_drives(behind), one_drive(behind), share=0.7, tau_s=tau, weight=0.2)
+            of_all, of_one = all_drives(behind, "filtering"), one_drive(behind, "filtering_by_drive")
+            sets.add_set(of_all, of_one, share=0.7, tau_s=tau, weight=0.2)
     return sets
 
 
@@ -67,11 +69,13 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
         behind = -context.direction[:, drive] * speed
         any_way = sets.add((travel, behind[:, None] * rest))
         for tau in DWELL_TIMES_S:
-            sets.add_set(sets.add((travel, behind * np.exp(-context.dwell_s / tau))), any_way, share=0.4, tau_s=tau)
+            lagging = sets.add((travel, behind * np.exp(-context.dwell_s / tau)), form="exponential")
+            sets.add_set(lagging, any_way, share=0.4, tau_s=tau)
         for tau in DWELL_TIMES_S[1::2]:
             t = context.dwell_s / tau
             ringing = np.stack([np.exp(-0.5 * t) * np.cos(w * t) for w in (1.5, 2.5, 4.0)], axis=1)
-            sets.add_set(sets.add((travel, behind[:, None] * ringing)), any_way, share=0.4, tau_s=tau, weight=0.5)
+            oscillating = sets.add((travel, behind[:, None] * ringing), form="ringing")
+            sets.add_set(oscillating, any_way, share=0.4, tau_s=tau, weight=0.5)
     return sets
 
 
@@ -110,6 +114,7 @@ EFFECTS = (
         confounded=("screw_cumulative_error",),
         forms=coupling,
         untested=_untested_with_one_drive,
+        textbook=Textbook("in_proportion", "ISO 230-1: squareness and parallelism of axes"),
         order=180,
     ),
     Effect(
@@ -120,6 +125,7 @@ EFFECTS = (
         confounded=("servo_settling",),
         forms=latency,
         untested=_untested_at_rest,
+        textbook=Textbook("dead_time", "Åström, Hägglund, PID Controllers: dead time"),
         order=190,
     ),
     Effect(
@@ -131,6 +137,7 @@ EFFECTS = (
         forms=servo_settling,
         others=(EffectParameter("tau_s", 0.3, 20.0, "s", "time constant"),),
         untested=_untested_with_one_dwell,
+        textbook=Textbook("exponential", "Franklin, Powell, Emami-Naeini, Feedback Control: a first-order lag"),
         order=200,
     ),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
 from calibration.effects.basis_functions import cosine_basis
 
 LEAD_M = (4.0e-3, 6.0e-2)
@@ -38,9 +38,10 @@ def _periodic(inputs: EffectInputs, drive: int, limits: tuple[float, float]) -> 
     u = inputs.normalised_travel(drive)
     for period, prior in inputs.periods(drive, *limits):
         wave = _pair(q, period)
-        main = sets.add((travel, wave))
-        harmonics = [sets.add((travel, _pair(q, period / k))) for k in (2.0, 3.0)]
-        changing = [sets.add((travel, wave * by[:, None])) for by in (u, u**2 - 0.5, inputs.payload_ratio - 0.5)]
+        main = sets.add((travel, wave), form="sine")
+        harmonics = [sets.add((travel, _pair(q, period / k)), form="harmonics") for k in (2.0, 3.0)]
+        changing = [sets.add((travel, wave * by[:, None]), form="sine_by_travel") for by in (u, u**2 - 0.5)]
+        changing.append(sets.add((travel, wave * (inputs.payload_ratio - 0.5)[:, None]), form="sine_by_payload"))
         rest = [c for columns in (*harmonics, *changing) for c in columns]
         sets.add_set(main, rest, share=0.5, weight=prior, period_m=period)
     return sets
@@ -85,6 +86,7 @@ EFFECTS = (
         forms=screw_periodic,
         others=(_PERIOD,),
         untested=_untested_on_a_grid,
+        textbook=Textbook("sine", "ISO 3408-3: travel variation within one revolution"),
         order=100,
     ),
     Effect(
@@ -96,6 +98,7 @@ EFFECTS = (
         forms=interpolation,
         others=(_PERIOD,),
         untested=_untested_on_a_grid,
+        textbook=Textbook("sine", "Heydemann 1981, Applied Optics 20: errors of quadrature signals"),
         order=110,
     ),
 )

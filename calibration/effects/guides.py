@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, strongest_onset, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis
 
 SHORTEST_WAVE_M = 0.06
@@ -43,20 +43,20 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
         zip(inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False)
     )
 
-    def columns(sunk: Array) -> tuple[list[int], list[int]]:
+    def columns(sunk: Array, form: str = "") -> tuple[list[int], list[int]]:
         wide = sunk[:, None] if sunk.ndim == 1 else sunk
-        down = sets.add((travel, -wide))
-        lean = [sets.add((side, -wide * h[:, None]), (turn, wide)) for side, turn in pairs]
+        down = sets.add((travel, -wide), form=form)
+        lean = [sets.add((side, -wide * h[:, None]), (turn, wide), form=form) for side, turn in pairs]
         return down, [column for pair in lean for column in pair]
 
     end = float(t.max())
     onsets = inputs.onsets((travel, *inputs.channels_of_drive("sideways", drive)))
     for onset, prior in onsets:
-        down, lean = columns((t >= onset).astype(np.float64))
+        down, lean = columns((t >= onset).astype(np.float64), "step")
         sets.add_set(down, lean, share=0.5, onset_s=onset, weight=prior * ONSETS)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         for tau in SETTLING_S:
-            down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau))
+            down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau), "consolidation")
             sets.add_set(down, lean, share=0.5, onset_s=float(onset))
     down, lean = columns(random_walk_basis(t / max(end, 1.0), 24))
     onset_of_walk = strongest_onset(onsets)
@@ -106,6 +106,7 @@ EFFECTS = (
         others=(EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin"),),
         untested=_untested_in_short_campaign,
         measured="range",
+        textbook=Textbook("consolidation", "Terzaghi, Theoretical Soil Mechanics: settlement that dies away"),
         order=140,
     ),
 )

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, strongest_onset, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
 from calibration.effects.basis_functions import random_walk_basis, scale_to_symmetric, tensor_product
 from calibration.effects.context import ReadingContext
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 ONSETS = 12
+WARM_UP_S = (900.0, 2700.0)
+CREEP_S = 900.0
 PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
@@ -22,15 +24,17 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
     """The station's frame turns and shifts: steadily, while warming up, with the air, in a step, or at random."""
     sets, t = BasisSets(), inputs.context.elapsed_s
 
-    def frame(shape: Array) -> list[int]:
-        return [c for k in FRAME for c in sets.add((f"station.{k}", shape / (DRIFT_LEVER_M if k[0] == "r" else 1.0)))]
+    def frame(shape: Array, form: str = "") -> list[int]:
+        levers = [(k, DRIFT_LEVER_M if k[0] == "r" else 1.0) for k in FRAME]
+        return [c for k, lever in levers for c in sets.add((f"station.{k}", shape / lever), form=form)]
 
-    for shape in (t / HOUR_S, 1.0 - np.exp(-t / 900.0), 1.0 - np.exp(-t / 2700.0)):
-        sets.add_set(frame(shape))
+    sets.add_set(frame(t / HOUR_S, "steady"))
+    for tau_s in WARM_UP_S:
+        sets.add_set(frame(1.0 - np.exp(-t / tau_s), "warming_up"))
     air = inputs.context.temperatures_c["air"]
-    sets.add_set(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1)))
+    sets.add_set(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1), "with_air"))
     for onset, prior in inputs.onsets([f"station.{k}" for k in FRAME]):
-        sets.add_set(frame((t >= onset).astype(np.float64)), weight=2.0 * prior, onset_s=onset)
+        sets.add_set(frame((t >= onset).astype(np.float64), "step"), weight=2.0 * prior, onset_s=onset)
     sets.add_set(frame(random_walk_basis(t / HOUR_S, 40)), weight=2.0)
     return sets
 
@@ -48,8 +52,8 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     one = np.ones(len(t))
     angle_per_gradient = 0.5 * PER_KELVIN
     for channel, towards_warm in TOWARDS_WARM.items():
-        uniform = sets.add((channel, angle_per_gradient * one))
-        warm = sets.add((channel, angle_per_gradient * warming))
+        uniform = sets.add((channel, angle_per_gradient * one), form="uniform")
+        warm = sets.add((channel, angle_per_gradient * warming), form="warming")
         powers = np.stack([across, height, across * height, across**2, height**2, across**3, height**3], axis=1)
         bumps = np.stack([np.exp(-(((across - c) / 0.45) ** 2)) for c in (-0.8, -0.4, 0.0, 0.4, 0.8)], axis=1)
         varying = sets.add(
@@ -76,8 +80,8 @@ def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:
     other = sets.add(("light.range", PER_KELVIN * elsewhere))
     for error in (since_begin, *(context.refractivity_change(delay_s) for delay_s in INDEX_DELAYS_S)):
         if np.ptp(error) > LEAST_INDEX_CHANGE:
-            scaled = PER_KELVIN * error / np.ptp(error)
-            sets.add_set(sets.add(("light.range", scaled)), other, share=0.2, sign=-1.0)
+            scaled = sets.add(("light.range", PER_KELVIN * error / np.ptp(error)), form="late_air")
+            sets.add_set(scaled, other, share=0.2, sign=-1.0)
     sets.add_set(other)
 
 
@@ -88,17 +92,19 @@ def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
     channels = [c for c in inputs.channels if c.startswith(f"smr.{name}.")]
     t = context.elapsed_s
 
-    def shift(shape: Array) -> list[int]:
-        return [c for channel in channels for c in sets.add((channel, shape))]
+    def shift(shape: Array, form: str = "") -> list[int]:
+        return [c for channel in channels for c in sets.add((channel, shape), form=form)]
 
     end, onsets = float(t.max()), inputs.onsets(channels)
     for onset, prior in onsets:
-        sets.add_set(shift((t >= onset).astype(np.float64)), weight=prior * ONSETS, onset_s=onset)
+        sets.add_set(shift((t >= onset).astype(np.float64), "step"), weight=prior * ONSETS, onset_s=onset)
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
-        sets.add_set(shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / 900.0)), weight=0.5, onset_s=float(onset))
+        creeping = shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / CREEP_S), "creep")
+        sets.add_set(creeping, weight=0.5, onset_s=float(onset))
     numbers = np.unique(context.exchanges)[1:]
     if numbers.size:
-        sets.add_set(shift((context.exchanges[:, None] == numbers).astype(np.float64)), weight=ONSETS / 2)
+        put_back = shift((context.exchanges[:, None] == numbers).astype(np.float64), "exchanges")
+        sets.add_set(put_back, weight=ONSETS / 2)
     sets.add_set(shift(random_walk_basis(t / max(end, 1.0), 48)), (), weight=ONSETS / 2, **strongest_onset(onsets))
     return sets
 
@@ -120,6 +126,7 @@ EFFECTS = (
         others=(_ONSET,),
         untested=_untested_in_short_campaign,
         declared=lambda nuisance: nuisance.drift_m,
+        textbook=Textbook("steady", "JCGM 200 (VIM), 4.21: instrumental drift"),
         order=150,
     ),
     Effect(
@@ -129,6 +136,7 @@ EFFECTS = (
         reveals="angles against height and distance, all reflectors and nests alike",
         confounded=("tracker_drift",),
         forms=refraction,
+        textbook=Textbook("uniform", "Rüeger, Electronic Distance Measurement: a uniform gradient along the path"),
         order=160,
     ),
     Effect(
@@ -142,6 +150,7 @@ EFFECTS = (
         untested=_untested_in_short_campaign,
         declared=lambda nuisance: nuisance.reseat_m,
         measured="range",
+        textbook=Textbook("step", "Estler et al. 2002, CIRP Annals 51(2): a target that is put back"),
         order=170,
     ),
 )

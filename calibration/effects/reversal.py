@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, geometric_series, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
 from calibration.effects.basis_functions import cosine_basis, scale_to_symmetric
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
@@ -28,13 +28,14 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     sets, travel = BasisSets(), f"travel.{inputs.drive(drive)}"
     side = -0.5 * inputs.context.direction[:, drive]
     rest = np.stack([np.exp(-inputs.context.dwell_s / tau) for tau in DWELL_TIMES_S], axis=1)
-    main = sets.add((travel, side))
+    main = sets.add((travel, side), form="play")
     place = sets.add((travel, side[:, None] * cosine_basis(inputs.context.drives[:, drive], 6, roughness=1.0)))
-    resting = [sets.add((travel, side * column)) for column in rest.T]
+    resting = [sets.add((travel, side * column), form="closing_at_rest") for column in rest.T]
     sets.add_set(main)
     sets.add_set(main, place, share=0.5)
     for pressed in PRESSED_SHARES:
-        sets.add_set(sets.add((travel, side * (1.0 - pressed * inputs.payload_ratio))), place, share=0.1)
+        narrower = sets.add((travel, side * (1.0 - pressed * inputs.payload_ratio)), form="pressed_by_load")
+        sets.add_set(narrower, place, share=0.1)
     for column in resting:
         sets.add_set((*main, *column))
     sets.add_set(main, (*place, *resting[1]), share=0.3)
@@ -56,22 +57,22 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     pressed = FRICTION_SHARE * RATED_N * side * mass / mass.max()
     fast = scale_to_symmetric(context.speed_m_per_s)
     fast = fast - fast.mean()  # without what does not vary: that would be play
-    for wound in (force, force - weight, weight):
+    for form, wound in (("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)):
         size = max(float(np.std(wound)), 1.0)
-        main = sets.add((travel, -wound))
-        bent = sets.add((travel, np.stack([wound**2 / size, wound**3 / size**2], axis=1)))
+        main = sets.add((travel, -wound), form=form)
+        bent = sets.add((travel, np.stack([wound**2 / size, wound**3 / size**2], axis=1)), form=f"{form}_bent")
         sets.add_set(main)
         sets.add_set(main, bent, share=0.2)
-    faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast))
+    faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast), form="viscous")
     if varies(mass / mass.max(), PRESSED_LEAST):  # else nothing tells it from play
-        main = sets.add((travel, -pressed))
+        main = sets.add((travel, -pressed), form="coulomb")
         sets.add_set(main)
-        sets.add_set(main, (*faster, *sets.add((travel, -pressed * u))), share=0.3)
+        sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)
     low, high = inputs.machine.travel[drive]
     length = (context.drives[:, drive] - low) / (high - low)
-    for wound in (force, pressed, FRICTION_SHARE * RATED_N * side):
+    for form, wound in (("torque", force), ("coulomb", pressed), ("constant", FRICTION_SHARE * RATED_N * side)):
         for lever in (length, 1.0 - length):
-            sets.add_set(sets.add((travel, -wound * lever)), faster, share=0.3)
+            sets.add_set(sets.add((travel, -wound * lever), form=f"{form}_by_length"), faster, share=0.3)
     return sets
 
 
@@ -110,6 +111,7 @@ EFFECTS = (
         forms=backlash,
         untested=_untested_from_one_side,
         declared=lambda nuisance: 2.0 * nuisance.reversal_m,
+        textbook=Textbook("play", "ISO 230-2: reversal value, half of it either side"),
         order=40,
     ),
     Effect(
@@ -120,6 +122,7 @@ EFFECTS = (
         confounded=("backlash", "column_compliance"),
         forms=friction_windup,
         untested=_untested_without_torque,
+        textbook=Textbook("torque", "Slocum, Precision Machine Design: wind-up of a screw, Hooke's law"),
         order=50,
     ),
 )

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter
+from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter, Textbook
 from calibration.effects.basis_functions import cosine_basis
 from calibration.effects.strut_laws import (
     ElongationLaw,
@@ -44,10 +44,11 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
     for channel, force in directions:
         size = max(float(np.std(force)), 1.0)
         mean = force.mean()
-        main = sets.add((channel, force))
-        loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)))
-        placed = sets.add((channel, force[:, None] * higher))
-        hard = sets.add((channel, np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)))
+        main = sets.add((channel, force), form="force")
+        loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)), form="payload")
+        placed = sets.add((channel, force[:, None] * higher), form="force_by_travel")
+        bent = np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)
+        hard = sets.add((channel, bent), form="force_bent")
         sets.add_set(main)
         sets.add_set(main, placed, share=0.6)
         sets.add_set(main, (*placed, *hard, *loaded), share=0.2)
@@ -61,13 +62,14 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     t = inputs.tension_n[:, strut] / inputs.machine.nominal.stiffness_n_per_m[strut]
     size = max(float(np.std(t)), 1e-9)
     u = inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(t))
-    main = sets.add((name, t))
-    loaded = sets.add((name, np.stack([t * inputs.payload_ratio, inputs.payload_ratio * size], axis=1)))
-    by_angle = sets.add((name, np.stack([t * u**k for k in (1, 2, 3, 4)], axis=1)))
+    main = sets.add((name, t), form="tension")
+    by_load = np.stack([t * inputs.payload_ratio, inputs.payload_ratio * size], axis=1)
+    loaded = sets.add((name, by_load), form="tension_by_payload")
+    by_angle = sets.add((name, np.stack([t * u**k for k in (1, 2, 3, 4)], axis=1)), form="tension_by_angle")
     angle_alone = sets.add((name, np.stack([size * u**k for k in (1, 2, 3, 4)], axis=1)))
-    one_sided = sets.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)))
+    one_sided = sets.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)), form="one_sided")
     away = t - t.mean()
-    bent = sets.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)))
+    bent = sets.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)), form="tension_bent")
     sets.add_set(main)
     sets.add_set(loaded[:1], (*main, *loaded[1:]), share=0.6)
     sets.add_set(by_angle[:2], (*main, *angle_alone[:2]), share=0.6)
@@ -92,14 +94,15 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
     for shift in (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0):
         for soft in SOFT_N:
             side = np.tanh((t - t.mean() + shift * size) / soft)
-            main = sets.add((name, side))
-            loaded = sets.add((name, np.stack([side * inputs.payload_ratio, inputs.payload_ratio], axis=1)))
+            main = sets.add((name, side), form="sides_by_tension")
+            by_load = np.stack([side * inputs.payload_ratio, inputs.payload_ratio], axis=1)
+            loaded = sets.add((name, by_load), form="sides_by_payload")
             sets.add_set(main, loaded, share=0.7)
     if drive >= 0:
         # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
         seated = sets.add((name, cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)))
         sets.add_set(seated, weight=4.0)
-    sets.add_set(sets.add((name, inputs.payload_ratio)), weight=2.0)
+    sets.add_set(sets.add((name, inputs.payload_ratio), form="payload"), weight=2.0)
     return sets
 
 
@@ -138,16 +141,16 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     return (
         curve_of_law(
             restrained, by_angle, (ratio, bend, bend), starts=angles, middles=(), size=size_at,
-            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
+            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="spring_by_angle",
         ),
         curve_of_law(
             restrained, above, (threshold, power), starts=thresholds, middles=far, size=mean,
-            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
+            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="slipping",
         ),
         *(
             curve_of_law(
                 restrained, towards(side), (ratio,), starts=[(r,) for r in ratios[::2]], middles=near, size=size_at,
-                misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m,
+                misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="one_sided_spring",
             )
             for side in (-1.0, 1.0)
         ),
@@ -171,7 +174,7 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
     return (
         curve_of_law(
             restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=size_at,
-            misfit_unit_m=size_at, misfit_m=misfit_m(inputs),
+            misfit_unit_m=size_at, misfit_m=misfit_m(inputs), form="smooth_play",
         ),
     )  # fmt: skip
 
@@ -193,6 +196,7 @@ EFFECTS = (
         confounded=("friction_windup", "link_stiffness"),
         forms=compliance,
         untested=_untested_with_one_payload,
+        textbook=Textbook("force", "Timoshenko, Strength of Materials: Hooke's law"),
         order=60,
     ),
     Effect(
@@ -204,6 +208,7 @@ EFFECTS = (
         forms=link_stiffness,
         untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
+        textbook=Textbook("tension", "Timoshenko, Strength of Materials: Hooke's law, springs in series"),
         order=70,
     ),
     Effect(
@@ -214,6 +219,9 @@ EFFECTS = (
         confounded=("link_stiffness", "link_thermal_growth"),
         forms=clearance,
         curves=clearance_curves,
+        textbook=Textbook(
+            "sides_by_tension", "Flores et al., Kinematics and Dynamics of Multibody Systems with Imperfect Joints"
+        ),
         order=80,
     ),
 )

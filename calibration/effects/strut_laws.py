@@ -110,12 +110,13 @@ def curve_of_law(
     size: Callable[[Array, Array], float],
     misfit_unit_m: Callable[[Array], float],
     misfit_m: float,
+    form: str,
 ) -> Curve:
     """The curve of an elongation law at a strut.
 
     law: from its parameters, of which the first alone sets how much the strut elongates; starts: values of them to
     start from; middles: mean tensions to start from, in standard deviations. size: of the effect, from the parameters
-    and the elongation (n,). misfit_unit_m: unit in which misfits count; misfit_m: their standard deviation.
+    and the elongation (n,). misfit_unit_m: unit in which misfits count; misfit_m: their standard deviation. form: name.
     """
     n, misfits = len(parameters), strut.misfit.shape[1]
 
@@ -148,7 +149,7 @@ def curve_of_law(
     others = np.zeros(misfits - 1)
     all_starts = np.array([[*start, own, *others] for start in starts for own in strut.starting_misfits_m(middles)])
     spread = np.array([*(p.spread for p in parameters), *[misfit_m] * misfits])
-    return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent)
+    return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent, form)
 
 
 def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, geometric_series
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series
 from calibration.effects.basis_functions import cosine_basis
 
 TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)
@@ -28,6 +28,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
+_LUMPED = "Incropera, DeWitt, Fundamentals of Heat and Mass Transfer: lumped capacitance, uniform linear expansion"
 _RISE = EffectParameter("rise_k", 0.1, 40.0, "K", "how much warmer than its sensor the part becomes")
 _TAU = EffectParameter("tau_s", 200.0, 8000.0, "s", "time constant of the part")
 
@@ -66,29 +67,35 @@ def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
 
 
 def _add_thermal_sets(
-    sets: BasisSets, contributions: tuple[tuple[str, Array], ...], inputs: EffectInputs, part: str
+    sets: BasisSets, contributions: tuple[tuple[str, Array], ...], inputs: EffectInputs, part: str, prefix: str = ""
 ) -> None:
-    """Basis sets of one geometry: one time constant, two stages, a decaying pulse of heat, a lag behind the sensor."""
+    """Basis sets of one geometry: one time constant, two stages, a decaying pulse of heat, a lag behind the sensor.
+
+    prefix: of the names of their forms, for any geometry but the textbook's.
+    """
     rises, lags = _warming(inputs, inputs.machine.sensors[part])
     t = inputs.context.elapsed_s
 
-    def through(shapes: Array) -> list[int]:
+    def through(shapes: Array, form: str = "") -> list[int]:
         wide = shapes[:, None] if shapes.ndim == 1 else shapes
-        return sets.add(*((channel, shape[:, None] * wide) for channel, shape in contributions))
+        name = f"{prefix}{form}" if form else ""
+        return sets.add(*((channel, shape[:, None] * wide) for channel, shape in contributions), form=name)
 
     rest = through(cosine_basis(inputs.context.t_s, 5))
-    rising = [through(rise) for rise, _ in rises]
-    lagging = [through(lag) for lag, _ in lags]
+    rising = [through(rise, "warming") for rise, _ in rises]
+    later = [through(rise, "second_stage") for rise, _ in rises[2:]]
+    lagging = [through(lag, "lagging") for lag, _ in lags]
     for column, (_, tau) in zip((*rising, *lagging), (*rises, *lags), strict=True):
         sets.add_set(column, rest, share=0.1, tau_s=tau)
-    for fast, slow, (_, tau) in zip(rising, rising[2:], rises, strict=False):
+    for fast, slow, (_, tau) in zip(rising, later, rises, strict=False):
         sets.add_set((*fast, *slow), rest, share=0.1, tau_s=tau)
     for _, tau in rises:
-        sets.add_set(through(t / tau * np.exp(1.0 - t / tau)), rest, share=0.1, weight=0.5, tau_s=tau)
+        pulse = through(t / tau * np.exp(1.0 - t / tau), "pulse")
+        sets.add_set(pulse, rest, share=0.1, weight=0.5, tau_s=tau)
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
     for following, tau in _followed(inputs, part):
-        sets.add_set(through(following), rest, share=0.1, tau_s=max(tau, _TAU.low))
+        sets.add_set(through(following, "following"), rest, share=0.1, tau_s=max(tau, _TAU.low))
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -105,13 +112,13 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     h = inputs.height_m(drive)
     travel = f"travel.{inputs.drive(drive)}"
     _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base")
-    _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base")
+    _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
     for side, turn in zip(
         inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False
     ):
         bent = alpha / COLUMN_WIDTH_M
-        _add_thermal_sets(sets, ((side, -0.5 * bent * h**2), (turn, bent * h)), inputs, "base")
-        _add_thermal_sets(sets, ((side, 0.5 * bent * h**2), (turn, bent * h)), inputs, "base")
+        _add_thermal_sets(sets, ((side, -0.5 * bent * h**2), (turn, bent * h)), inputs, "base", "bending_")
+        _add_thermal_sets(sets, ((side, 0.5 * bent * h**2), (turn, bent * h)), inputs, "base", "leaning_")
     return sets
 
 
@@ -124,12 +131,15 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     for tau in TIME_CONSTANTS_S:
         heat = inputs.context.motion_heat(drive, tau) / DUTY_M_PER_S
         warm = alpha * heat
-        low = sets.add((travel, warm * x))
-        high = sets.add((travel, warm * (x - span)))
+        low = sets.add((travel, warm * x), form="friction_heat")
+        high = sets.add((travel, warm * (x - span)), form="friction_heat_upper_end_fixed")
         bend = sets.add(
             (travel, span * alpha * heat[:, None] * np.stack([0.5 * u**2, 0.5 * u**3, 0.3 * np.ones_like(u)], axis=1))
         )
-        limited = [sets.add((travel, alpha * np.maximum(heat - k * heat.max(), 0.0) * x)) for k in PRETENSION_SHARES]
+        limited = [
+            sets.add((travel, alpha * np.maximum(heat - k * heat.max(), 0.0) * x), form="pretension")
+            for k in PRETENSION_SHARES
+        ]
         every = [c for columns in limited for c in columns]
         sets.add_set(low, (*bend, *every), share=0.5, tau_s=tau)
         sets.add_set(high, tau_s=tau)
@@ -138,9 +148,10 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
             sets.add_set(columns, tau_s=tau)
         sets.add_set(bend, share=0.5, tau_s=tau)
     rises, _ = _warming(inputs, inputs.machine.sensors["drives"])
-    for warmer, tau in (*rises, *_followed(inputs, "drives")):
-        low = sets.add((travel, alpha * warmer * x))
-        high = sets.add((travel, alpha * warmer * (x - span)))
+    courses = [("warming", *rise) for rise in rises] + [("following", *f) for f in _followed(inputs, "drives")]
+    for form, warmer, tau in courses:
+        low = sets.add((travel, alpha * warmer * x), form=form)
+        high = sets.add((travel, alpha * warmer * (x - span)), form=f"{form}_upper_end_fixed")
         bend = sets.add((travel, span * alpha * warmer[:, None] * np.stack([0.5 * u**2, 0.5 * u**3], axis=1)))
         sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
         sets.add_set(high, tau_s=max(tau, _TAU.low))
@@ -159,6 +170,7 @@ EFFECTS = (
         untested=_untested_in_short_campaign,
         declared=lambda nuisance: nuisance.temperature_k,
         measured="sum",
+        textbook=Textbook("warming", _LUMPED),
         order=10,
     ),
     Effect(
@@ -172,6 +184,7 @@ EFFECTS = (
         untested=_untested_in_short_campaign,
         declared=lambda nuisance: nuisance.temperature_k,
         measured="sum",
+        textbook=Textbook("warming", _LUMPED),
         order=20,
     ),
     Effect(
@@ -185,6 +198,7 @@ EFFECTS = (
         untested=_untested_in_short_campaign,
         declared=lambda nuisance: nuisance.temperature_k,
         measured="sum",
+        textbook=Textbook("friction_heat", _LUMPED),
         order=30,
     ),
 )

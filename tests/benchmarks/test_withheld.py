@@ -14,6 +14,7 @@ from benchmarks.withheld import lane, over_the_wire, run
 from benchmarks.withheld.cases import DECOYS, FULL, PROFILES, Slot, plan
 from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
 from benchmarks.withheld.diagnoser import REAL, loaded
+from benchmarks.withheld.left_out_forms import FormComparison, shares_of_sets
 from benchmarks.withheld.maker import Maker
 from benchmarks.withheld.making import make_case, platform_rows
 from benchmarks.withheld.mimics import Mimics
@@ -21,6 +22,8 @@ from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
+from calibration.diagnosis.evidence import InformationAndScore
+from calibration.effects.api import BasisSets
 from calibration.recording.folder import read_folder
 from mock_devices.effects import CATALOGUE, OUTSIDE, SPECS, EffectChoice
 from mock_devices.recordings.files import write_recording
@@ -117,7 +120,9 @@ def test_truth_is_not_on_disk_before_the_hash_of_the_answers(tmp_path):
         words = set(text.replace(",", " ").replace('"', " ").split())
         assert not words & (set(CATALOGUE) | set(OUTSIDE) | {"seed", "effects", *m._cases} | (seeds - {"4"}))
     assert not any(name.startswith("truth") for name in names)
-    assert {tuple(entry) for entry in listed.values()} == {("without",)}
+    assert {tuple(entry) for entry in listed.values()} == {("without", "without_forms")}
+    effects_named = [{name.partition("/")[0] for name in entry["without_forms"]} for entry in listed.values()]
+    assert all(len(named) >= 2 for named in effects_named)  # of whatever kind, at least two effects lack something
     assert sorted(len(entry["without"]) for entry in listed.values()) == [0, 0, 0, 1, 1]
     with pytest.raises(ValueError, match="SHA-256"):
         m.seal(tmp_path / "truth.json", "x" * 64)
@@ -153,7 +158,7 @@ def test_final_runs_draw_their_seed_from_the_system():
 @pytest.mark.parametrize("function", ["asks_for_the_plant", "reads_a_truth", "diagnose"])
 def test_a_diagnoser_that_asks_for_the_plant_fails(tmp_path, function):
     write_recording(case_of(NULL).recording, tmp_path / "in" / "recordings" / "x")
-    (tmp_path / "in" / "recordings" / "options.json").write_text('{"x": {"without": []}}')
+    (tmp_path / "in" / "recordings" / "options.json").write_text('{"x": {"without": [], "without_forms": []}}')
     arguments = (tmp_path / "in" / "recordings", tmp_path / "answers", f"benchmarks.withheld.stand_in:{function}")
     if function == "diagnose":
         lane.diagnose(*arguments)
@@ -164,6 +169,41 @@ def test_a_diagnoser_that_asks_for_the_plant_fails(tmp_path, function):
         lane.diagnose(*arguments)
     assert not (tmp_path / "answers" / "answers.json").exists()
     assert "may be read" in (tmp_path / "in" / "diagnoser.log").read_text()
+
+
+def test_a_form_that_the_plant_repeats_is_left_out_with_a_decoy(tmp_path):
+    case = case_of(EFFECT)
+    assert (case.truth["effects"][0]["effect"], case.truth["effects"][0]["variant"]) == ("backlash", "closing")
+    write_recording(case.recording, tmp_path / "x")
+    comparison = FormComparison()
+    left_out = comparison.left_out(tmp_path / "x", case.changes_by_effect(), np.random.default_rng(1))
+    assert set(left_out.explained) == {"backlash/closing_at_rest"}  # not what the load presses, nor the textbook's play
+    assert 0.98 < left_out.explained["backlash/closing_at_rest"] <= 1.0
+    (decoy,) = left_out.decoys
+    assert decoy.partition("/")[0] not in ("backlash", "")
+    assert left_out.names == tuple(sorted(("backlash/closing_at_rest", decoy)))
+    drawn = case.changes_by_effect()[0][2]
+    elsewhere = comparison.left_out(tmp_path / "x", [("latency", "", drawn)], np.random.default_rng(1))
+    assert not elsewhere.explained  # another effect's forms do not explain it
+    assert len({name.partition("/")[0] for name in elsewhere.decoys}) >= 2
+
+
+def test_what_forms_explain_is_what_least_squares_says():
+    rng = np.random.default_rng(4)
+    columns, built = rng.standard_normal((50, 5)), BasisSets()
+    for k, form in enumerate(("law", "bent", "", "twice", "twice")):
+        built.add(("travel.left", columns[:, k]), form=form)
+    built.add_set([0], [1, 2])
+    built.add_set([3, 4])
+    change = columns @ np.array([3.0, 1.0, 0.3, 0.5, -0.4])
+    known = InformationAndScore(columns.T @ columns, columns.T @ change)
+    shares = shares_of_sets(built, known, float(change @ change), "law")
+
+    def explained(chosen):
+        left = change - columns[:, chosen] @ np.linalg.lstsq(columns[:, chosen], change, rcond=None)[0]
+        return 1.0 - float(left @ left) / float(change @ change)
+
+    assert shares == pytest.approx({"bent": explained([0, 1]), "twice": explained([3, 4])})
 
 
 def test_answers_cannot_be_changed_after_the_truth_is_known(tmp_path):

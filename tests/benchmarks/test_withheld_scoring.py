@@ -10,6 +10,7 @@ from scipy.stats import binomtest
 
 from benchmarks.withheld.coordinates import KINDS, first_kind, true_kinds
 from benchmarks.withheld.methods import baseline_table
+from benchmarks.withheld.report import printed, summary
 from benchmarks.withheld.score_rows import in_class, overall_right
 from benchmarks.withheld.statistics import (
     calibration_error,
@@ -136,3 +137,26 @@ def test_every_effect_has_a_true_coordinate():
 
 
 # --- what could be taken for what
+
+
+def test_with_the_whole_catalogue_the_second_answer_counts():
+    again = {"verdict": "backlash", "equivalent": [], "named": ["backlash"], "ranked": [["backlash", 0.9]], "p": 0.9}
+    rows = [
+        row("effect", "backlash", "unknown", left_out={"backlash/closing_at_rest": 0.99}, decoys=["x/y"], whole=again),
+        row("effect", "latency", "latency", left_out={}, decoys=["x/y"]),
+        row("null", "", "none", left_out={}, decoys=["x/y"]),
+        {**row("pair", "backlash", "latency"), "true": ["backlash", "latency"], "left_out": {"latency/by_speed": 1.0}},
+    ]
+    data = summary(rows)
+    first = "top-1, raw >= 3 and visible >= 0.5 sigma"
+    assert [next(m["value"] for m in data[of] if m["name"] == first) for of in ("measures", "whole_catalogue")] == [
+        0.5, 1.0,
+    ]  # fmt: skip
+    of_effect = {entry["effect"]: entry for entry in data["left_out"]}
+    assert of_effect["backlash"] == {
+        "effect": "backlash", "cases": 2, "nothing": 1, "forms_a_case": 0.5, "forms": {"closing_at_rest": 1},
+    }  # fmt: skip
+    text = printed(data).splitlines()
+    assert text[0].startswith("leave-form-out")
+    assert text.index("with the whole catalogue") > 5
+    assert printed(summary([row("effect", "latency", "latency")])).startswith("measure")

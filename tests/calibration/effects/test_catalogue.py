@@ -27,6 +27,27 @@ NAMES = {
     "encoder_interpolation", "guide_straightness", "guide_angular", "foundation_settling", "tracker_drift",
     "refraction", "smr_reseat", "axis_coupling", "latency", "servo_settling",
 }  # fmt: skip
+# What is never left out of an effect (benchmarks/withheld/left_out_forms.py); effects that are not listed are made of
+# general functions only.
+TEXTBOOK = {
+    "link_thermal_growth": "warming",
+    "column_thermal_growth": "warming",
+    "screw_thermal_growth": "friction_heat",
+    "backlash": "play",
+    "friction_windup": "torque",
+    "column_compliance": "force",
+    "link_stiffness": "tension",
+    "joint_clearance": "sides_by_tension",
+    "screw_periodic_error": "sine",
+    "encoder_interpolation": "sine",
+    "foundation_settling": "consolidation",
+    "tracker_drift": "steady",
+    "refraction": "uniform",
+    "smr_reseat": "step",
+    "axis_coupling": "in_proportion",
+    "latency": "dead_time",
+    "servo_settling": "exponential",
+}
 OWN = """
 from calibration.effects.base import Effect, Forms, Parameter
 def forms(s, drive):
@@ -217,3 +238,48 @@ def test_building_forms_twice_gives_the_same(inputs):
             for (channel, shape), (channel_, shape_) in zip(a, b, strict=True):
                 assert channel == channel_
                 assert np.array_equal(shape, shape_)
+
+
+def test_the_textbook_forms_are_these_and_stay_when_all_others_are_left_out(inputs):
+    inputs, _ = inputs
+    assert {e.name: e.textbook.form for e in load_catalogue().effects if e.textbook} == TEXTBOOK
+    for effect in load_catalogue().effects:
+        named = {*effect.forms(inputs, 0).named, *(curve.form for curve in effect.curves(inputs, 0))} - {""}
+        assert (effect.textbook is None) == (not named), effect.name
+        alone = effect.without_forms(named)
+        left = alone.forms(inputs, 0)
+        used = {left.named[c] for basis_set in left.sets for c in basis_set.columns}
+        assert not alone.curves(inputs, 0)
+        assert len(effect.without_forms(()).forms(inputs, 0).sets) == len(effect.forms(inputs, 0).sets)
+        if effect.textbook is None:
+            assert left.sets == effect.forms(inputs, 0).sets
+        else:
+            assert effect.textbook.source
+            assert used <= {"", effect.textbook.form}, effect.name
+            textbook_is_there = effect.textbook.form in effect.forms(inputs, 0).named
+            assert (effect.textbook.form in used) == textbook_is_there, effect.name
+
+
+def test_basis_sets_without_a_form_keep_the_rest():
+    x, built = np.arange(3.0), BasisSets()
+    law, bent, extra = (built.add(("travel.left", x**k), form=form) for k, form in enumerate(("law", "bent", "extra")))
+    smooth = built.add(("travel.left", np.stack([x, x], axis=1)))
+    built.add_set(law)
+    built.add_set(law, (*bent, *smooth), share=0.2)
+    built.add_set((*law, *extra), smooth)
+    assert [basis_set.columns for basis_set in built.without_forms({"bent"}).sets] == [
+        (0,), (0, 3, 4), (0, 2), (0, 2, 3, 4),
+    ]  # fmt: skip
+    assert [basis_set.columns for basis_set in built.without_forms({"extra"}).sets] == [(0,), (0, 1, 3, 4)]
+    left = built.without_forms({"bent", "extra"})
+    assert [(basis_set.columns, basis_set.relative) for basis_set in left.sets] == [
+        ((0,), (1.0,)), ((0, 3, 4), (1.0, 0.2, 0.2)),
+    ]  # fmt: skip
+    assert left.contributions == built.contributions
+
+
+def test_a_form_of_an_effect_that_is_not_there_cannot_be_left_out():
+    with pytest.raises(InputError, match="'slack'"):
+        load_catalogue().without_forms(["slack/closing"])
+    catalogue = load_catalogue().without_forms(["backlash/closing_at_rest", "latency/no_such_form"])
+    assert catalogue.names == load_catalogue().names

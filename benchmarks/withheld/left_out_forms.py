@@ -1,0 +1,158 @@
+"""Which forms of the catalogue a case is diagnosed without: those that the plant's own formula happens to equal.
+
+Plant and catalogue share no code, but come from one project, and where both wrote down the same formula nothing is
+learnt of machines whose formula nobody wrote down. So the maker, who knows the truth, compares. The noise-free change
+by an effect, whitened, with everything that the model's unknowns and the declared disturbances absorb taken out, is
+fitted by each form of that effect at its true place: by its own columns, and as a departure from the columns that it
+departs from, with the best coefficients, time constants, onsets and periods. A form that explains more than LARGEST of
+the square of the change is left out of the catalogue, for that case alone. The textbook's form of every effect and
+general functions stay. As many forms of other effects are left out beside them, and some in cases of every other kind,
+so that what is left out does not tell the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.curve_fit import fit_curves
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import InformationAndScore, MarginalLikelihood
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from calibration.effects.api import BasisSets, Effect, EffectInputs
+from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.recording.folder import read_folder
+
+Array = NDArray[np.float64]
+
+LARGEST = 0.98  # share of the square of a change that a form may explain
+DECOYS = (1, 2, 3)  # forms of another effect that are left out where none of the true one's is
+NEGLIGIBLE = 1e-10  # information of a direction of columns over the largest
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Forms that a case is diagnosed without, each EFFECT/FORM: the true effects' own, and decoys.
+
+    explained: share of its effect's change that each own form explains, above LARGEST.
+    """
+
+    explained: Mapping[str, float]
+    decoys: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them, in the order of the alphabet."""
+        return tuple(sorted({*self.explained, *self.decoys}))
+
+
+class FormComparison:
+    """Compares true changes with the catalogue's forms on a recording."""
+
+    def __init__(self, catalogue: Catalogue | None = None) -> None:
+        self._catalogue = catalogue or load_catalogue()
+        self._forms: dict[str, tuple[str, ...]] = {}
+
+    def left_out(self, folder: Path, changes: Sequence[tuple[str, str, Array]], rng: np.random.Generator) -> LeftOut:
+        """What a recording is diagnosed without. changes: effect, place ('' for the rig) and change of the readings
+        (r, 3) in the machine's axes, for each effect of a case."""
+        known = [change for change in changes if change[0] in self._catalogue.names]
+        linear = linearise_recording(read_folder(folder), judge=False) if known or not self._forms else None
+        if linear is not None and not self._forms:
+            self._forms = forms_by_effect(linear, self._catalogue)
+        explained: dict[str, float] = {}
+        for name, place, change_m in known:
+            assert linear is not None
+            shares = explained_shares(linear, self._catalogue.effect(name), place, change_m)
+            explained |= {f"{name}/{form}": share for form, share in shares.items() if share > LARGEST}
+        return LeftOut(explained, self._decoys({name for name, _, _ in changes}, len(explained), rng))
+
+    def _decoys(self, true: set[str], own: int, rng: np.random.Generator) -> tuple[str, ...]:
+        """As many forms of other effects as of the true ones; where that is none, some of two effects."""
+        able = [name for name, forms in self._forms.items() if forms and name not in true]
+        wanted = [own] if own else [int(rng.choice(DECOYS)) for _ in range(2)]
+        out: list[str] = []
+        for count in wanted:
+            end = len(out) + count
+            for effect in rng.permutation(able):
+                forms = [f"{effect}/{form}" for form in self._forms[str(effect)]]
+                new = [name for name in forms if name not in out]
+                out += [str(name) for name in rng.permutation(new)[: end - len(out)]]
+                if len(out) == end:
+                    break
+        return tuple(out)
+
+
+def forms_by_effect(linear: LinearModel, catalogue: Catalogue) -> dict[str, tuple[str, ...]]:
+    """The forms of each effect that may be left out, on one recording: without the textbook's."""
+    likelihood = MarginalLikelihood.of(linear)
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    return {effect.name: removable_forms(effect, inputs) for effect in catalogue.effects}
+
+
+def removable_forms(effect: Effect, inputs: EffectInputs) -> tuple[str, ...]:
+    """Names of all forms of an effect but the textbook's."""
+    names = [*effect.forms(inputs, 0).named, *(curve.form for curve in effect.curves(inputs, 0))]
+    return tuple(sorted(set(names) - {"", _textbook(effect)}))
+
+
+def explained_shares(linear: LinearModel, effect: Effect, place: str, change_m: Array) -> dict[str, float]:
+    """How much of the square of a change (r, 3; machine's axes) each form of its effect explains, at its place."""
+    shift = linear.whiten_shift(change_m[linear.rows])
+    likelihood = MarginalLikelihood(linear, MarginalLikelihood.of(linear).response, linear.q, linear.apply(shift))
+    total = float(np.sum(shift * likelihood.weighted_residual))
+    if not total > 0.0:
+        return {}
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    index = effect.places(linear.machine).index(place)
+    built = effect.forms(inputs, index)
+    columns = likelihood.information_and_score(built.contributions)
+    out = shares_of_sets(built, columns, total, _textbook(effect))
+    for curve in effect.curves(inputs, index):
+        fit = fit_curves(likelihood, (curve,), effect.size.low, effect.size.high)
+        if fit is not None and curve.form not in ("", _textbook(effect)):
+            value = likelihood.information_and_score(fit.contributions[:1])
+            out[curve.form] = max(out.get(curve.form, 0.0), _explained(value, (0,)) / total)
+    return out
+
+
+def shares_of_sets(built: BasisSets, columns: InformationAndScore, total: float, textbook: str) -> dict[str, float]:
+    """The shares by form that basis sets explain of a change of a total square.
+
+    A form counts by itself, and together with the main columns of its set where these do not explain it already.
+    """
+    out: dict[str, float] = {}
+
+    def note(names: set[str], share: float) -> None:
+        for name in names - {"", textbook}:
+            out[name] = max(out.get(name, 0.0), share)
+
+    for basis_set in built.sets:
+        main = basis_set.main
+        of_main = {built.named[c] for c in main}
+        by_main = _explained(columns, main) / total
+        if "" not in of_main:
+            note(of_main, by_main)
+        for form in {built.named[c] for c in basis_set.columns} - of_main:
+            departure = tuple(c for c in basis_set.columns if built.named[c] == form)
+            note({form}, _explained(columns, departure) / total)
+            if by_main <= LARGEST and "" not in of_main:
+                note({form}, _explained(columns, (*main, *departure)) / total)
+    return out
+
+
+def _textbook(effect: Effect) -> str:
+    return effect.textbook.form if effect.textbook else ""
+
+
+def _explained(columns: InformationAndScore, chosen: Sequence[int]) -> float:
+    """Square that some columns explain with their best coefficients."""
+    pick = np.array(chosen, dtype=np.intp)
+    values, vectors = np.linalg.eigh(columns.information[np.ix_(pick, pick)])
+    informative = values > NEGLIGIBLE * max(float(values[-1]), 1e-300)
+    along = vectors[:, informative].T @ columns.score[pick]
+    return float(np.sum(along**2 / values[informative]))

@@ -1,7 +1,8 @@
 """Channels: the places and directions in which an effect can act on the machine, and the response of every reading.
 
 A channel is a place with a direction: a drive's travel, a strut's length, the pose of the platform, one reflector, the
-station. Its response is the shift of each measured reflector per unit of the channel (m, rad; 1/m for refraction).
+station; or a stated value that may be wrong: the growth of a part, the payload, a drive's scale, a table that is on.
+Its response is the shift of each measured reflector per unit of the channel (m, rad; 1/m for refraction; kg; 1).
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.rotation import skew
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.machine.description import COORDINATES, across
+from calibration.machine.description import COORDINATES, PARTS, across
+from calibration.model.model import PAYLOAD
 
 AXES = "xyz"
+STATED = ("growth", "payload", "scale", "table")  # kinds of channels of stated values
 
 
 class Channels:
@@ -41,6 +44,8 @@ class Channels:
             if kind in ("light", "station"):
                 moved = self._refraction_response(rest) if kind == "light" else self._station_response(rest)
                 self._shift_m[name] = moved @ self.observed.frame.rotation
+            elif kind in STATED:
+                self._shift_m[name] = self._stated_response(kind, rest)
             else:
                 self._shift_m[name] = self._machine_response(name)
         return self._shift_m[name]
@@ -80,13 +85,18 @@ class Channels:
         return tuple(c for c in names if AXES.index(c) in self._flat)
 
     def _names(self) -> Iterator[str]:
-        machine = self.machine
+        machine, observed = self.machine, self.observed
         for a, drive in enumerate(machine.drive_names):
             yield f"travel.{drive}"
             yield from self.sideways_channels(a)
             yield from self.rotation_channels(a)
         yield from (f"length.{strut}" for strut in machine.strut_names)
         yield from (f"weight.{strut}" for strut in machine.strut_names)
+        yield from (f"growth.{part}" for part in PARTS)
+        yield "payload.mass"
+        yield from (f"payload.{AXES[k]}" for k in self._flat)
+        yield from (f"scale.{drive}" for drive in machine.drive_names)
+        yield from (f"table.{generation}" for generation in observed.context.table_generations)
         yield from self.pose_channels()
         for i, smr in enumerate(machine.smrs):
             if smr.on == "platform":
@@ -125,6 +135,41 @@ class Channels:
         joint = self.observed.poses.geometry.platform_joint_m[strut]
         gravity = np.repeat(self.machine.gravity_m_per_s2[:, None], visits, axis=1)
         return self.observed.poses.sensitivity.force(gravity, np.repeat(joint[:, None], visits, axis=1))
+
+    def _stated_response(self, kind: str, of: str) -> Array:
+        """What a stated value moves that is wrong by one unit."""
+        observed, machine = self.observed, self.machine
+        if kind == "growth":
+            return self._growth_response(of)
+        if kind == "payload":
+            sensitivity, axis = observed.poses.sensitivity, AXES.find(of)
+            column = sensitivity.mass(PAYLOAD) if axis < 0 else sensitivity.centre_of_mass(PAYLOAD, axis)
+            return self._reflector_shift(self._pose_change(column), np.zeros((len(observed.smr), 3)))
+        drives = observed.poses.visits.drives
+        if kind == "scale":
+            from_middle = (
+                drives[:, machine.drive_names.index(of)] - machine.travel[machine.drive_names.index(of)].mean()
+            )
+            return self.shift_m(f"travel.{of}") * from_middle[observed.visit, None]
+        corrections = observed.context.table_corrections_m(int(of), machine.drive_names, drives)[observed.visit]
+        by_drive = [self.shift_m(f"travel.{d}") * corrections[:, a, None] for a, d in enumerate(machine.drive_names)]
+        return np.asarray(sum(by_drive))
+
+    def _growth_response(self, part: str) -> Array:
+        """All dimensions of a part become longer by one, relatively; what it carries goes with it."""
+        observed = self.observed
+        sensitivity = observed.poses.sensitivity
+        out = np.zeros((len(observed.smr), 3))
+        if part == "platform":
+            rows = np.flatnonzero(observed.on_platform)
+            rotation = observed.poses.equilibrium.rotation[observed.visit[rows]]
+            out[rows] = np.einsum("nij,nj->ni", rotation, observed.mounted_m[observed.smr[rows]])
+        out += self._reflector_shift(self._pose_change(sensitivity.growth(part)), np.zeros_like(out))
+        if part in ("base", "drives"):
+            for drive in range(len(self.machine.drive_names)):
+                for i, rows, visit in self._reflectors_on_drive(drive):
+                    out[rows] += sensitivity.carriers[drive].d_growth(observed.mounted_m[i], part)[:, visit].T
+        return out
 
     def _drive_response(self, kind: str, drive: int, direction: str, out: Array) -> Array:
         observed, sensitivity = self.observed, self.observed.poses.sensitivity

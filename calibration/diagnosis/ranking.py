@@ -118,7 +118,7 @@ def _evidence_by_place(
     likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, names: Sequence[str]
 ) -> list[_PlaceEvidence]:
     """Evidence at each of some places of which one is the effect's."""
-    low, every = _smallest_size(likelihood, effect), effect.places(inputs.machine)
+    low, every = smallest_size(likelihood, effect), effect.places(inputs.machine)
     out = []
     for name in names:
         built = effect.forms(inputs, every.index(name))
@@ -140,7 +140,7 @@ def _refine_with_curves(
     likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, places: list[_PlaceEvidence]
 ) -> list[_PlaceEvidence]:
     """The same with the effect's curves, at the places where its basis sets have evidence."""
-    every, low = effect.places(inputs.machine), _smallest_size(likelihood, effect)
+    every, low = effect.places(inputs.machine), smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
     def refine(place: _PlaceEvidence) -> _PlaceEvidence:
@@ -168,8 +168,10 @@ def _total_log_evidence(places: list[_PlaceEvidence]) -> float:
     return float(log_sum(np.array([place.log_evidence for place in places])))
 
 
-def _smallest_size(likelihood: MarginalLikelihood, effect: Effect) -> float:
-    return effect.smallest_size(likelihood.linear.recording.file.nuisance)
+def smallest_size(likelihood: MarginalLikelihood, effect: Effect) -> float:
+    """The smallest size that counts as an effect on a recording."""
+    file = likelihood.linear.recording.file
+    return effect.smallest_size(file.nuisance, effect.stated_u(likelihood.linear.machine, file.payloads))
 
 
 def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEffect) -> MarginalLikelihood:

@@ -12,6 +12,7 @@ __all__ = [
     "guides",
     "instrument",
     "reversal",
+    "stated_values",
     "structure",
     "strut_laws",
     "thermal",

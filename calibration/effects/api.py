@@ -21,6 +21,7 @@ from calibration.effects.basis_functions import scale_to_symmetric
 from calibration.effects.context import ReadingContext
 from calibration.effects.former_names import former_name
 from calibration.machine.description import Machine
+from calibration.model.payload import PayloadEntry
 from calibration.recording.header import DisturbanceLevels
 
 Place = Literal["drive", "strut", "smr", "rig"]
@@ -29,6 +30,7 @@ Contributions = tuple[tuple[str, Array], ...]  # of one column: channels, each w
 CurvePoint = tuple[int, tuple[float, ...]]  # number of a curve, parameters on it
 
 MIN_RATIO_TO_DECLARED = 2.0
+MIN_RATIO_TO_STATED_U = 3.0  # of a stated value: less is within its uncertainty, and calibrated
 FLEXIBLE_SHARE = 0.3  # standard deviation of what a real part adds to the textbook's law, relative to the size
 
 
@@ -248,12 +250,13 @@ class Effect:
     size: its first parameter; others follow. reveals: what in a campaign shows it. confounded: names of effects that
     look alike. forms: builds the basis sets at a place (index among drives, struts or platform reflectors; 0 for the
     rig). untested: why a campaign cannot show it, or None. declared: how much of it a recording declares as ordinary,
-    in the size's unit: only more than twice as much is the effect. curves: families of columns that are not linear in
-    their parameters; they are fitted only where the basis sets have evidence. measured: how the size follows from
-    several main columns: the norm of their coefficients, their sum, or RMS or range over the readings of what they
-    contribute at their channel. textbook: the form that is never left out (`without_forms`); None for an effect that is
-    general functions only. order: position in the shipped catalogue and in its lists; a user's effect comes after all
-    shipped ones.
+    in the size's unit: only more than twice as much is the effect. stated_u: standard uncertainty that the machine file
+    and the payloads state of what is wrong, in the size's unit: only more than three times as much is the effect.
+    curves: families of columns that are not linear in their parameters; they are fitted only where the basis sets have
+    evidence. measured: how the size follows from several main columns: the norm of their coefficients, their sum, or
+    RMS or range over the readings of what they contribute at their channel. textbook: the form that is never left out
+    (`without_forms`); None for an effect that is general functions only. order: position in the shipped catalogue and
+    in its lists; a user's effect comes after all shipped ones.
     """
 
     name: str
@@ -269,6 +272,9 @@ class Effect:
     curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
     textbook: Textbook | None = None
     order: float = math.inf
+    stated_u: Callable[[Machine, Sequence[PayloadEntry]], float] = field(
+        default=lambda machine, payloads: 0.0, kw_only=True
+    )
 
     def contributions(
         self, inputs: EffectInputs, place: int, curve: CurvePoint | None = None
@@ -296,9 +302,11 @@ class Effect:
             curves=lambda inputs, place: tuple(c for c in curves(inputs, place) if c.form not in left_out),
         )
 
-    def smallest_size(self, nuisance: DisturbanceLevels) -> float:
-        """The smallest size that counts as this effect and not as a disturbance that the recording declares."""
-        return min(max(self.size.low, MIN_RATIO_TO_DECLARED * self.declared(nuisance)), 0.5 * self.size.high)
+    def smallest_size(self, nuisance: DisturbanceLevels, stated_u: float = 0.0) -> float:
+        """The smallest size that counts as this effect and not as a disturbance that the recording declares, nor as
+        the stated uncertainty of a value."""
+        ordinary = max(MIN_RATIO_TO_DECLARED * self.declared(nuisance), MIN_RATIO_TO_STATED_U * stated_u)
+        return min(max(self.size.low, ordinary), 0.5 * self.size.high)
 
     def places(self, machine: Machine) -> tuple[str, ...]:
         """Names of the places where it may be."""

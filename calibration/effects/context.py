@@ -5,7 +5,7 @@ One row per reading (n), d drives. Effects are functions of this context and of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.effects.former_names import former_name
 from calibration.instruments.air import refractivity
+from calibration.recording.header import KnownTable
 from calibration.recording.recording import Recording
 from calibration.recording.sessions import breaks_s
 
@@ -51,7 +52,8 @@ class ReadingContext:
     torque; speed_m_per_s (n,): of the approach; dwell_s (n,): since the target was reached; payload_kg (n,),
     payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; air_refractivity (n,):
     by the recorded air, uncorrected; temperatures_c: by sensor,
-    (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed.
+    (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed;
+    known_tables: compensation tables that are kept for the machine.
     """
 
     history: ArrivalHistory
@@ -70,6 +72,7 @@ class ReadingContext:
     temperatures_c: Mapping[str, Array]
     start_s: float
     breaks_s: tuple[float, ...] = field(default=(), kw_only=True)
+    known_tables: tuple[KnownTable, ...] = field(default=(), kw_only=True)
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -124,6 +127,21 @@ class ReadingContext:
         before = np.interp(self.t_s - delay_s, self.t_s[order], self.air_refractivity[order])
         return np.asarray(self.air_refractivity - before)
 
+    @property
+    def table_generations(self) -> tuple[int, ...]:
+        """Generations of the known tables, ascending."""
+        return tuple(sorted({table.generation for table in self.known_tables}))
+
+    def table_corrections_m(self, generation: int, drive_names: Sequence[str], drives: Array) -> Array:
+        """What the tables of a generation add to commands (n, d) of the drives; zero for a drive without a table."""
+        out = np.zeros_like(drives)
+        for table in self.known_tables:
+            if table.generation == generation:
+                own = drive_names.index(table.drive)
+                partner = own if table.partner is None else drive_names.index(table.partner)
+                out[:, own] = table.correction_m(drives[:, own], drives[:, partner])
+        return out
+
     former = former_name("previous_drives")
     warmth = former_name("motion_heat")
     lag_k = former_name("thermal_lag_k")
@@ -160,6 +178,7 @@ def context_of_recording(recording: Recording) -> ReadingContext:
         temperatures_c={"air": recording["air_temperature_c"], **recording.temperatures_c()},
         start_s=float(t.min()),
         breaks_s=breaks_s(recording),
+        known_tables=recording.file.known_tables,
     )
 
 
@@ -200,7 +219,14 @@ def clip_to_campaign(campaign: ReadingContext, context: ReadingContext) -> Readi
         for name, t in campaign.temperatures_c.items()
     }
     history = ArrivalHistory(context.history.arrived_s + offset_s, context.history.drives)
-    return replace(context, history=history, start_s=campaign.start_s, temperatures_c=temperatures, **clipped)
+    return replace(
+        context,
+        history=history,
+        start_s=campaign.start_s,
+        temperatures_c=temperatures,
+        known_tables=campaign.known_tables,
+        **clipped,
+    )
 
 
 def append_context(campaign: ReadingContext, later: ReadingContext) -> ReadingContext:
@@ -309,6 +335,7 @@ def combine_contexts(
             n: np.concatenate([t, clipped.temperatures_c[n][rows]]) for n, t in first.temperatures_c.items()
         },
         start_s=first.start_s,
+        known_tables=first.known_tables,
         campaign=campaign,
         other=other,
         rows=rows,

@@ -172,6 +172,7 @@ class _Hypotheses:
             air_refractivity=np.full(n, float(np.median(context.air_refractivity))),
             temperatures_c={name: np.full(n, float(np.median(t))) for name, t in context.temperatures_c.items()},
             start_s=context.start_s,
+            known_tables=context.known_tables,
         )
         return planned, pose
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood, evidence_of_basis_sets
-from calibration.diagnosis.ranking import Cause
+from calibration.diagnosis.ranking import Cause, smallest_size
 from calibration.effects.api import EffectInputs, EffectParameter
 
 STEPS = 8  # of the fine grid to each side of the reported value
@@ -33,7 +33,7 @@ def parameter_uncertainty(
     effect, reported = cause.effect, cause.best.basis_set.parameters[parameter.name]
     place = effect.places(inputs.machine).index(cause.place)
     built = effect.forms(_refine(inputs, reported), place)
-    low = effect.smallest_size(likelihood.linear.recording.file.nuisance)
+    low = smallest_size(likelihood, effect)
     evidence = evidence_of_basis_sets(
         likelihood.information_and_score(built.contributions), built.sets, low, effect.size.high
     )

@@ -17,13 +17,14 @@ from calibration.effects.api import CurvePoint
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.context import ARRAYS, ArrivalHistory, ReadingContext
 from calibration.machine.description import Machine
+from calibration.recording.header import KnownTable
 
 FORMAT = 3  # 2 and before: columns that are not recognised
 LARGEST = 1e12  # of any number
 LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
 NOT_A_ROTATION = 1e-6
-MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS = 64, 1000, 1000
+MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS, MOST_TABLES = 64, 1000, 1000, 1000
 Question = TypeVar("Question", PeriodQuestion, OnsetQuestion)
 
 
@@ -42,6 +43,7 @@ def to_data(campaign: TwinCampaign, fitted_machine: FittedMachine, added: Sequen
         "moments": {name: np.asarray(getattr(context, name)).tolist() for name in ARRAYS},
         "temperatures_c": {name: t.tolist() for name, t in context.temperatures_c.items()},
         "start_s": context.start_s,
+        "known_tables": [table.model_dump(mode="json") for table in context.known_tables],
     }
 
 
@@ -122,8 +124,21 @@ def _reading_context(machine: Machine, data: Mapping[str, Any]) -> ReadingContex
     start_s = float(_float_array("start_s", [data["start_s"]], 1)[0])
     drives = _float_array("history", history["drives"], len(arrived), d)
     return ReadingContext(
-        history=ArrivalHistory(arrived, drives), temperatures_c=temperatures, start_s=start_s, **arrays
+        history=ArrivalHistory(arrived, drives),
+        temperatures_c=temperatures,
+        start_s=start_s,
+        known_tables=_known_tables(machine, data.get("known_tables", [])),
+        **arrays,
     )
+
+
+def _known_tables(machine: Machine, data: Any) -> tuple[KnownTable, ...]:
+    if not isinstance(data, list) or len(data) > MOST_TABLES:
+        raise ValueError(f"'known_tables' is not a list of up to {MOST_TABLES} tables")
+    tables = tuple(KnownTable.model_validate(entry) for entry in data)
+    if any({table.drive, table.partner or table.drive} - set(machine.drive_names) for table in tables):
+        raise ValueError("'known_tables' names a drive that the machine does not have")
+    return tables
 
 
 def _rows(

@@ -15,10 +15,11 @@ from calibration.diagnosis.observed_model import ObservedModel
 from calibration.effects.context import ArrivalHistory, ReadingContext
 from calibration.instruments.station_geometry import points_to_polar, polar_to_points
 from calibration.machine import equilibrium
-from calibration.machine.description import COORDINATES, load_machine, shipped_machine
+from calibration.machine.description import COORDINATES, PARTS, load_machine, shipped_machine
 from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
+from calibration.recording.header import KnownTable
 from tests.calibration.diagnosis.campaigns import Rest, drawn_poses
 
 VISITS = 5
@@ -224,6 +225,62 @@ def test_light(case):
     ):
         expected = (turned(STEP) - turned(-STEP)) / (2.0 * STEP)
         np.testing.assert_allclose(station_shift(case, name), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_growth_of_a_part(case):
+    for part in PARTS:
+
+        def change(h, part=part):
+            at = case.rest.at
+            at = replace(at, factors={**at.factors, part: at.factors[part] + h})
+            return case.places(replace(case.rest, at=at).again())
+
+        case.check(f"growth.{part}", change)
+
+
+def test_payload(case):
+    """Ten kilograms and ten millimetres: a payload moves the platform by micrometres."""
+    machine, at = case.observed.machine, case.rest.at
+    (moving, (mass, com)), steps = at.masses, {"mass": 10.0, "x": 1e-2, "y": 1e-2, "z": 1e-2}
+    names = [name for name in case.channels.names if name.startswith("payload.")]
+    assert names == [f"payload.{of}" for of in ("mass", *("xy" if machine.planar else "xyz"))]
+    for name in names:
+        kind = name.split(".")[1]
+        step = steps[kind]
+
+        def change(h, of=kind):
+            changed = (mass + h, com) if of == "mass" else (mass, com + h * np.eye(3)[AXES.index(of)])
+            return case.places(replace(case.rest, at=replace(at, masses=(moving, changed))).again())
+
+        expected = (change(step) - change(-step)) / (2.0 * step)
+        np.testing.assert_allclose(
+            case.channels.shift_m(name), expected, atol=1e-3 * np.abs(expected).max() + 1e-12, err_msg=name
+        )
+
+
+def test_scale_and_tables(case):
+    """By the travel's own channel, which is held against the machine above; corrections at the commands of a visit."""
+    machine, visit = case.observed.machine, np.maximum(case.observed.visit, 0)
+    nodes, partner = (0.0, 2.0), machine.drive_names[1]
+    tables = tuple(
+        KnownTable(
+            generation=3, drive=drive, own_m=nodes, partner=partner if a == 0 else None,
+            partner_m=nodes if a == 0 else None,
+            corrections_m=((0.0, 1e-4), (2e-4, 5e-4)) if a == 0 else ((0.0,), (3e-4,)),
+        )
+        for a, drive in enumerate(machine.drive_names[:2])
+    )  # fmt: skip
+    channels = Channels(replace(case.observed, context=replace(case.observed.context, known_tables=tables)))
+    assert [name for name in channels.names if name.startswith("table.")] == ["table.3"]
+    own, other = (np.clip(case.rest.drives[visit, a] / 2.0, 0.0, 1.0) for a in (0, 1))
+    first = 1e-4 * (1.0 - own) * other + own * (2e-4 * (1.0 - other) + 5e-4 * other)
+    travels = [channels.shift_m(f"travel.{drive}") for drive in machine.drive_names[:2]]
+    expected = travels[0] * first[:, None] + travels[1] * (3e-4 * other)[:, None]
+    np.testing.assert_allclose(channels.shift_m("table.3"), expected, atol=1e-12)
+    for a, drive in enumerate(machine.drive_names):
+        from_middle = case.rest.drives[visit, a] - 0.5 * np.sum(machine.travel[a])
+        expected = channels.shift_m(f"travel.{drive}") * from_middle[:, None]
+        np.testing.assert_allclose(channels.shift_m(f"scale.{drive}"), expected, atol=1e-12)
 
 
 def test_every_name_has_one_response(case):

@@ -18,6 +18,7 @@ from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import presence_probability, probabilities
 from calibration.effects.catalogue import load_catalogue
 from calibration.machine.description import load_machine
+from calibration.model.payload import PayloadEntry
 from calibration.recording.header import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import PLANAR
 
@@ -228,7 +229,9 @@ def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, si
     effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
     monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
     likelihood = SimpleNamespace(
-        linear=SimpleNamespace(recording=SimpleNamespace(file=SimpleNamespace(nuisance=DisturbanceLevels())))
+        linear=SimpleNamespace(
+            machine=None, recording=SimpleNamespace(file=SimpleNamespace(nuisance=DisturbanceLevels(), payloads=()))
+        )
     )
     places = [place("left_upper", 100.0), place("right_lower", 60.0 + side)]
     ranking._refine_with_curves(likelihood, INPUTS, effect, places)
@@ -241,6 +244,20 @@ def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, si
 def test_twice_what_is_declared_is_the_smallest_size_at_most_half_of_the_largest(declared_m, smallest_m):
     effect = CATALOGUE.effect("tracker_drift")
     assert effect.smallest_size(DisturbanceLevels(drift_m=declared_m)) == pytest.approx(smallest_m)
+
+
+def test_three_times_what_is_stated_is_the_smallest_size():
+    payloads = [
+        PayloadEntry(name="none", mass_kg=0.0, u_com_m=0.1),
+        PayloadEntry(name="heavy", mass_kg=200.0, u_mass_kg=0.4, u_com_m=0.002),  # 1.6 kg at a lever of 0.25 m
+    ]
+    payload, expansion = CATALOGUE.effect("payload"), CATALOGUE.effect("expansion_coefficient")
+    u_kg, u_per_k = payload.stated_u(INPUTS.machine, payloads), expansion.stated_u(INPUTS.machine, payloads)
+    assert payload.smallest_size(DisturbanceLevels(), u_kg) == pytest.approx(1.2)
+    assert (
+        payload.smallest_size(DisturbanceLevels(), payload.stated_u(INPUTS.machine, payloads[:1])) == payload.size.low
+    )
+    assert expansion.smallest_size(DisturbanceLevels(), u_per_k) == pytest.approx(3.0 * 0.3e-6)
 
 
 @pytest.mark.parametrize(("excess", "verdict", "said"), [(9.9, "backlash", 0), (10.1, "backlash", 1), (10.1, NONE, 0)])

@@ -25,7 +25,8 @@ NAMES = {
     "link_thermal_growth", "column_thermal_growth", "screw_thermal_growth", "backlash", "friction_windup",
     "column_compliance", "link_stiffness", "joint_clearance", "screw_cumulative_error", "screw_periodic_error",
     "encoder_interpolation", "guide_straightness", "guide_angular", "foundation_settling", "tracker_drift",
-    "refraction", "smr_reseat", "axis_coupling", "latency", "servo_settling",
+    "refraction", "smr_reseat", "axis_coupling", "latency", "servo_settling", "expansion_coefficient", "payload",
+    "tables_left_on", "drive_scale",
 }  # fmt: skip
 # What is never left out of an effect (benchmarks/withheld/left_out_forms.py); effects that are not listed are made of
 # general functions only.
@@ -77,7 +78,7 @@ def test_the_names_are_those_that_were_promised():
 
 @pytest.mark.parametrize("effect", load_catalogue().effects, ids=lambda e: e.name)
 def test_every_effect_says_what_it_is(effect):
-    units = {"m", "rad", "s", "K", "1", "m/N", "K/m"}
+    units = {"m", "rad", "s", "K", "1", "m/N", "K/m", "1/K", "kg"}
     for parameter in (effect.size, *effect.others):
         assert 0.0 <= parameter.low < parameter.high
         assert parameter.unit in units
@@ -90,8 +91,8 @@ def test_every_effect_says_what_it_is(effect):
 @pytest.mark.parametrize("effect", load_catalogue().effects, ids=lambda e: e.name)
 def test_ranges_hold_what_the_plant_takes_for_typical(effect):
     """The plant's catalogue was written by others; sizes with other units (a logarithm) are left out."""
-    theirs = SPECS[effect.name].size
-    if theirs.name != effect.size.name:
+    theirs = SPECS[effect.name].size if effect.name in SPECS else None
+    if theirs is None or theirs.name != effect.size.name:
         pytest.skip("the plant states its size otherwise")
     assert effect.size.low <= theirs.typical <= effect.size.high
 

@@ -1,0 +1,209 @@
+"""What is stated of the rig and is not so: expansion coefficients, payloads, tables off, a drive's scale and zero.
+
+The calibration takes such a value as known, within its stated uncertainty, and the machine's model says how its error
+acts: through channels of their own, so that one number moves all that depends on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, varies
+from calibration.machine.description import PARTS, Machine
+from calibration.model.payload import PayloadEntry
+
+LEAST_CHANGE_K = 0.3  # a part whose temperature varies less shows its coefficient no better than its geometry
+LEVER_M = 0.25  # at which a mass beside the stated centre turns the platform as the moment of its size does
+LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
+TABLE_ONSETS, SCALE_ONSETS = 3, 3  # of the likeliest moments of change
+ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
+SEVERAL_WEIGHT = 0.5  # of several changes against one
+ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
+
+
+def expansion(inputs: EffectInputs, _: int) -> BasisSets:
+    """A part's coefficient is not the stated one, as of another material: its growth goes with its own sensor.
+
+    L = L0 (1 + alpha (T - T_ref)); alpha itself rises with temperature (Touloukian et al., Thermophysical Properties of
+    Matter 12, Plenum 1975).
+    """
+    sets = BasisSets()
+    for part in PARTS:
+        if (above_k := _above_reference_k(inputs, part)) is None:
+            continue
+        main = sets.add((f"growth.{part}", above_k))
+        about_mean = above_k - above_k.mean()
+        rising = sets.add((f"growth.{part}", about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)))
+        sets.add_set(main, rising, share=0.1)
+    return sets
+
+
+def _above_reference_k(inputs: EffectInputs, part: str) -> Array | None:
+    """By how much (n,) a part is warmer than at reference temperature; None if it hardly varies."""
+    sensor = inputs.machine.sensors[part]
+    recorded = inputs.context.temperatures_c.get(sensor)
+    if recorded is None or not varies(recorded, LEAST_CHANGE_K):
+        return None
+    return np.asarray(recorded - inputs.machine.reference_temperature_c)
+
+
+def payload(inputs: EffectInputs, _: int) -> BasisSets:
+    """What is mounted has another mass or centre than stated: all of it in proportion, or by what was not counted.
+
+    Weight and its moment in the platform's equilibrium (Merlet, Parallel Robots, Springer 2006, ch. 9). A centre that
+    is off by d counts as the mass m d / 0.25 m, which has the same moment at a lever of 0.25 m.
+    """
+    sets, kg = BasisSets(), inputs.context.payload_kg
+    largest = max(float(kg.max()), 1e-9)
+    mounted = (kg > LEAST_LOAD_SHARE * largest).astype(np.float64)
+    in_proportion = sets.add(("payload.mass", inputs.payload_ratio))
+    not_counted = sets.add(("payload.mass", mounted))
+    shifted, beside = [], []
+    for channel in (c for c in inputs.channels if c.startswith("payload.") and c != "payload.mass"):
+        shifted += sets.add((channel, mounted * (LEVER_M / largest)))
+        beside += sets.add((channel, mounted * (LEVER_M / np.maximum(kg, LEAST_LOAD_SHARE * largest))))
+    sets.add_set(in_proportion, shifted)
+    sets.add_set(not_counted, beside)
+    sets.add_set(shifted)
+    sets.add_set(beside)
+    sets.add_set((*in_proportion, *not_counted), (*shifted, *beside), weight=0.5)
+    return sets
+
+
+def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
+    """A known table is on though the recording says off: all the time, from a moment on, until one, or in one drive."""
+    sets, context = BasisSets(), inputs.context
+    one = np.ones(len(context))
+    drives = inputs.machine.drive_names
+    for generation in context.table_generations:
+        sets.add_set(sets.add((f"table.{generation}", one)))
+        corrections = context.table_corrections_m(generation, drives, context.drives)
+        for name, correction in zip(drives, corrections.T, strict=True):
+            if len(drives) > 1 and np.any(correction):
+                sets.add_set(sets.add((f"travel.{name}", correction)), weight=ONE_DRIVE_WEIGHT)
+    if context.breaks_s:  # who knows when: nothing depends on time then
+        return sets
+    for generation in context.table_generations:
+        t = context.elapsed_s
+        for onset, prior in inputs.onsets((f"table.{generation}",)):
+            after = (t >= onset).astype(np.float64)
+            for switched in (after, 1.0 - after):
+                sets.add_set(sets.add((f"table.{generation}", switched)), weight=prior, onset_s=onset)
+    return sets
+
+
+def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
+    """From a moment on a drive counts with another scale or from another zero: slipped scale, lost reference.
+
+    Scale and zero error of a linear axis (ISO 230-2; Slocum, Precision Machine Design, SME 1992, ch. 2), in steps.
+    """
+    sets, name, t = BasisSets(), inputs.drive(drive), inputs.context.elapsed_s
+    low, high = inputs.machine.travel[drive]
+    per_shift = 2.0 / float(high - low)  # relative, that shifts the end of the travel by one
+    scales, zeros = inputs.onsets((f"scale.{name}",)), inputs.onsets((f"travel.{name}",))
+
+    def scale(shape: Array) -> list[int]:
+        return sets.add((f"scale.{name}", shape * per_shift))
+
+    def zero(shape: Array) -> list[int]:
+        return sets.add((f"travel.{name}", shape))
+
+    for onset, prior in scales:
+        after = (t >= onset).astype(np.float64)
+        sets.add_set(scale(after), zero(after), share=1.0, weight=prior, onset_s=onset)
+    for onset, prior in zeros:
+        sets.add_set(zero((t >= onset).astype(np.float64)), weight=ZERO_WEIGHT * prior, onset_s=onset)
+    for changes, column, weight in ((scales, scale, 1.0), (zeros, zero, ZERO_WEIGHT)):
+        if len(changes) >= SCALE_ONSETS:
+            first = changes[0]
+            several = [c for onset, _ in changes[:SCALE_ONSETS] for c in column((t >= onset).astype(np.float64))]
+            sets.add_set(several, weight=weight * SEVERAL_WEIGHT * first[1], onset_s=first[0])
+    return sets
+
+
+def _largest_u_expansion(machine: Machine, _: Sequence[PayloadEntry]) -> float:
+    return max(machine.u_expansion_per_k.values(), default=0.0)
+
+
+def _u_payload_kg(_: Machine, payloads: Sequence[PayloadEntry]) -> float:
+    """Of mass or of the centre, whichever is known better; not stated: none."""
+    stated = [
+        u for p in payloads for u in (p.u_mass_kg, p.u_com_m * p.mass_kg / LEVER_M) if p.mass_kg > 0.0 and u > 0.0
+    ]
+    return min(stated, default=0.0)
+
+
+def _untested_at_one_temperature(inputs: EffectInputs) -> str | None:
+    if any(_above_reference_k(inputs, part) is not None for part in PARTS):
+        return None
+    return f"no part's temperature varied by {LEAST_CHANGE_K} K; let the shop warm or cool"
+
+
+def _untested_with_one_payload(inputs: EffectInputs) -> str | None:
+    return (
+        None
+        if varies(inputs.context.payload_kg, 1e-3)
+        else "every pose was measured with the same payload; measure two"
+    )
+
+
+def _untested_without_tables(inputs: EffectInputs) -> str | None:
+    return None if inputs.context.known_tables else "the recording names no compensation tables"
+
+
+def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
+    return None if varies(inputs.context.t_s, 600.0) else "the campaign is too short"
+
+
+_ONSET = EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
+
+EFFECTS = (
+    Effect(
+        name="expansion_coefficient",
+        place="rig",
+        size=EffectParameter("coefficient_per_k", 3e-7, 3e-5, "1/K", "true less stated, of one part"),
+        reveals="a temperature swing, all struts or all drives alike",
+        confounded=("link_thermal_growth", "column_thermal_growth", "screw_thermal_growth"),
+        forms=expansion,
+        untested=_untested_at_one_temperature,
+        stated_u=_largest_u_expansion,
+        order=210,
+    ),
+    Effect(
+        name="payload",
+        place="rig",
+        size=EffectParameter("mass_kg", 0.1, 500.0, "kg", "beyond what is stated, or at 0.25 m beside its centre"),
+        reveals="several payloads",
+        confounded=("column_compliance", "link_stiffness"),
+        forms=payload,
+        untested=_untested_with_one_payload,
+        stated_u=_u_payload_kg,
+        order=220,
+    ),
+    Effect(
+        name="tables_left_on",
+        place="rig",
+        size=EffectParameter("weight_ratio", 0.05, 2.0, "1", "part of the table that is applied"),
+        reveals="tables that the recording names, drive coordinates off their nodes",
+        confounded=("screw_cumulative_error", "axis_coupling"),
+        forms=tables_left_on,
+        others=(_ONSET,),
+        untested=_untested_without_tables,
+        order=230,
+    ),
+    Effect(
+        name="drive_scale",
+        place="drive",
+        size=EffectParameter("shift_m", 1e-6, 1e-3, "m", "of the zero, or at the end of the travel"),
+        reveals="time and the drive coordinate, reflectors on the sliders, floor nests",
+        confounded=("foundation_settling", "screw_thermal_growth"),
+        forms=drive_scale,
+        others=(_ONSET,),
+        untested=_untested_in_short_campaign,
+        measured="norm",
+        order=240,
+    ),
+)

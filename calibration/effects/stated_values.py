@@ -21,6 +21,9 @@ LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
 TABLE_ONSETS, SCALE_ONSETS = 3, 3  # of the likeliest moments of change
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
+COEFFICIENT_WEIGHT = (
+    0.006  # of each form: a material is stated wrongly more rarely than a part is warmer than its sensor
+)
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
 
 
@@ -37,7 +40,7 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
         main = sets.add((f"growth.{part}", above_k))
         about_mean = above_k - above_k.mean()
         rising = sets.add((f"growth.{part}", about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)))
-        sets.add_set(main, rising, share=0.1)
+        sets.add_set(main, rising, share=0.1, weight=COEFFICIENT_WEIGHT)
     return sets
 
 
@@ -164,7 +167,7 @@ EFFECTS = (
     Effect(
         name="expansion_coefficient",
         place="rig",
-        size=EffectParameter("coefficient_per_k", 3e-7, 3e-5, "1/K", "true less stated, of one part"),
+        size=EffectParameter("coefficient_per_k", 3e-7, 1.5e-5, "1/K", "true less stated, of one part"),
         reveals="a temperature swing, all struts or all drives alike",
         confounded=("link_thermal_growth", "column_thermal_growth", "screw_thermal_growth"),
         forms=expansion,

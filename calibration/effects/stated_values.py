@@ -11,14 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis
 from calibration.machine.description import PARTS, Machine
 from calibration.model.payload import PayloadEntry
 
 LEAST_CHANGE_K = 0.3  # a part whose temperature varies less shows its coefficient no better than its geometry
 LEVER_M = 0.25  # at which a mass beside the stated centre turns the platform as the moment of its size does
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
-TABLE_ONSETS, SCALE_ONSETS = 3, 3  # of the likeliest moments of change
+MOUNTINGS, WALK_TERMS = 6, 12  # terms of what may be otherwise each time, or at any time
+WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
 COEFFICIENT_WEIGHT = (
@@ -37,9 +39,10 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
     for part in PARTS:
         if (above_k := _above_reference_k(inputs, part)) is None:
             continue
-        main = sets.add((f"growth.{part}", above_k))
+        main = sets.add((f"growth.{part}", above_k), form="linear")
         about_mean = above_k - above_k.mean()
-        rising = sets.add((f"growth.{part}", about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)))
+        bent = about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)
+        rising = sets.add((f"growth.{part}", bent), form="rising")
         sets.add_set(main, rising, share=0.1, weight=COEFFICIENT_WEIGHT)
     return sets
 
@@ -62,17 +65,23 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
     sets, kg = BasisSets(), inputs.context.payload_kg
     largest = max(float(kg.max()), 1e-9)
     mounted = (kg > LEAST_LOAD_SHARE * largest).astype(np.float64)
-    in_proportion = sets.add(("payload.mass", inputs.payload_ratio))
-    not_counted = sets.add(("payload.mass", mounted))
+    in_proportion = sets.add(("payload.mass", inputs.payload_ratio), form="in_proportion")
+    not_counted = sets.add(("payload.mass", mounted), form="not_counted")
     shifted, beside = [], []
+    any_load = np.stack([mounted, inputs.payload_ratio, inputs.payload_ratio**2], axis=1)
+    each_time = mounted[:, None] * cosine_basis(inputs.context.exchanges, MOUNTINGS)
+    anyhow = sets.add(("payload.mass", np.concatenate([any_load, each_time], axis=1)))
     for channel in (c for c in inputs.channels if c.startswith("payload.") and c != "payload.mass"):
-        shifted += sets.add((channel, mounted * (LEVER_M / largest)))
-        beside += sets.add((channel, mounted * (LEVER_M / np.maximum(kg, LEAST_LOAD_SHARE * largest))))
+        moment = mounted * LEVER_M / np.maximum(kg, LEAST_LOAD_SHARE * largest)
+        shifted += sets.add((channel, mounted * (LEVER_M / largest)), form="shifted")
+        beside += sets.add((channel, moment), form="beside")
+        anyhow += sets.add((channel, moment[:, None] * np.concatenate([any_load, each_time], axis=1)))
     sets.add_set(in_proportion, shifted)
     sets.add_set(not_counted, beside)
     sets.add_set(shifted)
     sets.add_set(beside)
     sets.add_set((*in_proportion, *not_counted), (*shifted, *beside), weight=0.5)
+    sets.add_set(anyhow, weight=0.5)
     return sets
 
 
@@ -82,19 +91,22 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
     one = np.ones(len(context))
     drives = inputs.machine.drive_names
     for generation in context.table_generations:
-        sets.add_set(sets.add((f"table.{generation}", one)))
+        sets.add_set(sets.add((f"table.{generation}", one), form="all_of_it"))
         corrections = context.table_corrections_m(generation, drives, context.drives)
         for name, correction in zip(drives, corrections.T, strict=True):
             if len(drives) > 1 and np.any(correction):
-                sets.add_set(sets.add((f"travel.{name}", correction)), weight=ONE_DRIVE_WEIGHT)
+                sets.add_set(sets.add((f"travel.{name}", correction), form="one_drive"), weight=ONE_DRIVE_WEIGHT)
     if context.breaks_s:  # who knows when: nothing depends on time then
         return sets
     for generation in context.table_generations:
         t = context.elapsed_s
+        at_times = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
+        sets.add_set(sets.add((f"table.{generation}", at_times)), weight=WALK_WEIGHT)
         for onset, prior in inputs.onsets((f"table.{generation}",)):
             after = (t >= onset).astype(np.float64)
             for switched in (after, 1.0 - after):
-                sets.add_set(sets.add((f"table.{generation}", switched)), weight=prior, onset_s=onset)
+                column = sets.add((f"table.{generation}", switched), form="switched")
+                sets.add_set(column, weight=prior, onset_s=onset)
     return sets
 
 
@@ -108,22 +120,25 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
     per_shift = 2.0 / float(high - low)  # relative, that shifts the end of the travel by one
     scales, zeros = inputs.onsets((f"scale.{name}",)), inputs.onsets((f"travel.{name}",))
 
-    def scale(shape: Array) -> list[int]:
-        return sets.add((f"scale.{name}", shape * per_shift))
+    def scale(shape: Array, form: str = "") -> list[int]:
+        return sets.add((f"scale.{name}", shape * per_shift), form=form)
 
-    def zero(shape: Array) -> list[int]:
-        return sets.add((f"travel.{name}", shape))
+    def zero(shape: Array, form: str = "") -> list[int]:
+        return sets.add((f"travel.{name}", shape), form=form)
+
+    def after(onset_s: float) -> Array:
+        return (t >= onset_s).astype(np.float64)
 
     for onset, prior in scales:
-        after = (t >= onset).astype(np.float64)
-        sets.add_set(scale(after), zero(after), share=1.0, weight=prior, onset_s=onset)
+        moved = zero(after(onset), "zero_with_scale")
+        sets.add_set(scale(after(onset), "scale"), moved, share=1.0, weight=prior, onset_s=onset)
     for onset, prior in zeros:
-        sets.add_set(zero((t >= onset).astype(np.float64)), weight=ZERO_WEIGHT * prior, onset_s=onset)
-    for changes, column, weight in ((scales, scale, 1.0), (zeros, zero, ZERO_WEIGHT)):
-        if len(changes) >= SCALE_ONSETS:
-            first = changes[0]
-            several = [c for onset, _ in changes[:SCALE_ONSETS] for c in column((t >= onset).astype(np.float64))]
-            sets.add_set(several, weight=weight * SEVERAL_WEIGHT * first[1], onset_s=first[0])
+        sets.add_set(zero(after(onset), "zero"), weight=ZERO_WEIGHT * prior, onset_s=onset)
+    for changes, column, other, weight in ((scales, scale, zero, 1.0), (zeros, zero, scale, ZERO_WEIGHT)):
+        if len(changes) > 1:  # any number of steps
+            steps = np.column_stack([after(onset) for onset, _ in changes])
+            first, prior = changes[0]
+            sets.add_set(column(steps), other(steps), share=1.0, weight=weight * SEVERAL_WEIGHT * prior, onset_s=first)
     return sets
 
 
@@ -172,6 +187,7 @@ EFFECTS = (
         confounded=("link_thermal_growth", "column_thermal_growth", "screw_thermal_growth"),
         forms=expansion,
         untested=_untested_at_one_temperature,
+        textbook=Textbook("linear", "Touloukian et al., Thermophysical Properties of Matter 12: linear expansion"),
         stated_u=_largest_u_expansion,
         order=210,
     ),
@@ -183,6 +199,7 @@ EFFECTS = (
         confounded=("column_compliance", "link_stiffness"),
         forms=payload,
         untested=_untested_with_one_payload,
+        textbook=Textbook("in_proportion", "Merlet, Parallel Robots, ch. 9: the platform's equilibrium under a weight"),
         stated_u=_u_payload_kg,
         order=220,
     ),
@@ -195,6 +212,7 @@ EFFECTS = (
         forms=tables_left_on,
         others=(_ONSET,),
         untested=_untested_without_tables,
+        textbook=Textbook("all_of_it", "ISO/TR 16907: numerical compensation adds a table's value to the command"),
         order=230,
     ),
     Effect(
@@ -206,7 +224,7 @@ EFFECTS = (
         forms=drive_scale,
         others=(_ONSET,),
         untested=_untested_in_short_campaign,
-        measured="norm",
+        textbook=Textbook("scale", "Slocum, Precision Machine Design, ch. 2: scale error of an axis"),
         order=240,
     ),
 )

@@ -48,6 +48,10 @@ TEXTBOOK = {
     "axis_coupling": "in_proportion",
     "latency": "dead_time",
     "servo_settling": "exponential",
+    "expansion_coefficient": "linear",
+    "payload": "in_proportion",
+    "tables_left_on": "all_of_it",
+    "drive_scale": "scale",
 }
 OWN = """
 from calibration.effects.base import Effect, Forms, Parameter
@@ -246,6 +250,9 @@ def test_the_textbook_forms_are_these_and_stay_when_all_others_are_left_out(inpu
     assert {e.name: e.textbook.form for e in load_catalogue().effects if e.textbook} == TEXTBOOK
     for effect in load_catalogue().effects:
         named = {*effect.forms(inputs, 0).named, *(curve.form for curve in effect.curves(inputs, 0))} - {""}
+        if effect.textbook and not effect.forms(inputs, 0).sets:
+            assert effect.untested(inputs), effect.name
+            continue
         assert (effect.textbook is None) == (not named), effect.name
         alone = effect.without_forms(named)
         left = alone.forms(inputs, 0)

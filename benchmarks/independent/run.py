@@ -36,11 +36,12 @@ from benchmarks.results_file import ResultsFile
 from benchmarks.withheld.lane import RunFailed, diagnose, finite
 from benchmarks.withheld.score_rows import Row
 from benchmarks.withheld.scorer import Tampered
+from benchmarks.withheld.sealed_diagnoser import HELPERS
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "independent"
 OUT = ROOT / "runs" / "independent"
-CODE = ("calibration", "benchmarks/withheld/answers.py", "benchmarks/withheld/diagnoser.py")
+CODE = ("calibration", *(f"benchmarks/withheld/{name}.py" for name in (*HELPERS, "sealed_diagnoser")))
 BATCH = 5
 SURE = 0.9
 
@@ -64,7 +65,7 @@ def _run(options: argparse.Namespace, archive: Path) -> int:
     out = options.out / f"{code}-{digest_of(archive)}" / ("even" if final_run is None else "odd")
     if options.fresh:
         shutil.rmtree(out, ignore_errors=True)
-    answers = answer(archive, chosen, out, options.diagnose, options.jobs)
+    answers = answer(archive, chosen, out, options.diagnose, options.jobs, sealed=options.sealed)
     held = hold_against_gross(archive, out, answers, options) if options.gross or final_run is not None else {}
     rows = score_all(archive, out, answers, final_run)
     for row in rows:
@@ -94,7 +95,8 @@ def hold_against_gross(
     sure = [name for name, of_name in answers.items() if probability(of_name) > SURE]
     planting = hashlib.sha256((Path(__file__).parent / "gross.py").read_bytes()).hexdigest()[:12]
     print(f"{len(sure)} of {len(answers)} verdicts are sure; with gross readings:", file=sys.stderr)
-    again = answer(archive, sure, out / f"gross-{planting}", options.diagnose, options.jobs, prepare=plant_in)
+    out = out / f"gross-{planting}"
+    again = answer(archive, sure, out, options.diagnose, options.jobs, prepare=plant_in, sealed=options.sealed)
     return {name: verdict(again[name]) == verdict(answers[name]) for name in sure}
 
 
@@ -115,6 +117,8 @@ def answer(
     function: str,
     jobs: int,
     prepare: Callable[[Path], None] | None = None,
+    *,
+    sealed: bool = True,
 ) -> dict[str, dict[str, Any]]:
     """Answers by recording, those on disk and those that were missing; each batch is on disk before the next.
 
@@ -130,7 +134,7 @@ def answer(
 
     def work(batch: Sequence[str]) -> None:
         nonlocal done
-        given = diagnose_batch(out, batch, function, prepare)
+        given = diagnose_batch(out, batch, function, prepare, sealed=sealed)
         if code_digest(function) != code:
             raise RunFailed("the code was changed during the run; run again")
         with lock:
@@ -156,7 +160,12 @@ def answer(
 
 
 def diagnose_batch(
-    out: Path, names: Sequence[str], function: str, prepare: Callable[[Path], None] | None = None
+    out: Path,
+    names: Sequence[str],
+    function: str,
+    prepare: Callable[[Path], None] | None = None,
+    *,
+    sealed: bool = True,
 ) -> dict[str, dict[str, Any]]:
     """Answers of some recordings, by a process that is given copies of them and nothing else."""
     folder = out / "batches" / names[0]
@@ -167,7 +176,7 @@ def diagnose_batch(
             prepare(folder / "recordings" / name)
     table = {name: {"without": [], "without_forms": []} for name in names}
     (folder / "recordings" / "options.json").write_text(json.dumps(table), encoding="utf-8")
-    diagnose(folder / "recordings", folder / "answers", function, "--no-baselines")
+    diagnose(folder / "recordings", folder / "answers", function, sealed=sealed, baselines=False)
     given = json.loads((folder / "answers" / "answers.json").read_text(encoding="utf-8"))
     (out / "predictions").mkdir(exist_ok=True)
     for file in (folder / "answers").glob("*.npz"):
@@ -222,11 +231,17 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--fresh", action="store_true", help="forget the answers that this code has given")
     parser.add_argument("--final", action="store_true", help="score all odd recordings and log it; at most five times")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")
+    parser.add_argument(
+        "--unsealed", dest="sealed", action="store_false",
+        help="development where the system can shut no process in: the diagnoser could open truths",
+    )  # fmt: skip
     parser.add_argument("--diagnose", default="", help=argparse.SUPPRESS)
     parser.add_argument("--log", type=Path, default=final_runs.LOG, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.n < 0 or options.jobs < 1:
         parser.error("--n must not be negative, --jobs not below 1")
+    if options.final and not options.sealed:
+        parser.error("--unsealed is no final run")
     if options.final and options.n:
         parser.error("a final run scores all odd recordings; leave --n out")
     options.out = options.out.resolve()

@@ -17,9 +17,9 @@ from typing import Any
 from benchmarks.withheld.answers import proposed_visits
 from benchmarks.withheld.noise import replace_all
 from benchmarks.withheld.scorer import fixed_answers, score_batch
+from benchmarks.withheld.sealed_diagnoser import ONE_CORE, NotSealed, answer_folder
 
 ROOT = Path(__file__).parents[2]
-ONE_CORE = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class RunFailed(RuntimeError):
@@ -40,6 +40,7 @@ class LaneOptions:
     diagnose: str
     noise: bool
     leave_form_out: bool
+    sealed: bool
     out: Path
     done: tuple[str, ...]
     finished: int
@@ -60,13 +61,14 @@ def run_lane(options: LaneOptions, keep: Callable[[dict[str, Any]], None], begun
                 return
             if options.noise:
                 replace_all(folder / "recordings", number)
-            diagnose(folder / "recordings", folder / "answers", options.diagnose)
+            diagnose(folder / "recordings", folder / "answers", options.diagnose, sealed=options.sealed)
             answers = json.loads((folder / "answers" / "answers.json").read_text(encoding="utf-8"))
             proposals = {name: proposed_visits(a.get("diagnosis", {})) for name, a in answers.items()}
             if maker.ask(do="more", folder=str(folder / "longer"), proposals=proposals)["made"]:
                 if options.noise:
                     replace_all(folder / "longer", number)
-                diagnose(folder / "longer", folder / "longer_answers", options.diagnose, "--no-baselines")
+                longer, answered = folder / "longer", folder / "longer_answers"
+                diagnose(longer, answered, options.diagnose, sealed=options.sealed, baselines=False)
             answers_hash = fixed_answers(folder)
             sealed = maker.ask(do="seal", file=str(folder / "truth.json"), answers_sha256=answers_hash)
             rows = score_batch(folder)
@@ -128,15 +130,15 @@ class MakerProcess:
         return answer
 
 
-def diagnose(recordings: Path, answers: Path, function: str, *arguments: str) -> None:
-    """Run the diagnoser on a folder of recordings; raises RunFailed if it touched the plant or broke."""
-    command = [sys.executable, "-m", "benchmarks.withheld.diagnoser", str(recordings), str(answers)]
-    if function:
-        command += ["--diagnose", function]
-    with (recordings.parent / "diagnoser.log").open("a", encoding="utf-8") as log:
-        status = subprocess.run([*command, *arguments], cwd=ROOT, env=environment(), stderr=log, check=False).returncode
-    if status:
-        raise RunFailed(f"withheld: the diagnoser of {recordings} failed; see {recordings.parent / 'diagnoser.log'}")
+def diagnose(recordings: Path, answers: Path, function: str, *, sealed: bool = True, baselines: bool = True) -> None:
+    """Run the diagnoser on a folder of recordings; raises RunFailed if it is not sealed, touched the plant or broke."""
+    file = recordings.parent / "diagnoser.log"
+    with file.open("a", encoding="utf-8") as log:
+        try:
+            answer_folder(recordings, answers, log, function, sealed=sealed, baselines=baselines)
+        except NotSealed as error:
+            print(error, file=log)
+            raise RunFailed(f"{error} ({file})") from error
 
 
 def environment() -> dict[str, str]:

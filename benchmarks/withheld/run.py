@@ -5,7 +5,7 @@
 --final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
 comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any time,
 the same command goes on. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
-missed, 2 if a process fails.
+missed, 2 if a process fails or the diagnoser cannot be sealed (sealed_diagnoser).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
         "seed": "operating system" if options.final else options.seed,
         "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
         "diagnose": options.diagnose, "noise": options.noise, "leave_form_out": options.leave_form_out,
-        **({"code": code_digest()} if options.final else {}),
+        **({} if options.sealed else {"sealed": False}), **({"code": code_digest()} if options.final else {}),
     }  # fmt: skip
     out = (options.out or default_folder(options, settings)).resolve()
     results = ResultsFile(out / "results.jsonl", settings)
@@ -108,6 +108,7 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
         diagnose=options.diagnose,
         noise=options.noise,
         leave_form_out=options.leave_form_out,
+        sealed=options.sealed,
         out=out,
         done=tuple(sorted(done)),
         finished=0,
@@ -131,7 +132,8 @@ def default_folder(options: argparse.Namespace, settings: dict[str, Any]) -> Pat
     """The folder of the run that was stopped, or a new one; a development run has one by its seed."""
     base = ROOT / "runs" / "withheld"
     if not options.final:
-        kind = f"{'-noise' if options.noise else ''}{'' if options.leave_form_out else '-whole'}"
+        marks = {"-noise": options.noise, "-whole": not options.leave_form_out, "-unsealed": not options.sealed}
+        kind = "".join(mark for mark, is_so in marks.items() if is_so)
         return base / f"seed-{options.seed}-n{options.n}{kind}"
     number = 1
     while (base / f"final-{number}").exists():
@@ -160,6 +162,10 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         "--leave-form-out", action=argparse.BooleanOptionalAction, default=True,
         help="leave forms out of the catalogue that explain a case's change by themselves (left_out_forms)",
     )  # fmt: skip
+    parser.add_argument(
+        "--unsealed", dest="sealed", action="store_false",
+        help="development where the system can shut no process in: the diagnoser could open plant and truths",
+    )  # fmt: skip
     parser.add_argument("--batch", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--diagnose", default="", help=argparse.SUPPRESS)
     parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
@@ -171,6 +177,8 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--n and --seed must not be negative, --lanes not below 1")
     if options.noise and options.final:
         parser.error("--noise is no final run; give a --seed")
+    if options.final and not options.sealed:
+        parser.error("--unsealed is no final run; give a --seed")
     # Small runs have small batches, so that both lanes end together.
     cases = len(plan(options.n, options.kinds))
     options.batch = options.batch or max(1, min(BATCH, -(-cases // (2 * options.lanes))))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.withheld.baselines import NONE, UNKNOWN, simple_answers
 from calibration.diagnosis.result import (
     CampaignAddition,
     Diagnosis,
@@ -20,6 +19,8 @@ from calibration.diagnosis.result import (
     Withheld,
 )
 from calibration.recording.recording import Recording
+
+from .baselines import NONE, UNKNOWN, simple_answers
 
 
 def diagnose(recording: Recording, without: tuple[str, ...] = (), without_forms: tuple[str, ...] = ()) -> Diagnosis:

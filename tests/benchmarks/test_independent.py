@@ -169,7 +169,7 @@ def asked(monkeypatch):
     """What is diagnosed; every answer is backlash on the left."""
     names = []
 
-    def batch(out, of, function, prepare):
+    def batch(out, of, function, prepare, sealed):
         names.extend(of)
         if prepare is not None:  # with gross readings backlash is no longer found
             return {name: answer("unknown", 0.8) for name in of}

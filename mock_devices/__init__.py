@@ -10,6 +10,7 @@ __all__ = [
     "drives",
     "effects",
     "faults",
+    "known_tables",
     "lasting_state",
     "machine_file",
     "plant",

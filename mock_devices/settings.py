@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mock_devices.effects.base import EffectChoice
+from mock_devices.known_tables import KnownTable
 
 Vector3 = tuple[float, float, float]
 
@@ -80,7 +81,8 @@ class MockSettings:
     of freedom of Student's t of the readings' noise, of the same variance (0: normal). `temperature_programme`:
     corners (rig time, kelvin) of a change of the shop's temperature. `clock_jitter_s` is the noise of time stamps in
     recordings. Without `absolute_encoders` the drives have no reference after power-on. `plc_readings` are further
-    registers of the PLC, for example the temperature of a coolant. `start_s`: rig time at which this mock begins as a
+    registers of the PLC, for example the temperature of a coolant. `known_tables` are on record for the machine and
+    stated in its recordings, whatever the drives use. `start_s`: rig time at which this mock begins as a
     later one of the same machine: its readings have other noise.
     """
 
@@ -105,6 +107,7 @@ class MockSettings:
     temperature_programme: tuple[tuple[float, float], ...] = ()
     absolute_encoders: bool = True
     plc_readings: tuple[PlcReading, ...] = ()
+    known_tables: tuple[KnownTable, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise ValueError for impossible settings."""

@@ -11,7 +11,7 @@ from mock_devices.effects import CATALOGUE, OUTSIDE
 from mock_devices.settings import DisturbanceLevels
 
 FULL = {
-    "effect": 740,
+    "effect": 888,
     "null": 1000,
     "pair": 150,
     "outside": 150,

@@ -38,6 +38,9 @@ _TRUE: dict[str, tuple[str, ...]] = {
     "tracker_drift/with_air": ("time", "temperature"),
     "refraction": ("region",),
     "refraction/warming": ("region", "time"),
+    "refraction/power_law": ("region", "temperature"),
+    "refraction/index_fixed": ("region", "time", "temperature"),
+    "refraction/index_late": ("region", "time", "temperature"),
     "smr_reseat": ("time",),
     "axis_coupling": ("drive",),
     "axis_coupling/product": ("drive", "region"),
@@ -45,6 +48,17 @@ _TRUE: dict[str, tuple[str, ...]] = {
     "latency": ("speed",),
     "latency/filtering": ("speed", "dwell"),
     "servo_settling": ("dwell", "speed"),
+    "expansion_coefficient": ("temperature",),
+    "expansion_coefficient/screws": ("temperature", "drive"),
+    "expansion_coefficient/bimetal": ("temperature", "drive"),
+    "payload": ("load",),
+    "payload/swapped": ("load", "time"),
+    "tables_left_on": ("drive", "region"),
+    "tables_left_on/switched": ("drive", "region", "time"),
+    "tables_left_on/bidirectional": ("drive", "region", "direction"),
+    "drive_scale": ("time",),
+    "drive_scale/scale_step": ("time", "drive"),
+    "drive_scale/thermal_slip": ("temperature", "drive"),
 }
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mock_devices.known_tables import KnownTable, draw_known_tables
 from mock_devices.machine_file import MachineFile, read_machine_file
 from mock_devices.recordings.design import Design, DesignOptions, Visit, draw_design, draw_programme
 from mock_devices.recordings.maker import SimulatedCampaign
@@ -36,11 +37,12 @@ Programme = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Drawn:
-    """A design with its name, its times and the swing of the shop's temperature during it."""
+    """A design with its name, its times, the swing of the shop's temperature during it and the rig's tables."""
 
     name: str
     timeline: Timeline
     programme: Programme
+    known_tables: tuple[KnownTable, ...] = ()
     seed: int = REFERENCE_SEED
 
     @property
@@ -57,6 +59,7 @@ class Drawn:
             temperature_sensor_bias_k=0.1,
             clock_jitter_s=0.05,
             temperature_programme=self.programme,
+            known_tables=self.known_tables,
         )
 
     def bench(self, seed: int, nuisance: DisturbanceLevels) -> SimulatedCampaign:
@@ -102,5 +105,7 @@ class Designs:
             start_s = timeline.design.start_s
             duration_s = float(timeline.t_s[-1]) - start_s
             swing_k = float(rng.uniform(*SWING_K[style]))
-            self._designs[name] = Drawn(name, timeline, draw_programme(rng, swing_k, start_s, duration_s))
+            programme = draw_programme(rng, swing_k, start_s, duration_s)
+            # On record whatever the case is: that a recording has tables tells nothing of its effects.
+            self._designs[name] = Drawn(name, timeline, programme, draw_known_tables(self.machine, rng))
         return self._designs[name]

@@ -63,11 +63,13 @@ def loaded(name: str) -> Callable[..., Any]:
 
 
 def real(recording: Any, without: tuple[str, ...], without_forms: tuple[str, ...] = ()) -> Any:
-    """The diagnosis that users have."""
+    """The diagnosis that users have. Names that it has never heard of need not be left out."""
     from calibration.diagnosis.diagnose import diagnose  # noqa: PLC0415
     from calibration.effects.catalogue import load_catalogue  # noqa: PLC0415 - sealed first
 
-    return diagnose(recording, load_catalogue().without_forms(without_forms).without(without))
+    catalogue = load_catalogue()
+    known = tuple(name for name in without if name in catalogue.names)
+    return diagnose(recording, catalogue.without_forms(without_forms).without(known))
 
 
 def opened(paths: list[str], modules: list[str]) -> list[str]:

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from mock_devices.effects.state import Array, Complex, Deviation, Law, Leg, MotionState, StationSight
+from mock_devices.known_tables import KnownTable
 from mock_devices.machine_file import MachineFile, Vector3
 
 Place = Literal["drive", "strut", "smr", "rig"]
@@ -75,11 +76,13 @@ class EffectChoice:
 
 @dataclass(frozen=True)
 class Site:
-    """What an effect may know of the rig: the nominal machine, the station's place, when the campaign begins."""
+    """What an effect may know of the rig: the nominal machine, the station's place, when the campaign begins, and
+    the compensation tables that are on record."""
 
     machine: MachineFile
     station_m: Vector3
     start_s: float = 0.0
+    known_tables: tuple[KnownTable, ...] = ()
 
     def drive_range_m(self, drive: int) -> tuple[float, float]:
         """Middle and half width of a drive's travel."""

@@ -14,6 +14,7 @@ from mock_devices.effects import (
     ordinary_disturbances,
     outside,
     reversal,
+    stated_values,
     structure,
     thermal,
 )
@@ -31,6 +32,7 @@ SPECS: dict[str, EffectSpec] = {
         guides,
         instrument,
         control,
+        stated_values,
         outside,
         ordinary_disturbances,
     )

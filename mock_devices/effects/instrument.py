@@ -18,7 +18,15 @@ from mock_devices.effects.base import (
 HOUR_S = 3600.0
 LEVER_M = 3.2
 LIGHT_PER_K = -0.93e-6  # refractive index of air against temperature
+RANGE = ("index_offset", "index_fixed", "index_late")
+PRESSURE_K_PER_HPA = 0.27e-6 / LIGHT_PER_K  # denser air is slower, as colder air is
+UPDATE_S = 2400.0
+FLOOR_SENSOR = "base"
+FLOOR_M = -1.2  # in the machine's frame
+POWER = -1.0 / 3.0
+LOWEST = 0.02  # of the station's height: so near the floor no reflector is
 _GRID_S = 60.0
+_GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
 
 
 class RandomWalk:
@@ -82,11 +90,22 @@ class StationDrift(Effect):
 class Refraction(Effect):
     """Air that is warmer above bends the light towards the floor, so that everything seems higher.
 
-    Curvature = (dn/dT)(dT/dh); the angle at the station is half of it times the distance.
+    Curvature = (dn/dT)(dT/dh); the angle at the station is half of it times the distance. Forms in RANGE bend nothing:
+    the index that ranges are corrected with is that of air one metre off, warmer or colder by the gradient times what
+    the weather does, so that the scale of ranges follows the weather whatever the recorded correction says.
+    `power_law`: the profile T = a + b h^c with c = -1/3 of T. J. Kukkamäki, "Über die nivellitische Refraktion" (1938);
+    b goes with the air's temperature above that of the machine's base, which stands for the floor's.
     """
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Bend the line of sight."""
+        """Bend the line of sight, or stretch it."""
+        if self.variant in RANGE:
+            sight.distance_m *= 1.0 + LIGHT_PER_K * self.size * self._index_off(state)[:, None]
+            return
+        if self.variant == "power_law":
+            above_k = state.thermal.air_series_c(state.t_s) - state.parts_c[FLOOR_SENSOR]
+            sight.v_rad += self._bend_over_floor(sight) * above_k[:, None]
+            return
         bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
         height = sight.points_m[..., 2]
         if self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -100,6 +119,32 @@ class Refraction(Effect):
             sight.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)
         else:
             sight.v_rad += bend * np.sin(sight.v_rad)
+
+    def _index_off(self, state: MotionState) -> Array:
+        """By how many kelvin for each of the gradient the index of the ranges is off (n,)."""
+        if self.variant == "index_offset":
+            return np.ones(len(state))
+        start = np.full(len(state), self.site.start_s)
+        if self.variant == "index_late":  # entered by hand, now and then
+            start = start + np.floor(self.elapsed_s(state) / UPDATE_S) * UPDATE_S
+        return _weather_k(state, state.t_s) - _weather_k(state, start)
+
+    def _bend_over_floor(self, sight: StationSight) -> Array:
+        """Angles (n, smrs) at the station: the mean of the curvature over the line, weighted towards the station.
+
+        The gradient is `size` at the height of the station for air that is 1 K warmer than the floor.
+        """
+        low_m = FLOOR_M - self.site.station_m[1]
+        total = np.zeros_like(sight.distance_m)
+        for node, weight in zip(*_GAUSS, strict=True):
+            height = np.maximum((sight.points_m[..., 2] * node - low_m) / -low_m, LOWEST)
+            total += weight * (1.0 - node) * height ** (POWER - 1.0)
+        return LIGHT_PER_K * self.size * total * sight.distance_m * np.sin(sight.v_rad)
+
+
+def _weather_k(state: MotionState, t_s: Array) -> Array:
+    """Weather (n,) as the temperature that has the same effect on the index."""
+    return state.thermal.air_series_c(t_s) + PRESSURE_K_PER_HPA * state.thermal.pressure_series_hpa(t_s)
 
 
 class Reseat(Effect):
@@ -147,10 +192,20 @@ EFFECTS = (
         name="refraction",
         kind="catalogue",
         place="rig",
-        size=EffectParameter("gradient_k_per_m", 0.1, 3.0, 60.0, "of the air's temperature"),
-        variants=("uniform", "stratified", "warming", "sideways", "plume"),
-        final="plume",
-        reveals="angles against height and distance, all SMRs and nests alike",
+        size=EffectParameter("gradient_k_per_m", 0.1, 3.0, 150.0, "of the air's temperature"),
+        variants=(
+            "uniform",
+            "stratified",
+            "warming",
+            "sideways",
+            "plume",
+            "index_offset",
+            "index_fixed",
+            "index_late",
+            "power_law",
+        ),
+        final="power_law",
+        reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
         make=Refraction,
     ),
     EffectSpec(

@@ -40,6 +40,10 @@ class Temperatures(Protocol):
         """True temperature of the air."""
         ...
 
+    def pressure_series_hpa(self, t_s: Array) -> Array:
+        """Pressure of the air."""
+        ...
+
 
 @dataclass(frozen=True)
 class MotionState:
@@ -74,9 +78,9 @@ class Deviation:
 
     travel, sideways: of a slider along its axis and across it (axis turned by +90 degrees); yaw about the middle of its
     joints. length, ln_stiffness: (n, struts). platform_joint, base_joint: complex (n, struts). frame_shift,
-    frame_turn_rad: of the whole machine against the floor. loads: forces at points of the platform. carriage_*:
-    compliance (n, d, 3: along, across, yaw) and cubic hardening. smr: (n, smrs, 3) in the SMR's own frame. force_n:
-    what the drives' torque shows besides the weight.
+    frame_turn_rad: of the whole machine against the floor. payload_mass_kg: beyond the payload's own, at its centre.
+    loads: forces at points of the platform. carriage_*: compliance (n, d, 3: along, across, yaw) and cubic hardening.
+    smr: (n, smrs, 3) in the SMR's own frame. force_n: what the drives' torque shows besides the stated weight.
     """
 
     travel_m: Array
@@ -90,6 +94,7 @@ class Deviation:
     frame_shift_m: Complex
     frame_turn_rad: Array
     payload_shift_m: Complex
+    payload_mass_kg: Array
     moment_nm: Array
     force_n: Array
     carriage_compliance: Array
@@ -120,6 +125,7 @@ class Deviation:
             frame_shift_m=none(),
             frame_turn_rad=zero(),
             payload_shift_m=none(),
+            payload_mass_kg=zero(),
             moment_nm=zero(),
             force_n=zero(d),
             carriage_compliance=zero(d, 3),

@@ -147,7 +147,10 @@ class AffectedMachine:
         centre = np.array([load.centre for load in self.machine.payloads])[payload]
         return [
             (file.centre_of_mass * grown["platform"], np.full(len(mass), file.moving_mass_kg * file.gravity)),
-            (centre * grown["platform"] + deviation.payload_shift_m, mass * file.gravity),
+            (
+                centre * grown["platform"] + deviation.payload_shift_m,
+                (mass + deviation.payload_mass_kg) * file.gravity,
+            ),
         ]
 
 
@@ -161,7 +164,7 @@ def affected_machine(
 
 def make_effects(nominal: MachineFile, settings: MockSettings, *, start_s: float = 0.0) -> list[Effect]:
     """What the settings switch on; raises EffectError."""
-    site = Site(nominal, settings.station_position_m, start_s)
+    site = site_of(nominal, settings, start_s=start_s)
     levels = {
         "ordinary_drift": settings.nuisance.drift_m,
         "ordinary_reseat": settings.nuisance.reseat_m,
@@ -171,6 +174,11 @@ def make_effects(nominal: MachineFile, settings: MockSettings, *, start_s: float
     ordinary = [EffectChoice(name, level) for name, level in levels.items() if level > 0.0]
     chosen = [choice for choice in settings.effects if choice.size > 0.0]
     return [make(choice, site, settings.seed) for choice in (*ordinary, *chosen)]
+
+
+def site_of(nominal: MachineFile, settings: MockSettings, *, start_s: float = 0.0) -> Site:
+    """What the effects of a rig may know of it."""
+    return Site(nominal, settings.station_position_m, start_s, settings.known_tables)
 
 
 def motion_states(

@@ -126,6 +126,8 @@ def header_of(machine: MachineFile, settings: MockSettings, name: str) -> dict[s
             "temperature_k": settings.nuisance.temperature_k,
         },
     }
+    if settings.known_tables:
+        header["known_tables"] = [table.section() for table in settings.known_tables]
     if len(floor) == 2:
         apart = np.subtract(floor[1].position_m, floor[0].position_m)
         header["nest_length"] = {

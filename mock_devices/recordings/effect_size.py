@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mock_devices.effects.base import Array, EffectChoice, Site
+from mock_devices.effects.base import Array, EffectChoice
 from mock_devices.effects.catalogue import EffectError, make
+from mock_devices.plant.affected_machine import site_of
 from mock_devices.plant.structure import NoEquilibrium
 from mock_devices.recordings.maker import SimulatedCampaign
 
@@ -30,7 +31,7 @@ class SizeScale:
 
     def change_m(self, choice: EffectChoice) -> Array:
         """The noise-free change of all readings (r, 3) in the machine's axes."""
-        site = Site(self.bench.nominal, self.bench.settings.station_position_m, self.bench.start_s)
+        site = site_of(self.bench.nominal, self.bench.settings, start_s=self.bench.start_s)
         effect = make(choice, site, self.bench.settings.seed)
         moved = self.bench.points_m([effect]) - self._without
         return np.asarray(moved @ self.bench.view.rotation)

@@ -116,9 +116,12 @@ def test_truth_is_not_on_disk_before_the_hash_of_the_answers(tmp_path):
     seeds = {str(case.truth["seed"]) for case in m._cases.values()} | {str(m._batch_seed), str(m._secret)}
     listed = json.loads((folder / "options.json").read_text())
     shown = [text for text in told if text != (folder / "options.json").read_text()]
+    # Keys of every recording and machine file, which effects of the same name do not betray.
+    of_format = {"payload", "drive_scale"}
     for text in shown:
         words = set(text.replace(",", " ").replace('"', " ").split())
-        assert not words & (set(CATALOGUE) | set(OUTSIDE) | {"seed", "effects", *m._cases} | (seeds - {"4"}))
+        told_of = {*CATALOGUE, *OUTSIDE} - of_format
+        assert not words & (told_of | {"seed", "effects", *m._cases} | (seeds - {"4"}))
     assert not any(name.startswith("truth") for name in names)
     assert {tuple(entry) for entry in listed.values()} == {("without", "without_forms")}
     effects_named = [{name.partition("/")[0] for name in entry["without_forms"]} for entry in listed.values()]
@@ -361,15 +364,15 @@ def test_a_final_run_is_logged_whatever_comes_out(tmp_path, capsys):
 def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
     assert run.main(arguments(tmp_path / "out", n=7, kinds="effect,null,outside", batch=3)) in (0, 1)
     rows = rows_of(tmp_path / "out")
-    assert Counter(r["kind"] for r in rows) == {"effect": 2, "null": 3, "outside": 1}
-    assert [r["error"] for r in rows] == [""] * 6
+    assert Counter(r["kind"] for r in rows) == {"effect": 2, "null": 2, "outside": 1}
+    assert [r["error"] for r in rows] == [""] * 5
     assert sum(overall_right(r) for r in rows if answerable(r)) >= 3
     for r in rows:
         assert sum(p for _, p in r["ranked"]) <= 1.0 + 1e-9
         assert r["predicted_share"] > 0.99  # noise with tails: a reading or two in a thousand is left out
         assert r["achieved"] < 1.0
     document = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert document["cases"] == 6
+    assert document["cases"] == 5
     assert "one diagnosis, median" in capsys.readouterr().out
 
 

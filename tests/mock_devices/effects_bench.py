@@ -34,6 +34,9 @@ class Temperatures:
     def air_series_c(self, t_s):
         return self._of(np.asarray(t_s, dtype=float))
 
+    def pressure_series_hpa(self, t_s):
+        return np.full_like(np.asarray(t_s, dtype=float), 1000.0)
+
 
 class Alone:
     """An effect and the drives' motions. `move` waits until the drive stands; time goes on by itself."""

@@ -36,6 +36,10 @@ NAMED = [
     "axis_coupling",
     "latency",
     "servo_settling",
+    "expansion_coefficient",
+    "payload",
+    "tables_left_on",
+    "drive_scale",
 ]
 EVERY = [(name, variant) for name, spec in SPECS.items() for variant in spec.variants]
 PROGRAMME = ((0.0, 0.0), (3600.0, 0.0), (5400.0, 2.0), (7200.0, -1.0))

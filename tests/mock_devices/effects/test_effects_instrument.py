@@ -42,6 +42,38 @@ def test_bent_light_arrives_under_the_angle_that_ray_tracing_gives():
     assert np.all(s.v_rad < before)  # warm above: everything seems higher
 
 
+def test_ranges_with_a_wrong_index_are_scaled_and_follow_the_weather():
+    swing = Temperatures(lambda t: 20.0 + 2.0 * t / 3600.0)
+    moments = np.array([0.0, 1800.0, 3600.0])
+    per_k = -0.93e-6 * 10.0
+    expected_k = {"index_offset": [1.0] * 3, "index_fixed": [0.0, 1.0, 2.0], "index_late": [0.0, 1.0, 2.0 / 3.0]}
+    for variant, kelvin in expected_k.items():
+        one = Alone("refraction", 10.0, variant=variant, temperatures=swing)
+        s = sight_of(np.repeat(TARGETS[None], 3, axis=0))
+        before, angles = s.distance_m.copy(), s.v_rad.copy()
+        one.effect.apply_to_sight(one.motion_states(moments, q=np.full((3, 2), HOME_M)), s)
+        for k in range(3):
+            assert s.distance_m[:, k] / before[:, k] - 1.0 == pytest.approx(per_k * np.array(kelvin), abs=1e-12)
+        assert np.array_equal(s.v_rad, angles)  # light that is late is not bent
+
+
+def test_light_over_a_floor_is_bent_by_the_power_law_of_the_profile():
+    air_k, gradient = 2.0, 6.0
+    one = Alone("refraction", gradient, variant="power_law", temperatures=Temperatures(lambda t: np.full_like(t, 20.0)))
+    state = one.motion_states()
+    state.parts_c["base"] = np.full(1, 20.0 - air_k)
+    s = sight_of(TARGETS[None])
+    before = s.v_rad.copy()
+    one.effect.apply_to_sight(state, s)
+    share = (np.arange(4000) + 0.5) / 4000.0
+    for k, (east, north, up) in enumerate(TARGETS):
+        distance = np.sqrt(east**2 + north**2 + up**2)
+        over_floor = (1.5 + share * up) / 1.5  # the station stands 1.5 m over the floor
+        curvature = 0.93e-6 * air_k * gradient * over_floor ** (-4.0 / 3.0) * np.hypot(east, north) / distance
+        expected = -distance * np.mean((1.0 - share) * curvature)
+        assert s.v_rad[0, k] - before[0, k] == pytest.approx(expected, rel=0.05)
+
+
 def _ray_height(elevation, level, gradient, steps=400):
     """Height at which a ray arrives: d(n cos e)/ds = 0 in layers, n = 1.00027 - 0.93e-6 gradient h."""
     h, dx = 0.0, level / steps

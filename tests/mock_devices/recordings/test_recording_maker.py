@@ -13,6 +13,7 @@ from calibration.recording.columns import column_names as expected_columns
 from calibration.recording.columns import columns_of
 from calibration.recording.folder import read_folder
 from mock_devices.effects import EffectChoice
+from mock_devices.known_tables import draw_known_tables
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.recordings.design import DesignOptions, draw_design, nominal_drives
 from mock_devices.recordings.files import to_toml, write_recording
@@ -36,11 +37,18 @@ def test_values_of_the_mock_are_within_the_limits_of_the_table():
 
 
 def test_the_reader_takes_what_is_written_digit_for_digit(tmp_path):
-    made = bench(effects=EFFECTS, nuisance=DisturbanceLevels(1e-5, 2e-6, 1e-6, 0.02), fly_share=0.2).record("some-name")
+    tables = draw_known_tables(FILE, np.random.default_rng(1))
+    levels = DisturbanceLevels(1e-5, 2e-6, 1e-6, 0.02)
+    made = bench(effects=EFFECTS, nuisance=levels, fly_share=0.2, known_tables=tables).record("some-name")
     write_recording(made, tmp_path / "folder")
     read = read_folder(tmp_path / "folder")
     assert read.file.campaign == "some-name"
     assert read.file.nuisance.reseat_m == 2e-6
+    assert read.file.known_tables is not None
+    assert len(read.file.known_tables) == len(tables)
+    for kept, table in zip(read.file.known_tables, tables, strict=True):
+        assert (kept.generation, kept.drive, kept.partner) == (table.generation, table.drive, table.partner)
+        assert np.array_equal(kept.corrections_m, table.corrections_m)
     for name, column in made.columns.items():
         assert np.array_equal(read[name], column), name
     stated = read.file.station.accuracy.to_station_accuracy()

@@ -1,0 +1,239 @@
+"""What is stated of the rig and not so: expansion, payloads, tables that are off, references of drives."""
+
+from __future__ import annotations
+
+import cmath
+
+import numpy as np
+
+from mock_devices.effects.base import (
+    GRAVITY_M_PER_S2,
+    Array,
+    Deviation,
+    Effect,
+    EffectParameter,
+    EffectSpec,
+    MotionState,
+)
+from mock_devices.known_tables import KnownTable, draw_known_tables
+
+FULL_PAYLOAD_KG = 400.0
+LEVER_M = 0.5
+SLIP_K = 0.4
+_GRID_S = 30.0
+
+
+class ExpansionCoefficient(Effect):
+    """Parts expand by `coefficient_per_k` more than the machine file states.
+
+    `bimetal`: the guide's rails expand otherwise than the columns that they are bolted to, and the columns bend, as in
+    S. Timoshenko, "Analysis of Bi-Metal Thermostats" (1925), for layers of equal thickness and stiffness.
+    """
+
+    thickness_m = 0.2  # of column and rail together
+
+    def warmth_k(self, state: MotionState, part: str) -> Array:
+        """Recorded temperature of a part above the machine file's reference (n,)."""
+        machine = self.site.machine
+        return state.parts_c[machine.expansion[part].sensor] - machine.reference_temperature_c
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Grow the frame, the screws or both, or bend the columns."""
+        if self.variant == "bimetal":
+            self._bend(state, deviation)
+            return
+        if self.variant != "screws":
+            frame_k = self.warmth_k(state, "base")
+            if self.variant == "mean_of_sensors":  # the sensor hangs at one end of a part that goes through the room
+                frame_k = 0.5 * (frame_k + self.warmth_k(state, "drives"))
+            self._grow_frame(self.size * frame_k, deviation)
+        if self.variant != "mean_of_sensors":
+            deviation.travel_m += self.size * self.warmth_k(state, "drives")[:, None] * state.q_m
+
+    def _grow_frame(self, strain: Array, deviation: Deviation) -> None:
+        machine = self.site.machine
+        for a, slider in enumerate(machine.sliders):
+            mine = [i for i, strut in enumerate(machine.struts) if strut.drive == a]
+            middle = complex(np.mean([machine.struts[i].base_joint for i in mine]))
+            shift = strain * (middle * slider.axis.conjugate())
+            deviation.travel_m[:, a] += shift.real
+            deviation.sideways_m[:, a] += shift.imag
+            for i in mine:
+                deviation.base_joint_m[:, i] += strain * (machine.struts[i].base_joint - middle)
+            for i, smr in enumerate(machine.smrs):
+                if smr.on == slider.name:
+                    arm = strain * (complex(smr.position_m[0], smr.position_m[1]) - middle)
+                    deviation.smr_m[:, i, 0] += arm.real
+                    deviation.smr_m[:, i, 1] += arm.imag
+
+    def _bend(self, state: MotionState, deviation: Deviation) -> None:
+        curvature = 1.5 * self.size * self.warmth_k(state, "drives") / self.thickness_m
+        for a, slider in enumerate(self.site.machine.sliders):
+            low, _ = slider.travel_m
+            way = state.q_m[:, a] - low
+            deviation.sideways_m[:, a] += 0.5 * curvature * way**2
+            deviation.yaw_rad[:, a] += curvature * way
+
+
+class Payload(Effect):
+    """What is on the platform is not what is stated: `mass_kg` more at the largest payload, or beside its place.
+
+    `tool_left_on`: a body of its own mass and first moment of mass beside the payload, the four of ten numbers of a
+    load that weight depends on in C. Atkeson, C. An, J. Hollerbach, "Estimation of Inertial Parameters of Manipulator
+    Loads and Links" (1986).
+    """
+
+    def setup(self) -> None:
+        """Which way the centre is off, and at which exchange a wrong block was mounted."""
+        self.turn = cmath.exp(1j * float(self.rng.uniform(0.0, 2.0 * np.pi)))
+        self.exchange = 1 + 2 * int(self.rng.integers(2))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Add mass, which the drives' torque shows, or move the centre, which it does not."""
+        mounted = (state.payload_kg > 0.0).astype(np.float64)
+        extra_kg = np.zeros(len(state))
+        if self.variant == "centre":
+            deviation.payload_shift_m += mounted * self.turn * self.size * LEVER_M / FULL_PAYLOAD_KG
+        elif self.variant == "swapped":
+            extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
+        elif self.variant == "tool_left_on":
+            extra_kg = self.size * mounted
+            all_kg = np.maximum(state.payload_kg + extra_kg, 1.0e-9)
+            deviation.payload_shift_m += self.turn * LEVER_M * extra_kg / all_kg
+        else:
+            extra_kg = self.size * state.payload_kg / FULL_PAYLOAD_KG
+        deviation.payload_mass_kg += extra_kg
+        deviation.force_n += extra_kg[:, None] * GRAVITY_M_PER_S2 / len(self.site.machine.sliders)
+
+
+class TablesLeftOn(Effect):
+    """Tables of one generation are active though the drives say that they are off; `weight_ratio` 1 is the whole table.
+
+    The tables are those on record for the rig, or drawn ones without any on record. `bidirectional`: tables apart for
+    each direction of travel, as in FANUC A-77810E, "Bidirectional Pitch Error Compensation Function" (1999).
+    """
+
+    def setup(self) -> None:
+        """Which generation, and which drive of variant `one_drive`."""
+        tables = self.site.known_tables or draw_known_tables(self.site.machine, self.rng)
+        generations = sorted({table.generation for table in tables})
+        first = int(self.rng.integers(len(generations)))
+        self.active = self._of(tables, generations[first])
+        self.backward = self._of(tables, generations[(first + 1) % len(generations)])
+        self.drive = int(self.rng.integers(len(self.site.machine.sliders)))
+
+    def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
+        return {table.drive: table for table in tables if table.generation == generation}
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Correct the commands."""
+        on = np.full(len(state), self.size)
+        if self.variant == "switched":
+            on = on * (state.t_s - self.site.start_s >= self.values["onset_s"])
+        for a in range(len(self.site.machine.sliders)):
+            if self.variant == "one_drive" and a != self.drive:
+                continue
+            correction_m = self._correction_m(self.active, state, a)
+            if self.variant == "bidirectional":
+                backward = self._correction_m(self.backward, state, a)
+                correction_m = np.where(state.direction[:, a] < 0.0, backward, correction_m)
+            deviation.travel_m[:, a] += on * correction_m
+
+    def _correction_m(self, tables: dict[str, KnownTable], state: MotionState, a: int) -> Array:
+        names = [slider.name for slider in self.site.machine.sliders]
+        table = tables.get(names[a])
+        if table is None:
+            return np.zeros(len(state))
+        partner = state.q_m[:, names.index(table.partner)] if table.partner else np.zeros(len(state))
+        return table.correction_m(state.q_m[:, a], partner)
+
+
+class DriveScale(Effect):
+    """Zero or scale of a drive changes during the campaign: by `shift_m`, if of the scale at the end of the travel.
+
+    `thermal_slip`: friction holds the scale against its own expansion up to a limit, beyond which it slips: the elastic
+    element in series with a slider of W. D. Iwan, "A Distributed-Element Model for Hysteresis and Its Steady-State
+    Dynamic Response" (1966), moved by the temperature.
+    """
+
+    def setup(self) -> None:
+        """Offsets after each homing; the first is as large as the size."""
+        rest = self.rng.standard_normal(31)
+        self.offsets = np.concatenate([[0.0, float(np.sign(self.rng.standard_normal()))], rest])[:32]
+        self.sign = float(self.offsets[1])
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Move the slider."""
+        a = self.place
+        middle, half = self.site.drive_range_m(a)
+        after = (state.t_s - self.site.start_s >= self.values["onset_s"]).astype(np.float64)
+        from_middle = (state.q_m[:, a] - middle) / half
+        if self.variant == "scale_step":
+            y = self.sign * after * from_middle
+        elif self.variant == "homed_at_exchanges":  # without a reference after each exchange's power-off
+            y = self.offsets[state.exchanges.astype(int) % len(self.offsets)]
+        elif self.variant == "thermal_slip":
+            y = self._slipped(state) * (from_middle + 1.0) / 2.0
+        else:
+            y = self.sign * after
+        deviation.travel_m[:, a] += self.size * y
+
+    def _slipped(self, state: MotionState) -> Array:
+        """Kelvin by which the scale has slipped since the campaign's begin (n,)."""
+        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
+        sensor = self.site.machine.expansion["drives"].sensor
+        warmer_k = state.thermal.part_series_c(sensor, grid)
+        warmer_k = warmer_k - warmer_k[0]
+        slipped, now = np.empty_like(grid), 0.0
+        for i, k in enumerate(warmer_k.tolist()):
+            now = min(max(now, k - SLIP_K), k + SLIP_K)
+            slipped[i] = now
+        return np.asarray(np.interp(state.t_s, grid, slipped))
+
+
+_ONSET = EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin")
+
+EFFECTS = (
+    EffectSpec(
+        name="expansion_coefficient",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("coefficient_per_k", 1e-7, 5e-6, 3e-4, "beyond the stated coefficient of expansion"),
+        variants=("frame", "mean_of_sensors", "screws", "bimetal"),
+        final="bimetal",
+        reveals="recorded temperatures of the parts, SMRs on the sliders",
+        make=ExpansionCoefficient,
+    ),
+    EffectSpec(
+        name="payload",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("mass_kg", 0.5, 20.0, 8000.0, "beyond the stated one, or 0.5 m beside it"),
+        variants=("mass", "centre", "swapped", "tool_left_on"),
+        final="tool_left_on",
+        reveals="payloads, torque",
+        make=Payload,
+    ),
+    EffectSpec(
+        name="tables_left_on",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("weight_ratio", 0.02, 1.0, 10.0, "weight of the tables, 1 is the whole correction"),
+        variants=("whole", "one_drive", "switched", "bidirectional"),
+        final="bidirectional",
+        reveals="both drives' coordinates, known tables, SMRs on the sliders",
+        make=TablesLeftOn,
+        others=(_ONSET,),
+    ),
+    EffectSpec(
+        name="drive_scale",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("shift_m", 1e-6, 2e-5, 1e-3, "of the zero, or of the scale at the end of the travel"),
+        variants=("homed_anew", "scale_step", "homed_at_exchanges", "thermal_slip"),
+        final="thermal_slip",
+        reveals="time, drive coordinate, SMRs on the sliders",
+        make=DriveScale,
+        others=(_ONSET,),
+    ),
+)

@@ -14,10 +14,12 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.curve_fit import fit_curves
+from calibration.diagnosis.departing import with_departures
 from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Contributions, Effect, EffectInputs
+from calibration.effects.departures import VISIT
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,13 @@ class Cause:
         return self.best.size * np.array(self.best.basis_set.relative)
 
 
-def rank_effects(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> list[Cause]:
-    """All effects, the most likely first; those without a basis set at any place are left out."""
+def rank_effects(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect], *, by_visit: bool = False
+) -> list[Cause]:
+    """All effects, the most likely first; those without a basis set at any place are left out.
+
+    by_visit: whether effects may be others at each visit, where they are of that kind.
+    """
     by_effect = [
         (effect, places)
         for effect in effects
@@ -62,22 +69,27 @@ def rank_effects(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: 
         if _total_log_evidence(places) <= threshold:
             causes.append(_cause(effect, places))
             continue
-        cause = _cause(effect, _refine_with_curves(likelihood, inputs, effect, places))
-        causes.append(_at_several_places(likelihood, inputs, cause))
+        cause = _cause(effect, _refine(likelihood, inputs, effect, places, by_visit=by_visit))
+        causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
     return sorted(causes, key=lambda cause: -cause.log_evidence)
 
 
 def refit_cause(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause, taken: Collection[str]) -> Cause:
     """The effect of a cause at the best of its places that are not taken, all other causes being in the model."""
-    effect = cause.effect
+    effect, by_visit = cause.effect, differs_by_visit(cause)
     names = [name for name in effect.places(inputs.machine) if name not in taken]
     places = _evidence_by_place(likelihood, inputs, effect, names)
     if _total_log_evidence(places) > VERDICT.detection_threshold:
-        places = _refine_with_curves(likelihood, inputs, effect, places)
+        places = _refine(likelihood, inputs, effect, places, by_visit=by_visit)
     return _cause(effect, places)
 
 
-def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause) -> Cause:
+def differs_by_visit(cause: Cause) -> bool:
+    """Whether the best basis set is another at each visit."""
+    return any(departure.coordinate == VISIT for departure in cause.best.basis_set.departures)
+
+
+def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause, *, by_visit: bool) -> Cause:
     """The cause, and the same effect at further places where that explains more; the strongest first."""
     effect, names = cause.effect, cause.effect.places(inputs.machine)
     if len(names) < 2 or effect.place == "smr":  # all reflectors that move together are a platform that moves
@@ -91,7 +103,7 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
         if not (places := _evidence_by_place(given, inputs, effect, left)):
             break
         if _total_log_evidence(places) > VERDICT.detection_threshold:
-            places = _refine_with_curves(given, inputs, effect, places)
+            places = _refine(given, inputs, effect, places, by_visit=by_visit)
         part = _cause(effect, places)
         if part.log_evidence < max(VERDICT.detection_threshold, VERDICT.min_gain_share_same_part * log_evidence):
             break
@@ -136,14 +148,19 @@ def _evidence_by_place(
     return out
 
 
-def _refine_with_curves(
-    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, places: list[_PlaceEvidence]
+def _refine(
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effect: Effect,
+    places: list[_PlaceEvidence],
+    *,
+    by_visit: bool,
 ) -> list[_PlaceEvidence]:
-    """The same with the effect's curves, at the places where its basis sets have evidence."""
+    """The same with the effect's curves and departures, at the places where its basis sets have evidence."""
     every, low = effect.places(inputs.machine), smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
-    def refine(place: _PlaceEvidence) -> _PlaceEvidence:
+    def with_curves(place: _PlaceEvidence) -> _PlaceEvidence:
         curves = effect.curves(inputs, every.index(place.place))
         fit = fit_curves(likelihood, curves, low, effect.size.high)
         if fit is None:
@@ -153,6 +170,16 @@ def _refine_with_curves(
         if log_evidence > place.log_evidence:
             return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
         return replace(place, log_evidence=both)
+
+    def refine(place: _PlaceEvidence) -> _PlaceEvidence:
+        near = with_curves(place)
+        number = every.index(place.place)
+        departing = with_departures(
+            likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit
+        )
+        # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
+        log_evidence = near.log_evidence + departing.gain
+        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions)
 
     threshold = VERDICT.curve_fit_share_at_place * strongest
     return [refine(place) if place.log_evidence > threshold else place for place in places]

@@ -48,8 +48,27 @@ class SearchResult:
 
 
 def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> SearchResult:
-    """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives."""
-    ranking = rank_effects(likelihood, inputs, effects)
+    """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives.
+
+    What is another at each visit explains much that is not its own. It is looked for only where something is left that
+    no effect explains otherwise.
+    """
+    found = _search(likelihood, inputs, effects, by_visit=False)
+    if found.excess_log_evidence < excess_threshold(found.log_evidence):
+        return found
+    by_visit = _search(likelihood, inputs, effects, by_visit=True)
+    return by_visit if by_visit.log_evidence > found.log_evidence else found
+
+
+def excess_threshold(explained: float) -> float:
+    """Excess log evidence of a non-parametric alternative at which effects that explain so much have even odds."""
+    return VERDICT.excess_threshold + VERDICT.excess_share * max(explained, 0.0)
+
+
+def _search(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect], *, by_visit: bool
+) -> SearchResult:
+    ranking = rank_effects(likelihood, inputs, effects, by_visit=by_visit)
     likelihoods, log_evidence, best_log_evidence = [likelihood], 0.0, 0.0
     causes: list[Cause] = []
     non_parametric: list[NonParametricEffect] = []
@@ -70,7 +89,7 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
         best_log_evidence = max(best_log_evidence, log_evidence + non_parametric[0].log_evidence)
         if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
             break
-        ranked = rank_effects(likelihoods[-1], inputs, effects)
+        ranked = rank_effects(likelihoods[-1], inputs, effects, by_visit=by_visit)
     non_parametric_alone: list[NonParametricEffect] = []
     if best_log_evidence - log_evidence > VERDICT.residual_search_threshold or not causes:
         non_parametric_alone = rank_non_parametric(likelihood, inputs)

@@ -15,7 +15,7 @@ from scipy.special import expit
 from calibration.diagnosis.evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN
-from calibration.diagnosis.search import SearchResult
+from calibration.diagnosis.search import SearchResult, excess_threshold
 from calibration.diagnosis.settings import VERDICT
 
 
@@ -25,9 +25,8 @@ def probabilities(search_result: SearchResult) -> dict[str, float]:
     strongest = ranking[0].log_evidence if ranking else 0.0
     explained = max(search_result.log_evidence, 0.0)
     any_effect = float(expit(max(strongest, explained + excess) - VERDICT.none_prior_log_odds))
-    threshold = VERDICT.excess_threshold + VERDICT.excess_share * explained
     width = VERDICT.excess_width + VERDICT.excess_width_share * explained
-    unknown = float(expit((excess - threshold) / width))
+    unknown = float(expit((excess - excess_threshold(explained)) / width))
     logs = np.array([cause.log_evidence for cause in ranking])
     tempered = np.empty(0)
     if logs.size:

@@ -46,12 +46,22 @@ class EffectParameter:
 
 
 @dataclass(frozen=True)
+class Departure:
+    """A column of a basis set, by its position there, times a function of a coordinate, by its number."""
+
+    column: int
+    coordinate: str
+    term: int
+
+
+@dataclass(frozen=True)
 class BasisSet:
     """One way in which an effect may act: numbers of its columns, standard deviations relative to the size.
 
     parameters: values of the effect's other parameters in this basis set; weight: its prior against the effect's other
     basis sets. size: weights with which the first coefficients add up to the size, where that is not what the effect
-    says. For the tangent of a curve, curve: the point at which it was taken.
+    says. For the tangent of a curve, curve: the point at which it was taken. departures: further columns, after the
+    others (`calibration.effects.departures`).
     """
 
     columns: tuple[int, ...]
@@ -60,6 +70,7 @@ class BasisSet:
     weight: float = 1.0
     curve: CurvePoint | None = None
     size: tuple[float, ...] = ()
+    departures: tuple[Departure, ...] = ()
 
     @property
     def main(self) -> tuple[int, ...]:
@@ -253,7 +264,7 @@ class Effect:
     in the size's unit: only more than twice as much is the effect. stated_u: standard uncertainty that the machine file
     and the payloads state of what is wrong, in the size's unit: only more than three times as much is the effect.
     curves: families of columns that are not linear in their parameters; they are fitted only where the basis sets have
-    evidence. measured: how the size follows from several main columns: the norm of their coefficients, their sum, or
+    evidence. differs_by_visit: whether what one stop leaves of it the next one may not. measured: how the size follows from several main columns: the norm of their coefficients, their sum, or
     RMS or range over the readings of what they contribute at their channel. textbook: the form that is never left out
     (`without_forms`); None for an effect that is general functions only. order: position in the shipped catalogue and
     in its lists; a user's effect comes after all shipped ones.
@@ -271,6 +282,7 @@ class Effect:
     measured: SizeMeasure = "norm"
     curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
     textbook: Textbook | None = None
+    differs_by_visit: bool = False
     order: float = math.inf
     stated_u: Callable[[Machine, Sequence[PayloadEntry]], float] = field(
         default=lambda machine, payloads: 0.0, kw_only=True

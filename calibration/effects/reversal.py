@@ -112,6 +112,7 @@ EFFECTS = (
         untested=_untested_from_one_side,
         declared=lambda nuisance: 2.0 * nuisance.reversal_m,
         textbook=Textbook("play", "ISO 230-2: reversal value, half of it either side"),
+        differs_by_visit=True,
         order=40,
     ),
     Effect(
@@ -123,6 +124,7 @@ EFFECTS = (
         forms=friction_windup,
         untested=_untested_without_torque,
         textbook=Textbook("torque", "Slocum, Precision Machine Design: wind-up of a screw, Hooke's law"),
+        differs_by_visit=True,
         order=50,
     ),
 )

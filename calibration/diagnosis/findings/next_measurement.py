@@ -26,6 +26,7 @@ from calibration.diagnosis.result import NONE, UNKNOWN, CampaignAddition
 from calibration.diagnosis.search import SearchResult
 from calibration.effects.api import Contributions, Effect
 from calibration.effects.context import ArrivalHistory, ReadingContext, append_context, clip_to_campaign
+from calibration.effects.departures import lasting_columns
 from calibration.machine.inverse import rigid_drives
 from calibration.model.visits import Visits
 
@@ -125,10 +126,9 @@ class _Hypotheses:
             if basis_set.parameters.keys() & {"period_m", "onset_s"} or max(basis_set.columns) >= len(contributions):
                 predictions.append(no_change)  # periods and onsets of the campaign do not tell about later visits
                 continue
-            shifts = [
-                coefficient * response(contributions[k])
-                for k, coefficient in zip(basis_set.columns, best.coefficients, strict=True)
-            ]
+            columns = lasting_columns(contributions, inputs, cause.effect, place, basis_set)
+            coefficients = best.coefficients[: len(columns)]
+            shifts = [c * response(column) for column, c in zip(columns, coefficients, strict=True)]
             predictions.append(np.sum(shifts, axis=0))
         for effect, place in self._assumed:
             built = effect.forms(inputs, place)

@@ -13,18 +13,19 @@ from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.diagnosis.twin.answers import OnsetQuestion, PeriodQuestion, RecordedAnswers, Values
 from calibration.diagnosis.twin.twin_model import FittedMachine, TwinCampaign, TwinEffect, full_model
-from calibration.effects.api import CurvePoint
+from calibration.effects.api import CurvePoint, Departure
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.context import ARRAYS, ArrivalHistory, ReadingContext
+from calibration.effects.departures import VISIT
 from calibration.machine.description import Machine
 from calibration.recording.header import KnownTable
 
-FORMAT = 3  # 2 and before: columns that are not recognised
+FORMAT = 4  # 3 and before: no departures from an effect's form
 LARGEST = 1e12  # of any number
 LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
 NOT_A_ROTATION = 1e-6
-MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS, MOST_TABLES = 64, 1000, 1000, 1000
+MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS, MOST_TABLES, MOST_DEPARTURES = 64, 1000, 1000, 1000, 1000
 Question = TypeVar("Question", PeriodQuestion, OnsetQuestion)
 
 
@@ -59,6 +60,7 @@ def _twin_effect_data(added: TwinEffect) -> dict[str, Any]:
         "place": added.place,
         "columns": list(added.columns),
         "curve": None if added.curve is None else [added.curve[0], *added.curve[1]],
+        "departures": [[one.column, one.coordinate, one.term] for one in added.departures],
         "coefficients": list(added.coefficients),
         "column_rms": list(added.column_rms),
         "periods_m": [list(values) for values in answers.periods_m.values()],
@@ -173,7 +175,9 @@ def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Cat
     if type(place) is not int or not 0 <= place < len(effect.places(campaign.machine)):
         raise ValueError(f"'{effect.name}' has no such place")
     columns = tuple(int(c) for c in _index_array("columns", data["columns"], 0, 1000))
-    coefficients = tuple(_float_array("coefficients", data["coefficients"], len(columns)).tolist())
+    departures = _departures(data["departures"], len(columns))
+    count = len(columns) + len(departures)
+    coefficients = tuple(_float_array("coefficients", data["coefficients"], count).tolist())
     curve = _curve(data["curve"])
     periods_m, onsets_s = _values(data["periods_m"], 1e-9), _values(data["onsets_s"], -LARGEST)
 
@@ -181,8 +185,21 @@ def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Cat
         _by_question([_period_question(asked) for asked in data["periods_asked"]], periods_m),
         _by_question([_onset_question(asked) for asked in data["onsets_asked"]], onsets_s),
     )
-    column_rms = tuple(_float_array("column_rms", data["column_rms"], len(columns)).tolist())
-    return TwinEffect(effect.name, place, columns, curve, coefficients, answers, column_rms)
+    column_rms = tuple(_float_array("column_rms", data["column_rms"], count).tolist())
+    return TwinEffect(effect.name, place, columns, curve, departures, coefficients, answers, column_rms)
+
+
+def _departures(data: Any, columns: int) -> tuple[Departure, ...]:
+    if not isinstance(data, list) or len(data) > MOST_DEPARTURES:
+        raise ValueError(f"'departures' is not a list of up to {MOST_DEPARTURES}")
+    out = []
+    for column, coordinate, term in data:
+        if type(column) is not int or not 0 <= column < columns or type(term) is not int or term < 0:
+            raise ValueError("'departures' names no column of the effect")
+        if not isinstance(coordinate, str) or coordinate == VISIT:
+            raise ValueError("'departures' names no coordinate")
+        out.append(Departure(column, coordinate, term))
+    return tuple(out)
 
 
 def _curve(data: Any) -> CurvePoint | None:

@@ -40,6 +40,7 @@ from calibration.effects.context import (
     clip_to_campaign,
     combine_contexts,
 )
+from calibration.effects.departures import departing, lasting_columns, lasting_departures
 from calibration.machine.description import Machine, parse_machine
 from calibration.model.visits import Visits
 
@@ -79,7 +80,7 @@ class Twin:
     def with_solution(self, solution: Solution) -> Twin:
         """The same machine and effects with another joint solution."""
         added = tuple(
-            replace(effect, coefficients=tuple(coefficients.tolist()))
+            replace(effect, coefficients=tuple(coefficients[: len(effect.coefficients)].tolist()))
             for effect, coefficients in zip(self.added, solution.coefficients, strict=True)
         )
         return replace(self, fitted_machine=solution.fitted_machine, added=added)
@@ -171,8 +172,10 @@ class Twin:
 
     def _contributions(self, inputs: EffectInputs, added: TwinEffect) -> list[Contributions]:
         effect = self.catalogue.effect(added.effect)
-        contributions = effect.contributions(added.answers.replay(inputs), added.place, added.curve)
-        return [contributions[column] for column in added.columns]
+        replayed = added.answers.replay(inputs)
+        contributions = effect.contributions(replayed, added.place, added.curve)
+        own = [contributions[column] for column in added.columns]
+        return [*own, *departing(replayed, effect, added.place, own, added.departures)]
 
     def to_data(self) -> dict[str, Any]:
         """Plain data for a JSON file."""
@@ -208,18 +211,23 @@ class Twin:
 
 
 def _twin_effect(cause: Cause, coefficients: Array, machine: Machine, inputs: EffectInputs) -> TwinEffect:
-    """The effect of a cause with the answers that its basis sets were built with."""
+    """The effect of a cause with the answers that its basis sets were built with.
+
+    What belongs to single visits of the campaign is no property of the machine and left out.
+    """
     effect, basis_set = cause.effect, cause.best.basis_set
     place = effect.places(machine).index(cause.place)
     contributions = effect.contributions(inputs, place, basis_set.curve)
+    columns = lasting_columns(contributions, inputs, effect, place, basis_set)
     return TwinEffect(
         effect=effect.name,
         place=place,
         columns=basis_set.columns,
         curve=basis_set.curve,
-        coefficients=tuple(coefficients.tolist()),
+        departures=lasting_departures(basis_set),
+        coefficients=tuple(coefficients[: len(columns)].tolist()),
         answers=RecordedAnswers.record(inputs, lambda used: effect.contributions(used, place, basis_set.curve)),
-        column_rms=rms_of_columns([contributions[column] for column in basis_set.columns]),
+        column_rms=rms_of_columns(columns),
     )
 
 

@@ -16,7 +16,7 @@ from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.twin.answers import RecordedAnswers
-from calibration.effects.api import Contributions, CurvePoint, EffectInputs
+from calibration.effects.api import Contributions, CurvePoint, Departure, EffectInputs
 from calibration.effects.context import CachedContext, ReadingContext
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine
@@ -32,7 +32,8 @@ ALL_SYSTEMATIC = SystematicUncertainties(1.0, 1.0, dict.fromkeys(PARTS, 1.0), di
 
 @dataclass(frozen=True)
 class TwinEffect:
-    """An effect of the twin: its place, the columns of its basis sets or of a curve's tangent, their coefficients.
+    """An effect of the twin: its place, columns of its basis sets or of a curve's tangent, departures from them, the
+    coefficients of all of these.
 
     answers: periods and onsets of the campaign that its basis sets were built with. column_rms: of each column over the
     campaign's readings (`rms_of_columns`), by which a file that was written with other basis sets is recognised.
@@ -42,6 +43,7 @@ class TwinEffect:
     place: int
     columns: tuple[int, ...]
     curve: CurvePoint | None
+    departures: tuple[Departure, ...]
     coefficients: tuple[float, ...]
     answers: RecordedAnswers
     column_rms: tuple[float, ...]

@@ -1,0 +1,90 @@
+"""How an effect departs from the textbook's form: the form times a function of whatever else varies in a campaign.
+
+No real part follows a formula exactly. Play differs along the travel, friction with the load, and what one stop leaves
+of it the next one does not. A departure is a column of the form times one such function; where the form is zero, so is
+what departs from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.effects.api import BasisSet, Contributions, Departure, Effect, EffectInputs
+from calibration.effects.basis_functions import cosine_basis
+
+VISIT = "visit"
+OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
+ROUGHNESS = 1.5
+SHORTEST_REST_S = 0.1
+
+
+def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -> Mapping[str, Array]:
+    """Smooth functions (n, k), of total RMS one, of each coordinate that varies and on which an effect may depend."""
+    machine, context = inputs.machine, inputs.context
+    if effect.place == "drive":
+        own: tuple[int, ...] = (place,)
+    elif effect.place == "strut":
+        own = tuple(d for d in range(len(machine.drive_names)) if d == machine.strut_drive[place])
+    else:
+        own = tuple(range(len(machine.drive_names)))
+    coordinates = {
+        f"travel.{name}": (context.drives[:, d], OWN_TERMS if d in own else OTHER_TERMS)
+        for d, name in enumerate(machine.drive_names)
+    }
+    approach = np.abs(context.drives - context.previous_drives)
+    for d in own:
+        name = machine.drive_names[d]
+        coordinates[f"side.{name}"] = (context.direction[:, d], 1)
+        coordinates[f"approach.{name}"] = (approach[:, d], OTHER_TERMS)
+    coordinates |= {
+        "payload": (context.payload_kg, 1),
+        "rest": (np.log(np.maximum(context.dwell_s, SHORTEST_REST_S)), OTHER_TERMS),
+        "speed": (context.speed_m_per_s, 1),
+    }
+    if not context.breaks_s:
+        coordinates["time"] = (context.elapsed_s, TIME_TERMS)
+    functions = {
+        name: cosine_basis(x, terms, roughness=ROUGHNESS) for name, (x, terms) in coordinates.items() if np.ptp(x) > 0.0
+    }
+    return MappingProxyType(functions)
+
+
+def departing(
+    inputs: EffectInputs,
+    effect: Effect,
+    place: int,
+    contributions: Sequence[Contributions],
+    chosen: Sequence[Departure],
+) -> tuple[Contributions, ...]:
+    """The columns of some departures from those of a basis set, which stand at `Departure.column`."""
+    functions = functions_of_coordinates(inputs, effect, place) if any(d.coordinate != VISIT for d in chosen) else {}
+
+    def function(departure: Departure) -> Array:
+        if departure.coordinate == VISIT:
+            return (inputs.context.arrival == departure.term).astype(np.float64)
+        return functions[departure.coordinate][:, departure.term]
+
+    return tuple(
+        tuple((channel, shape * function(departure)) for channel, shape in contributions[departure.column])
+        for departure in chosen
+    )
+
+
+def lasting_columns(
+    contributions: Sequence[Contributions], inputs: EffectInputs, effect: Effect, place: int, basis_set: BasisSet
+) -> tuple[Contributions, ...]:
+    """Columns of a basis set that say something of other visits too; contributions: all columns of the effect.
+
+    They have the first coefficients of the basis set: what belongs to single visits stands last.
+    """
+    own = tuple(contributions[column] for column in basis_set.columns)
+    return own + departing(inputs, effect, place, own, lasting_departures(basis_set))
+
+
+def lasting_departures(basis_set: BasisSet) -> tuple[Departure, ...]:
+    """Those that do not belong to single visits."""
+    return tuple(departure for departure in basis_set.departures if departure.coordinate != VISIT)

@@ -101,6 +101,7 @@ def with_departures(
     evidence = evidence_of_basis_sets(information, sets, low, effect.size.high)
     priors = np.array([prior for prior, _, _ in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
+    logs[[not _is_share_of_form(entry, group) for entry, (_, group, _) in zip(evidence, ways, strict=True)]] = -np.inf
     likeliest = int(np.argmax(logs))
     best, group = evidence[likeliest], tuple(ways[likeliest][1])
     basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=group)
@@ -109,3 +110,11 @@ def with_departures(
         replace(best, basis_set=basis_set),
         tuple(columns[c] for c in best.basis_set.columns),
     )
+
+
+def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure]) -> bool:
+    """Whether what differs by visit may be shares, zero to all, of what acts: then it scatters less than its mean."""
+    if not departures or departures[0].coordinate != VISIT:
+        return True
+    scatter = np.sqrt(np.mean(entry.coefficients[-len(departures) :] ** 2))
+    return bool(scatter < abs(entry.coefficients[departures[0].column]))

@@ -7,6 +7,7 @@ that an effect is credited only with what they cannot explain. Rows are readings
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +49,8 @@ class LinearModel(ObservedModel):
     modelled, extrapolated linearly to zero values of all unknowns. columns (n, 3, b): derivatives by every unknown,
     each times its prior standard deviation; names (b,) and sigma (u,): of the unknowns, sigma of the model's and the
     station's only. values (u,): of these, at the point of linearisation. q (n, 3, r): 1 - q q' is the inverse
-    covariance of the readings. station: as it was fitted; setup (n,): row of its set-ups. wrong (k,): rows that are
-    left out because they do not fit the others.
+    covariance of the readings. of_calibration: number of columns before those of the disturbances. station: as it was
+    fitted; setup (n,): row of its set-ups. wrong (k,): rows that are left out because they do not fit the others.
     """
 
     station: StationModel
@@ -64,10 +65,19 @@ class LinearModel(ObservedModel):
     sigma: Array
     values: Array
     q: Array
+    of_calibration: int
 
     def apply(self, columns: Array) -> Array:
         """Inverse covariance times whitened columns (n, 3, k) or (n, 3)."""
         return project_out(self.q, columns)
+
+    def after_calibration(self, shift: Array) -> Array:
+        """What a fit of frame, reflectors and geometry leaves of a whitened shift (n, 3)."""
+        return project_out(self._q_of_calibration, shift)
+
+    @cached_property
+    def _q_of_calibration(self) -> Array:
+        return _inverse_covariance_factor(self.columns[:, :, : self.of_calibration])
 
     def whiten_shift(self, shift_m: Array) -> Array:
         """Shifts (n, 3) in the machine's frame, whitened."""
@@ -147,6 +157,7 @@ def _linearise_rows(
         sigma=unknowns.sigma,
         values=point.values,
         q=q,
+        of_calibration=by_unknowns.shape[2] + by_nests.shape[2],
     )
     return linear, keep
 

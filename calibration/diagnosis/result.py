@@ -32,7 +32,8 @@ class FoundEffect:
 
     place: name of a drive, strut or reflector, '' for the whole rig. probability: that this effect is present, at any
     place. raw_sigma, visible_sigma: RMS shift of the platform reflectors' coordinates, in units of sigma, before and
-    after frame, reflectors and geometry are refitted.
+    after frame, reflectors and geometry are refitted. differs_with: coordinates with which its strength departs from
+    the form, 'visit' from one visit to the next.
     """
 
     effect: str
@@ -43,6 +44,7 @@ class FoundEffect:
     raw_sigma: float
     visible_sigma: float
     others: tuple[Quantity, ...] = ()
+    differs_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ def _effect_json(effect: FoundEffect) -> dict[str, Any]:
             visible_sigma=effect.visible_sigma,
         ),
         "parameters": {q.name: _quantity_json(q) for q in effect.others},
+        "differs_with": list(effect.differs_with),
     }
 
 

@@ -144,6 +144,8 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
             (e.effect, e.place or "whole rig", f"{quantity_name(e.size)} = {format_quantity(e.size)}", *sure, *sizes)
         )
         rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in e.others]
+        if e.differs_with:
+            rows.append(("", "", f"differs with {', '.join(e.differs_with)}", "", "", "", ""))
     columns = (
         "effect",
         "place",

@@ -47,6 +47,7 @@ def example(visits: int = 160) -> Diagnosis:
                 raw_sigma=4.2,
                 visible_sigma=3.1,
                 others=(Quantity("lag_m", 2.0e-3, 4.0e-4, "m"),),
+                differs_with=("travel.left", "payload"),
             ),
         ),
         ranking={"none": 0.0, "unknown": 0.0026, "friction_windup": 0.0012, "backlash": 0.9962},

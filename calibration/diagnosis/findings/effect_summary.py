@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,6 +17,10 @@ from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.api import EffectInputs
+
+# Relative standard uncertainties of what is seen of an effect and of what the calibration absorbs. Fitted to the even
+# recordings of docs/explanation/independent.md; neither belongs to one effect.
+U_OF_FORM, U_OF_ABSORBED = 0.11, 0.55
 
 
 def equivalent_effects(
@@ -83,8 +88,11 @@ def summarise_effect(
     likelihood: without any cause.
     """
     effect = cause.effect
-    value, u = _size(cause)
+    value, u_of_fit = _size(cause)
     signal = _signal(cause, likelihood)
+    raw = rms_shift_sigma(likelihood.linear, signal)
+    visible = rms_shift_sigma(likelihood.linear, likelihood.linear.after_calibration(signal))
+    u = math.hypot(u_of_fit, value * _relative_u_of_form(raw, visible))
     given_others = likelihood
     for other in others:
         given_others = include_cause(given_others, other)
@@ -95,8 +103,8 @@ def summarise_effect(
         size=Quantity(effect.size.name, value, u, effect.size.unit),
         probability=ranking[effect.name] if main else presence_probability(cause, ranking),
         place_probability=cause.places[cause.place],
-        raw_sigma=rms_shift_sigma(likelihood.linear, signal),
-        visible_sigma=rms_shift_sigma(likelihood.linear, likelihood.apply(signal[:, :, None])[:, :, 0]),
+        raw_sigma=raw,
+        visible_sigma=visible,
         others=tuple(
             Quantity(
                 parameter.name,
@@ -107,7 +115,18 @@ def summarise_effect(
             for parameter in effect.others
             if parameter.name in parameters
         ),
+        differs_with=tuple(dict.fromkeys(d.coordinate for d in cause.best.basis_set.departures)),
     )
+
+
+def _relative_u_of_form(raw: float, visible: float) -> float:
+    """Standard uncertainty that a size has because no form is exact, over the size.
+
+    What the calibration absorbs of an effect follows from the form alone, so it is known far less well than what is
+    seen (docs/reference/definitions.md).
+    """
+    absorbed = 1.0 - min(visible / raw, 1.0) if raw > 0.0 else 1.0
+    return math.hypot(U_OF_FORM, U_OF_ABSORBED * absorbed)
 
 
 def _size(cause: Cause) -> tuple[float, float]:

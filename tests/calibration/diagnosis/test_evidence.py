@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from calibration.diagnosis import departing
 from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
 from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
+from calibration.effects.departures import functions_of_coordinates
 
 
 def flat(columns):
@@ -194,8 +196,9 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
 
 
 @pytest.mark.parametrize("planted", [(0,), (0, 1)])
-def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted):
+def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted, monkeypatch):
     """By dense densities: one place or both with even odds, the second given the first in its most likely size."""
+    monkeypatch.setattr(departing, "SMOOTH_SHARES", ())
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = with_forms_at(0, 1)
     (one,), (other,) = (effect.forms(inputs, place).contributions for place in (0, 1))
@@ -247,3 +250,72 @@ def test_the_time_of_a_change_is_found_in_any_unit_of_its_channel(small, unit):
     last = order[np.flatnonzero(after[order])[0] - 1]
     assert onset_s == pytest.approx(0.5 * (context.t_s[first] + context.t_s[last]) - context.start_s)
     assert 0.0 < prior < 0.1
+
+
+@pytest.mark.parametrize("by_visit", [False, True])
+def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_visit, monkeypatch):
+    """As likely as one another: the exact form, a little of everything, one coordinate alone, and shares by visit."""
+    monkeypatch.setattr(departing, "SMOOTH_SHARES", (0.1,))
+    monkeypatch.setattr(departing, "SHARES_BY_VISIT", (0.5,))
+    few = ("travel.left", "payload")
+    every = functions_of_coordinates
+    monkeypatch.setattr(departing, "functions_of_coordinates", lambda *of: {name: every(*of)[name] for name in few})
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), differs_by_visit=True)
+    arrival = small.context.arrival
+    share = np.random.default_rng(6).uniform(0.0, 1.0, int(arrival.max()) + 1)[arrival]
+    (form,) = effect.forms(inputs, 0).contributions
+    ((channel, shape),) = form
+    shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
+    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
+    planted = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
+    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
+    found = departing.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
+
+    inverse = np.linalg.inv(dense(small))
+    groups = {
+        name: explicit(small, likelihood, [((channel, shape * f),) for f in functions.T])
+        for name, functions in functions_of_coordinates(inputs, effect, 0).items()
+        if name in few
+    }
+    visits = explicit(small, likelihood, [((channel, shape * (arrival == v)),) for v in np.unique(arrival)])
+    column = explicit(small, likelihood, [form])
+
+    def seen(columns):
+        return np.einsum("ik,ij,jk->", columns, inverse, columns)
+
+    def scaled(columns, part):
+        return columns * part * min(1.0, np.sqrt(seen(column) / seen(columns)))
+
+    ways = [(1.0, column)]
+    ways.append((1.0, np.hstack([column, *(scaled(columns, 0.1 / np.sqrt(2.0)) for columns in groups.values())])))
+    ways += [(0.5, np.hstack([column, scaled(columns, 0.1)])) for columns in groups.values()]
+    if by_visit:
+        ways.append((1.0, np.hstack([column, scaled(visits, 0.5)])))
+    prior = sum(weight for weight, _ in ways)
+    y, sizes = there.residual.ravel(), np.geomspace(LOW, HIGH, SIZES)
+    without = log_density(y, dense(small))
+
+    def evidence(columns):
+        logs = [log_density(y, dense(small) + a * a * columns @ columns.T) for a in sizes]
+        return np.logaddexp.reduce(logs) - np.log(SIZES) - without
+
+    total = np.logaddexp.reduce([np.log(weight / prior) + evidence(columns) for weight, columns in ways])
+    assert found.gain == pytest.approx(total - evidence(column), abs=1e-3)
+    assert (found.best.basis_set.departures[-1].coordinate == "visit") == by_visit
+    assert len(found.contributions) == len(found.best.coefficients) == 1 + len(found.best.basis_set.departures)
+
+
+def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likelihood):
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), differs_by_visit=True)
+    arrival = small.context.arrival
+    share = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
+    (form,) = effect.forms(inputs, 0).contributions
+    ((channel, shape),) = form
+    shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
+    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
+    planted = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
+    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
+    found = departing.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
+    assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)

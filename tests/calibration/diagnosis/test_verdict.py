@@ -146,10 +146,19 @@ def test_six_rivals_are_compared(monkeypatch):
     assert equivalent(monkeypatch, Evidence("backlash", 100.0), *rivals) == tuple(names[:6])
 
 
-def searched(monkeypatch, *rounds: list[Evidence], rest: float = 100.0, alone: float = 0.0):
-    """A search that finds these causes, the strongest of each round first; what remains has evidence `rest`."""
-    steps = iter([*rounds, []])
-    monkeypatch.setattr(search, "rank_effects", lambda *_: next(steps))
+def searched(
+    monkeypatch,
+    *rounds: list[Evidence],
+    rest: float = 100.0,
+    alone: float = 0.0,
+    by_visit: list[Evidence] | None = None,
+):
+    """A search that finds these causes, the strongest of each round first; what remains has evidence `rest`.
+
+    by_visit: the first round where effects may be others at each visit.
+    """
+    steps = {False: iter([*rounds, []]), True: iter([by_visit or [], []])}
+    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit: next(steps[by_visit]))
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
     monkeypatch.setattr(
@@ -203,6 +212,15 @@ def test_alternatives_alone_are_tried_where_the_causes_leave_more_than_four(monk
     )
 
 
+@pytest.mark.parametrize(("rest", "left"), [(14.9, 0.0), (15.1, 10.0)])
+def test_what_differs_by_visit_is_tried_where_the_verdict_would_be_unknown(monkeypatch, rest, left):
+    """Of 100 explained: from an excess of 12 and three per cent on."""
+    first, other = Evidence("latency", 100.0, ""), Evidence("backlash", 110.0)
+    result = searched(monkeypatch, [first], rest=rest, by_visit=[other])
+    assert result.log_evidence == 100.0 + left
+    assert searched(monkeypatch, [first], rest=rest, by_visit=[replace(other, log_evidence=99.0)]).log_evidence == 100.0
+
+
 def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
     return ranking._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
 
@@ -215,9 +233,9 @@ def test_curves_are_fitted_above_a_quarter_of_the_strongest_evidence_and_six(mon
     monkeypatch.setattr(
         ranking, "_evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
     )
-    monkeypatch.setattr(ranking, "_at_several_places", lambda _, __, cause: cause)
+    monkeypatch.setattr(ranking, "_at_several_places", lambda _, __, cause, by_visit: cause)
     monkeypatch.setattr(
-        ranking, "_refine_with_curves", lambda _, __, effect, places: refined.append(effect.name) or places
+        ranking, "_refine", lambda _, __, effect, places, by_visit: refined.append(effect.name) or places
     )
     ranking.rank_effects(None, INPUTS, [CATALOGUE.effect(name) for name in logs])
     assert refined == [name for name in logs if side > 0.0 or name == "link_stiffness"]
@@ -228,13 +246,15 @@ def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, si
     tried = []
     effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
     monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
+    exact = SimpleNamespace(gain=0.0, best=None, contributions=())
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: exact)
     likelihood = SimpleNamespace(
         linear=SimpleNamespace(
             machine=None, recording=SimpleNamespace(file=SimpleNamespace(nuisance=DisturbanceLevels(), payloads=()))
         )
     )
     places = [place("left_upper", 100.0), place("right_lower", 60.0 + side)]
-    ranking._refine_with_curves(likelihood, INPUTS, effect, places)
+    ranking._refine(likelihood, INPUTS, effect, places, by_visit=False)
     assert tried == ([0, 3] if side > 0.0 else [0])
 
 

@@ -11,6 +11,7 @@ from calibration.diagnosis.result import (
     CampaignAddition,
     Diagnosis,
     FoundEffect,
+    FoundPlace,
     GapFigures,
     ProposedVisit,
     Quantity,
@@ -30,7 +31,9 @@ def diagnose(recording: Recording, without: tuple[str, ...] = (), without_forms:
     rows = np.flatnonzero(np.isin(np.asarray(recording["smr"]), list(platform)))
     measured = recording.positions_m[rows]
     nothing = np.empty((0, 3))
-    effect = FoundEffect(verdict, "left", Quantity("width_m", 1e-5, 1e-6, "m"), 0.8, 0.6, 3.0, 2.0)
+    size = Quantity("width_m", 1e-5, 1e-6, "m")
+    places = (FoundPlace("left", size, 0.6, 3.0, 2.0),)
+    effect = FoundEffect(verdict, "left", size, 0.8, 0.6, 3.0, 2.0, places=places)
     return Diagnosis(
         campaign=recording.file.campaign,
         verdict=verdict,

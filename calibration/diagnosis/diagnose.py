@@ -108,14 +108,14 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
         matters_m=difference * field.noise_m,
         effects=tuple(
             summarise_effect(
-                cause,
-                [other for other in causes if other is not cause],
+                [cause for cause in causes if cause.effect.name == name],
+                [cause for cause in causes if cause.effect.name != name],
                 ranking,
                 likelihood,
                 inputs,
-                main=cause.effect.name == verdict,
+                main=name == verdict,
             )
-            for cause in causes
+            for name in dict.fromkeys(cause.effect.name for cause in causes)
         ),
         ranking=ranking,
         where=() if verdict == NONE else variance_shares(likelihood, truth_likelihood, field, acting, by_drive),

@@ -27,13 +27,30 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class FoundEffect:
-    """An effect that is considered present.
+class FoundPlace:
+    """One of the places at which an effect is considered present.
 
-    place: name of a drive, strut or reflector, '' for the whole rig. probability: that this effect is present, at any
-    place. raw_sigma, visible_sigma: RMS shift of the platform reflectors' coordinates, in units of sigma, before and
-    after frame, reflectors and geometry are refitted. differs_with: coordinates with which its strength departs from
-    the form, 'visit' from one visit to the next.
+    place: name of a drive, strut or reflector, '' for the whole rig. probability: of the place, given the effect.
+    raw_sigma, visible_sigma, others, differs_with: as those of `FoundEffect`, of what it does from here.
+    """
+
+    place: str
+    size: Quantity
+    probability: float
+    raw_sigma: float
+    visible_sigma: float
+    others: tuple[Quantity, ...] = ()
+    differs_with: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that is considered present, at one of its places or at several.
+
+    probability: that it is present, at any place. places: where, the strongest first; place, size, place_probability,
+    others and differs_with are those of the first. raw_sigma, visible_sigma: RMS shift of the platform reflectors'
+    coordinates from all places together, in units of sigma, before and after frame, reflectors and geometry are
+    refitted. differs_with: coordinates with which its strength departs from the form, 'visit' from visit to visit.
     """
 
     effect: str
@@ -45,6 +62,7 @@ class FoundEffect:
     visible_sigma: float
     others: tuple[Quantity, ...] = ()
     differs_with: tuple[str, ...] = ()
+    places: tuple[FoundPlace, ...] = ()
 
 
 @dataclass(frozen=True)

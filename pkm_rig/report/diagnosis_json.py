@@ -6,7 +6,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.diagnosis.result import KINDS, CampaignAddition, Diagnosis, FoundEffect, GapFigures, Quantity, Share
+from calibration.diagnosis.result import (
+    KINDS,
+    CampaignAddition,
+    Diagnosis,
+    FoundEffect,
+    FoundPlace,
+    GapFigures,
+    Quantity,
+    Share,
+)
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
 MOST_SHARES = 10
@@ -62,17 +71,20 @@ def gap_json(gap: GapFigures) -> dict[str, Any]:
 def _effect_json(effect: FoundEffect) -> dict[str, Any]:
     return {
         "effect": effect.effect,
-        "place": effect.place,
+        **_place_json(effect),
         "quantity": effect.size.name,
-        **_quantity_json(effect.size),
-        **_numbers(
-            probability=effect.probability,
-            place_probability=effect.place_probability,
-            raw_sigma=effect.raw_sigma,
-            visible_sigma=effect.visible_sigma,
-        ),
-        "parameters": {q.name: _quantity_json(q) for q in effect.others},
-        "differs_with": list(effect.differs_with),
+        **_numbers(probability=effect.probability, place_probability=effect.place_probability),
+        "places": [{**_place_json(place), **_numbers(probability=place.probability)} for place in effect.places],
+    }
+
+
+def _place_json(found: FoundEffect | FoundPlace) -> dict[str, Any]:
+    return {
+        "place": found.place,
+        **_quantity_json(found.size),
+        **_numbers(raw_sigma=found.raw_sigma, visible_sigma=found.visible_sigma),
+        "parameters": {q.name: _quantity_json(q) for q in found.others},
+        "differs_with": list(found.differs_with),
     }
 
 

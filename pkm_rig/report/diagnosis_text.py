@@ -56,9 +56,12 @@ def one_line_summary(diagnosis: Diagnosis) -> str:
 
 
 def describe_effect(effect: FoundEffect) -> str:
-    """An effect in words: name, place, size with U, probability."""
-    place = f" at {effect.place}" if effect.place else ""
-    return f"{effect.effect}{place}, {format_quantity(effect.size)}, probability {probability(effect.probability)}"
+    """An effect in words: name, places with the size at each and its U, probability."""
+    sizes = " and".join(
+        f" at {place.place}, {format_quantity(place.size)}" if place.place else f", {format_quantity(place.size)}"
+        for place in effect.places
+    )
+    return f"{effect.effect}{sizes}, probability {probability(effect.probability)}"
 
 
 def describe_diagnosis(
@@ -137,15 +140,18 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, left: int) 
 
 def _effects(effects: Sequence[FoundEffect]) -> Padding:
     rows = []
-    for e in effects:
-        sizes = (f"{e.raw_sigma:.1f}", f"{e.visible_sigma:.1f}")
-        sure = (probability(e.probability), probability(e.place_probability) if e.place else "")
-        rows.append(
-            (e.effect, e.place or "whole rig", f"{quantity_name(e.size)} = {format_quantity(e.size)}", *sure, *sizes)
-        )
-        rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in e.others]
-        if e.differs_with:
-            rows.append(("", "", f"differs with {', '.join(e.differs_with)}", "", "", "", ""))
+    for effect in effects:
+        for number, at in enumerate(effect.places):
+            named = (effect.effect, at.place or "whole rig") if number == 0 else ("", at.place)
+            sure = (
+                probability(effect.probability) if number == 0 else "",
+                probability(at.probability) if at.place else "",
+            )
+            size = f"{quantity_name(at.size)} = {format_quantity(at.size)}"
+            rows.append((*named, size, *sure, f"{at.raw_sigma:.1f}", f"{at.visible_sigma:.1f}"))
+            rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in at.others]
+            if at.differs_with:
+                rows.append(("", "", f"differs with {', '.join(at.differs_with)}", "", "", "", ""))
     columns = (
         "effect",
         "place",

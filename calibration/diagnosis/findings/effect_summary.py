@@ -12,7 +12,7 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import parameter_uncertainty
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.ranking import Cause, include_cause
-from calibration.diagnosis.result import FoundEffect, Quantity
+from calibration.diagnosis.result import FoundEffect, FoundPlace, Quantity
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
@@ -75,7 +75,7 @@ def rms_shift_sigma(linear: LinearModel, whitened: Array) -> float:
 
 
 def summarise_effect(
-    cause: Cause,
+    found: Sequence[Cause],
     others: Sequence[Cause],
     ranking: Mapping[str, float],
     likelihood: MarginalLikelihood,
@@ -83,11 +83,33 @@ def summarise_effect(
     *,
     main: bool,
 ) -> FoundEffect:
-    """Size, parameters, place and probability of a cause beside others; `main`: it is the verdict.
+    """An effect at the places where it was found, the strongest first, beside others; `main`: it is the verdict.
 
     likelihood: without any cause.
     """
-    effect = cause.effect
+    first = found[0]
+    places = tuple(
+        _summarise_place(cause, [other for other in (*found, *others) if other is not cause], likelihood, inputs)
+        for cause in found
+    )
+    signal = np.sum([_signal(cause, likelihood) for cause in found], axis=0)
+    return FoundEffect(
+        effect=first.effect.name,
+        place=places[0].place,
+        size=places[0].size,
+        probability=ranking[first.effect.name] if main else presence_probability(first, ranking),
+        place_probability=places[0].probability,
+        raw_sigma=rms_shift_sigma(likelihood.linear, signal),
+        visible_sigma=rms_shift_sigma(likelihood.linear, likelihood.linear.after_calibration(signal)),
+        others=places[0].others,
+        differs_with=places[0].differs_with,
+        places=places,
+    )
+
+
+def _summarise_place(
+    cause: Cause, others: Sequence[Cause], likelihood: MarginalLikelihood, inputs: EffectInputs
+) -> FoundPlace:
     value, u_of_fit = _size(cause)
     signal = _signal(cause, likelihood)
     raw = rms_shift_sigma(likelihood.linear, signal)
@@ -96,13 +118,11 @@ def summarise_effect(
     given_others = likelihood
     for other in others:
         given_others = include_cause(given_others, other)
-    parameters = cause.best.basis_set.parameters
-    return FoundEffect(
-        effect=effect.name,
+    effect, parameters = cause.effect, cause.best.basis_set.parameters
+    return FoundPlace(
         place=cause.place,
         size=Quantity(effect.size.name, value, u, effect.size.unit),
-        probability=ranking[effect.name] if main else presence_probability(cause, ranking),
-        place_probability=cause.places[cause.place],
+        probability=cause.places[cause.place],
         raw_sigma=raw,
         visible_sigma=visible,
         others=tuple(

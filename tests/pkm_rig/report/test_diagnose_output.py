@@ -51,6 +51,8 @@ def test_json_has_the_keys_that_programs_were_promised():
     assert (effect["effect"], effect["place"], effect["value"], effect["u"], effect["unit"], effect["probability"]) == (
         "backlash", "left", 3.04e-5, 6.2e-7, "m", 0.9962,
     )  # fmt: skip
+    assert [(at["place"], at["value"]) for at in effect["places"]] == [("left", 3.04e-5), ("right", 1.8e-5)]
+    assert effect["places"][0]["parameters"] == effect["parameters"]
     assert effect["parameters"]["lag_m"] == {"value": 2.0e-3, "u": 4.0e-4, "unit": "m"}
     assert result["where"]["direction"]["left"] == {"share": 0.81, "low": 0.74, "high": 0.88}
     assert result["gap"]["shrink_interval"] == [0.79, 0.9]
@@ -70,6 +72,9 @@ def test_an_effect_in_words():
     for part in (
         "verdict: backlash",
         "width = 30.4 +- 1.3 um",
+        "width = 18.00 +- 0.80 um",
+        "backlash at left, 30.4 +- 1.3 um and at right, 18.00 +- 0.80 um, probability",
+        "differs with travel.left, payload",
         "equivalent: backlash = friction_windup; their predictions differ by at most 0.4 um",
         "shrink 86 % (95 %: 79 % to 90 %)",
         "smr_offset 3.0 um",

@@ -51,11 +51,17 @@ class Cause:
 
 
 def rank_effects(
-    likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect], *, by_visit: bool = False
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effects: Sequence[Effect],
+    *,
+    by_visit: bool = False,
+    explained: float = 0.0,
 ) -> list[Cause]:
     """All effects, the most likely first; those without a basis set at any place are left out.
 
-    by_visit: whether effects may be others at each visit, where they are of that kind.
+    by_visit: whether effects may be others at each visit, where they are of that kind. explained: log evidence of the
+    causes in the model, of which a further one must add a share: what is far from it is not fitted with curves.
     """
     by_effect = [
         (effect, places)
@@ -63,6 +69,7 @@ def rank_effects(
         if (places := _evidence_by_place(likelihood, inputs, effect, effect.places(inputs.machine)))
     ]
     strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
+    strongest = max(strongest, VERDICT.min_gain_share * explained)
     threshold = max(VERDICT.detection_threshold, VERDICT.curve_fit_share * strongest)
     causes = []
     for effect, places in by_effect:
@@ -71,6 +78,11 @@ def rank_effects(
             continue
         cause = _cause(effect, _refine(likelihood, inputs, effect, places, by_visit=by_visit))
         causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
+    return first_likely(causes)
+
+
+def first_likely(causes: Sequence[Cause]) -> list[Cause]:
+    """Causes, the most likely first."""
     return sorted(causes, key=lambda cause: -cause.log_evidence)
 
 

@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
-from calibration.diagnosis.ranking import Cause, include_cause, rank_effects, refit_cause
+from calibration.diagnosis.ranking import (
+    Cause,
+    differs_by_visit,
+    first_likely,
+    include_cause,
+    rank_effects,
+    refit_cause,
+)
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
@@ -53,10 +60,15 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     What is another at each visit explains much that is not its own. It is looked for only where something is left that
     no effect explains otherwise.
     """
-    found = _search(likelihood, inputs, effects, by_visit=False)
+    found = _search(likelihood, inputs, effects, rank_effects(likelihood, inputs, effects), by_visit=False)
     if found.excess_log_evidence < excess_threshold(found.log_evidence):
         return found
-    by_visit = _search(likelihood, inputs, effects, by_visit=True)
+    differing = [effect for effect in effects if effect.differs_by_visit]
+    ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
+    if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < found.ranking[0].log_evidence:
+        return found
+    others = [cause for cause in found.ranking if not cause.effect.differs_by_visit]
+    by_visit = _search(likelihood, inputs, effects, first_likely([*ranked, *others]), by_visit=True)
     return by_visit if by_visit.log_evidence > found.log_evidence else found
 
 
@@ -66,9 +78,14 @@ def excess_threshold(explained: float) -> float:
 
 
 def _search(
-    likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect], *, by_visit: bool
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effects: Sequence[Effect],
+    ranking: Sequence[Cause],
+    *,
+    by_visit: bool,
 ) -> SearchResult:
-    ranking = rank_effects(likelihood, inputs, effects, by_visit=by_visit)
+    """The same from the ranking of all effects, each alone."""
     likelihoods, log_evidence, best_log_evidence = [likelihood], 0.0, 0.0
     causes: list[Cause] = []
     non_parametric: list[NonParametricEffect] = []
@@ -89,7 +106,7 @@ def _search(
         best_log_evidence = max(best_log_evidence, log_evidence + non_parametric[0].log_evidence)
         if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
             break
-        ranked = rank_effects(likelihoods[-1], inputs, effects, by_visit=by_visit)
+        ranked = rank_effects(likelihoods[-1], inputs, effects, by_visit=by_visit, explained=log_evidence)
     non_parametric_alone: list[NonParametricEffect] = []
     if best_log_evidence - log_evidence > VERDICT.residual_search_threshold or not causes:
         non_parametric_alone = rank_non_parametric(likelihood, inputs)

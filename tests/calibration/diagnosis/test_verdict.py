@@ -158,7 +158,8 @@ def searched(
     by_visit: the first round where effects may be others at each visit.
     """
     steps = {False: iter([*rounds, []]), True: iter([by_visit or [], []])}
-    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit: next(steps[by_visit]))
+    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit]))
+    monkeypatch.setattr(search, "differs_by_visit", lambda cause: True)
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
     monkeypatch.setattr(

@@ -4,6 +4,7 @@ __all__ = [
     "any_change",
     "channels",
     "curve_fit",
+    "departure_evidence",
     "diagnose",
     "disturbances",
     "effect_inputs",

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.curve_fit import fit_curves
-from calibration.diagnosis.departing import with_departures
+from calibration.diagnosis.departure_evidence import with_departures
 from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.settings import VERDICT

@@ -7,6 +7,7 @@ __all__ = [
     "catalogue",
     "context",
     "control",
+    "departures",
     "drive_train",
     "former_names",
     "guides",

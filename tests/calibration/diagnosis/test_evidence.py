@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from calibration.diagnosis import departing
+from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
 from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
 from calibration.diagnosis.linear_model import linearise_recording
@@ -198,7 +198,7 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
 @pytest.mark.parametrize("planted", [(0,), (0, 1)])
 def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted, monkeypatch):
     """By dense densities: one place or both with even odds, the second given the first in its most likely size."""
-    monkeypatch.setattr(departing, "SMOOTH_SHARES", ())
+    monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", ())
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = with_forms_at(0, 1)
     (one,), (other,) = (effect.forms(inputs, place).contributions for place in (0, 1))
@@ -255,11 +255,13 @@ def test_the_time_of_a_change_is_found_in_any_unit_of_its_channel(small, unit):
 @pytest.mark.parametrize("by_visit", [False, True])
 def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_visit, monkeypatch):
     """As likely as one another: the exact form, a little of everything, one coordinate alone, and shares by visit."""
-    monkeypatch.setattr(departing, "SMOOTH_SHARES", (0.1,))
-    monkeypatch.setattr(departing, "SHARES_BY_VISIT", (0.5,))
+    monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", (0.1,))
+    monkeypatch.setattr(departure_evidence, "SHARES_BY_VISIT", (0.5,))
     few = ("travel.left", "payload")
     every = functions_of_coordinates
-    monkeypatch.setattr(departing, "functions_of_coordinates", lambda *of: {name: every(*of)[name] for name in few})
+    monkeypatch.setattr(
+        departure_evidence, "functions_of_coordinates", lambda *of: {name: every(*of)[name] for name in few}
+    )
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = replace(with_forms_at(0), differs_by_visit=True)
     arrival = small.context.arrival
@@ -270,7 +272,7 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     there = replace(small, residual=small.residual + shift.reshape(-1, 3))
     planted = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
     (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
-    found = departing.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
+    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
 
     inverse = np.linalg.inv(dense(small))
     groups = {
@@ -317,5 +319,5 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     there = replace(small, residual=small.residual + shift.reshape(-1, 3))
     planted = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
     (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
-    found = departing.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
+    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis
 from calibration.machine.description import PARTS, Machine
 from calibration.model.payload import PayloadEntry
@@ -23,6 +23,7 @@ MOUNTINGS, WALK_TERMS = 6, 12  # terms of what may be otherwise each time, or at
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
+EXCHANGES_WEIGHT = 0.02  # of one at each payload exchange, whose moment is known
 COEFFICIENT_WEIGHT = (
     0.006  # of each form: a material is stated wrongly more rarely than a part is warmer than its sensor
 )
@@ -111,7 +112,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
 
 
 def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
-    """From a moment on a drive counts with another scale or from another zero: slipped scale, lost reference.
+    """From a moment on a drive counts with another scale or zero: a scale that slipped, a lost reference, homed anew.
 
     Scale and zero error of a linear axis (ISO 230-2; Slocum, Precision Machine Design, SME 1992, ch. 2), in steps.
     """
@@ -139,6 +140,10 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
             steps = np.column_stack([after(onset) for onset, _ in changes])
             first, prior = changes[0]
             sets.add_set(column(steps), other(steps), share=1.0, weight=weight * SEVERAL_WEIGHT * prior, onset_s=first)
+    exchanges = np.unique(inputs.context.exchanges)[1:]
+    if exchanges.size:  # somebody was in the cell: the drives were switched off, and homed again
+        since = (inputs.context.exchanges[:, None] >= exchanges).astype(np.float64)
+        sets.add_set(zero(since, "exchanges"), (), weight=EXCHANGES_WEIGHT, **strongest_onset(zeros))
     return sets
 
 
@@ -194,7 +199,7 @@ EFFECTS = (
     Effect(
         name="payload",
         place="rig",
-        size=EffectParameter("mass_kg", 0.1, 500.0, "kg", "beyond what is stated, or at 0.25 m beside its centre"),
+        size=EffectParameter("mass_kg", 0.1, 1000.0, "kg", "beyond what is stated, or at 0.25 m beside its centre"),
         reveals="several payloads",
         confounded=("column_compliance", "link_stiffness"),
         forms=payload,

@@ -9,6 +9,7 @@ from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.results.callbacks import Notify, Progress
+from pkm_rig.rig.kept_tables import kept_tables
 from pkm_rig.rig.plans import Plan, calibration, prepare
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_checks import check_rig
@@ -67,7 +68,8 @@ def open_campaign(
     total = PlannedReadings(planned_readings(rig, blocks, verify=verify))
     campaign = new_campaign_id(rig.file.rig)
     store.work_on(campaign)  # so that nobody sees it as one that was given up
-    store.add_campaign(describe_campaign(rig, campaign, now_text()), rig.machine.text)
+    header = describe_campaign(rig, campaign, now_text(), kept_tables(rig, store))
+    store.add_campaign(header, rig.machine.text)
     store.add_event(campaign, "settings", settings_event(rig))
     notify(f"campaign {campaign}: {total.total} readings planned")
     return campaign, blocks, total

@@ -9,6 +9,7 @@ __all__ = [
     "device_sections",
     "devices",
     "drive_tables",
+    "kept_tables",
     "operator",
     "plans",
     "plc_connection",

@@ -7,7 +7,7 @@ import logging
 import os
 import secrets
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from bluesky import RunEngine
 from bluesky.utils import DuringTask
 
-from calibration.recording.header import RecordingFile, StationEntry
+from calibration.recording.header import KnownTable, RecordingFile, StationEntry
 from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import nest_shift, usable_readings
 from calibration.reduction.reduction import CALIBRATION
@@ -262,8 +262,8 @@ def new_campaign_id(rig_name: str) -> str:
     return f"{rig_name}-{datetime.now(UTC):%Y%m%d-%H%M%S}-{secrets.token_hex(2)}"
 
 
-def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
-    """The recording's header for a campaign on this rig."""
+def describe_campaign(rig: Rig, campaign: str, created: str, known_tables: Sequence[KnownTable] = ()) -> RecordingFile:
+    """The recording's header for a campaign on this rig, with the compensation tables that are kept for it."""
     file = rig.file
     return RecordingFile(
         format=1,
@@ -285,4 +285,5 @@ def describe_campaign(rig: Rig, campaign: str, created: str) -> RecordingFile:
         payloads=file.payloads,
         nuisance=file.nuisance,
         simulated=bool(rig.simulated_devices),
+        known_tables=tuple(known_tables),
     )

@@ -193,6 +193,25 @@ def test_a_scale_that_changes_moves_the_end_of_the_travel_by_its_size_from_the_m
     check_same(rig.shift_m("drive_scale", f"travel.{drive}", SHIFT_M, a, onset_s=onset_s), after * zero_m)
 
 
+def test_a_drive_may_be_homed_at_each_payload_exchange_and_step_several_times(rig):
+    context, machine = rig.linear.context, rig.linear.machine
+    onsets = {"travel.left": (200.0, 400.0), "scale.left": (300.0, 500.0, 700.0)}
+    inputs = replace(rig.inputs, onsets=lambda channels: [(onset, 0.1) for onset in onsets[channels[0]]])
+    built = CATALOGUE.effect("drive_scale").forms(inputs, 0)
+
+    def steps(channel: str, form: str) -> np.ndarray:
+        columns = (c for c, named in zip(built.contributions, built.named, strict=True) if named == form)
+        return np.array([shape for ((at, shape),) in columns if at == channel])
+
+    numbers = np.arange(1, int(context.exchanges.max()) + 1)
+    assert len(numbers) > 1
+    assert np.array_equal(steps("travel.left", "exchanges"), context.exchanges >= numbers[:, None])
+    several = steps("scale.left", "") * 0.5 * np.ptp(machine.travel[0])  # with each of two sets
+    for onset in onsets["scale.left"]:
+        assert any(np.allclose(shape, context.elapsed_s >= onset) for shape in several)
+    assert len(steps("travel.left", "zero")) == len(onsets["travel.left"])
+
+
 def with_scale(rig: Rig) -> np.ndarray:
     """The right drive's scale and zero from a third of the campaign on."""
     context, travel = rig.linear.context, rig.linear.machine.travel[1]

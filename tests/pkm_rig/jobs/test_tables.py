@@ -7,15 +7,18 @@ import dataclasses
 import json
 import sys
 
+import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.compensation.error_map import correction_at
 from drivers.drives.table_image import TableImage, encode_table
 from drivers.errors import DriveFault, InterlockOpen
 from pkm_rig.cli import entry, main
 from pkm_rig.errors import StoreError
 from pkm_rig.jobs.tables import change_to_off, describe_before, last_change, roll_back, show_tables
 from pkm_rig.report.tables_text import print_tables
+from pkm_rig.rig.kept_tables import kept_tables
 from pkm_rig.rig.runner import describe_campaign
 from pkm_rig.rig.table_change import VERDICT, changing_tables
 from pkm_rig.rig.table_recovery import end_unfinished_change, settle_tables, unfinished_change
@@ -41,11 +44,11 @@ def bench(running, tmp_path):
     return running
 
 
-def calibrate(rig, store):
+def calibrate(rig, store, made=None):
     """A campaign whose tables were accepted."""
     store.add_campaign(describe_campaign(rig, CAMPAIGN, now_text()), rig.machine.text)
     with changing_tables(rig, store, "verify", CAMPAIGN) as change:
-        change.compensate(rig.images(table(), NEW))
+        change.compensate(rig.images(made or table(), NEW))
         store.add_event(CAMPAIGN, "accepted", {VERDICT: change.id})
         change.keep()
 
@@ -68,6 +71,26 @@ def test_each_bank_is_shown_with_its_campaign_and_machine(bench, capsys):
     assert "drive left: uses bank 2\n" in text
     assert f"generation {NEW} for 0 kg" in text
     assert f"tables: generation {NEW} of campaign {CAMPAIGN} on all drives" in text
+
+
+def test_the_next_campaign_names_the_tables_that_the_store_knows(bench):
+    made = dataclasses.replace(table(), correction_m=1e-5 * np.random.default_rng(2).standard_normal((2, 3, 3)))
+    with bench.host() as (rig, store, _):
+        assert kept_tables(rig, store) == ()
+        calibrate(rig, store, made)
+        kept = kept_tables(rig, store)
+        header = describe_campaign(rig, "next", now_text(), kept)
+    assert {(known.generation, known.drive, known.partner) for known in kept} == {
+        (generation, *drives) for generation in (FORMER, NEW) for drives in (("left", "right"), ("right", "left"))
+    }
+    assert header.known_tables == kept
+    left, right = (known for known in kept if known.generation == NEW)
+    drives = (
+        made.start_m + np.random.default_rng(1).uniform(0.0, made.correction_m.shape[1] - 1.0, (20, 2)) * made.step_m
+    )
+    expected = correction_at(made, drives)
+    assert left.correction_m(drives[:, 0], drives[:, 1]) == pytest.approx(expected[:, 0], abs=2e-8)
+    assert right.correction_m(drives[:, 1], drives[:, 0]) == pytest.approx(expected[:, 1], abs=2e-8)
 
 
 def test_off_and_back_and_back_again(bench):

@@ -1,11 +1,14 @@
 """A seeded sample of mutants over drivers, diagnosis and identification, each against its room's tests.
 
+Of its room's tests, those that execute its line (covered.py).
+
 `make mutants`, or `python -m tests.mutants.run [--number N] [--seed S [--record]] [--jobs N] [--only ROOM]
-[--out FOLDER] [--fresh | --survivors] [--keep]`. Results are kept in FOLDER/mutants.jsonl as they come; a second call
+[--out FOLDER] [--fresh | --survivors] [--keep] [--whole-room]`. Results are kept in FOLDER as they come; a second call
 goes on where the first was ended. `--keep` takes those of the recorded sample over into results.txt: what was killed is
 not run again as long as its file does not change. With `--survivors` it also tries again what survived and is not
-listed as equivalent: a test may have been added since. The status is 1 if fewer than 85 % of those that are not listed
-as equivalent were killed, if more than 10 % are listed, or a survivor is not.
+listed as equivalent: a test may have been added since. With `--whole-room` each meets all tests of its room. The status
+is 1 if fewer than 85 % of those that are not listed as equivalent were killed, if more than 10 % are listed, or a
+survivor is not.
 
 The sample is recorded in sample.txt: a change of the code takes the changed mutants out of it, and leaves the others
 and what survivors.toml says of them. `--seed S` draws another one, `--record` records it.
@@ -14,9 +17,7 @@ and what survivors.toml says of them. `--seed S` draws another one, `--record` r
 from __future__ import annotations
 
 import argparse
-import hashlib
 import itertools
-import json
 import os
 import random
 import sys
@@ -24,15 +25,15 @@ import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
-from tests.copied_tree import ROOT, copied_tree, nearest_first, run_tests, spoilt
+from tests.copied_tree import ROOT, known_files, over_copies, run_tests, spoilt, test_files
+from tests.kept_results import KeptResults, key_of
+from tests.mutants.covered import Coverage, chosen, key_of_test_file, lines_of, run_without_mutants, state_of
 from tests.mutants.mutate import Mutant, compiles, mutants
 
 ROOMS = {
@@ -47,7 +48,7 @@ SAMPLE = Path(__file__).with_name("sample.txt")
 SURVIVORS = Path(__file__).with_name("survivors.toml")
 RESULTS = Path(__file__).with_name("results.txt")
 KILLED_SHARE, EQUIVALENT_SHARE = 0.85, 0.10
-LEAST_LIMIT_S, SLOWER = 120.0, 4.0  # of processor time: a mutant may loop; times what the tests take without it
+LEAST_LIMIT_S, SLOWER = 30.0, 4.0  # of processor time: a mutant may loop; times what the tests take without it
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,12 @@ class Drawn:
     @property
     def key(self) -> str:
         """Of the file's contents and the change."""
-        return _hash(self.file, self.text, self.mutant.start, self.mutant.end, self.mutant.after)
+        return key_of(self.file, self.text, self.mutant.start, self.mutant.end, self.mutant.after)
 
     @property
     def identity(self) -> str:
         """Of the file's name, the function and the change."""
-        return _hash(self.file, self.mutant.where, self.mutant.before, self.mutant.after, self.copy)
+        return key_of(self.file, self.mutant.where, self.mutant.before, self.mutant.after, self.copy)
 
     @property
     def room(self) -> str:
@@ -85,10 +86,6 @@ class Drawn:
     def __str__(self) -> str:
         before, after = (" ".join(text.split()) for text in (self.mutant.before, self.mutant.after))
         return f"{self.file}:{self.mutant.line} {self.mutant.where}: {before} -> {after}"
-
-
-def _hash(*parts: str | int) -> str:
-    return hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:16]
 
 
 @cache
@@ -145,12 +142,10 @@ def main() -> int:
     parser.add_argument("--fresh", action="store_true", help="forget former results")
     parser.add_argument("--survivors", action="store_true", help="try survivors again, except equivalent ones")
     parser.add_argument("--keep", action="store_true", help="only take results over into results.txt")
+    parser.add_argument("--whole-room", action="store_true", help="each against all tests of its room")
     arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    path = arguments.out / "mutants.jsonl"
-    if arguments.fresh:
-        path.unlink(missing_ok=True)
-    known = ({} if arguments.fresh else read_kept(RESULTS)) | _read(path)
+    results = KeptResults(arguments.out / "mutants.jsonl", fresh=arguments.fresh)
+    known = ({} if arguments.fresh else read_kept(RESULTS)) | results
     if arguments.keep:
         keep(RESULTS, [known[drawn.key] for drawn in recorded() if drawn.key in known])
         return 0
@@ -160,19 +155,31 @@ def main() -> int:
     sample = [drawn for drawn in every if drawn.room.startswith(arguments.only)]
     missing = to_try(sample, known, survivors=arguments.survivors)
     print(f"{len(sample)} mutants, {len(sample) - len(missing)} of them not tried again", flush=True)
-    with ExitStack() as stack, path.open("a", encoding="utf-8") as file:
-        trees: SimpleQueue[Path] = SimpleQueue()
-        for _ in range(arguments.jobs):
-            trees.put(stack.enter_context(copied_tree()))
-        pool = stack.enter_context(ThreadPoolExecutor(arguments.jobs))
-        rooms = sorted({drawn.room for drawn in missing})
-        limits = dict(zip(rooms, pool.map(lambda room: _limit_s(trees, room), rooms), strict=True))
-        for result in pool.map(lambda drawn: _try(trees, drawn, limits[drawn.room]), missing):
-            known[result["key"]] = result
-            file.write(json.dumps(result) + "\n")
-            file.flush()
+    coverage = _coverage(arguments.jobs, missing, KeptResults(arguments.out / "coverage.jsonl"))
+
+    def try_one(tree: Path, drawn: Drawn) -> dict[str, Any]:
+        return _try(tree, drawn, coverage[drawn.room], whole_room=arguments.whole_room)
+
+    with closing(over_copies(arguments.jobs, missing, try_one)) as tried:
+        for _, result in tried:
+            results.add(result)
             print(f"{result['ran']:8} {result['seconds']:6.1f} s  {result['mutant']}", flush=True)
+    known |= results
     return _report([known[drawn.key] for drawn in sample], sample)
+
+
+def _coverage(jobs: int, missing: Sequence[Drawn], kept: KeptResults) -> dict[str, list[Coverage]]:
+    """What the tests of each room execute, from runs without mutants as far as they are not kept."""
+    rooms = sorted({drawn.room for drawn in missing})
+    files = {room: test_files(ROOT, ROOMS[room]) for room in rooms}
+    state = state_of(ROOT, known_files())
+    keys = {name: key_of_test_file(ROOT, name, state) for room in rooms for name in files[room]}
+    unknown = [name for name, key in keys.items() if key not in kept]
+    with closing(over_copies(jobs, unknown, run_without_mutants)) as ran:
+        for name, result in ran:
+            kept.add({"key": keys[name], **result})
+            print(f"without mutants {sum(result['seconds'].values()):6.1f} s  {name}", flush=True)
+    return {room: [Coverage.of(kept[keys[name]]) for name in files[room]] for room in rooms}
 
 
 def _report(results: Sequence[dict[str, Any]], sample: Sequence[Drawn]) -> int:
@@ -211,36 +218,16 @@ def keep(path: Path, results: Sequence[dict[str, Any]]) -> None:
     path.write_text("".join(lines), encoding="utf-8")
 
 
-def _read(path: Path) -> dict[str, dict[str, Any]]:
-    if not path.exists():
-        return {}
-    results = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
-    return {result["key"]: result for result in results}
-
-
-def _limit_s(trees: SimpleQueue[Path], room: str) -> float:
-    """Time for a mutant of a room, from that of its tests without any. Raises RuntimeError unless they are green."""
-    tree = trees.get()
-    try:
-        began_s = time.monotonic()
-        ran, said = run_tests(tree, ROOMS[room], 1800.0)
-        if ran != "green":
-            raise RuntimeError(f"the tests of {room} are not green without any mutant: {said}")
-        return max(LEAST_LIMIT_S, SLOWER * (time.monotonic() - began_s))
-    finally:
-        trees.put(tree)
-
-
-def _try(trees: SimpleQueue[Path], drawn: Drawn, limit_s: float) -> dict[str, Any]:
-    tree = trees.get()
-    try:
-        began_s = time.monotonic()
+def _try(tree: Path, drawn: Drawn, coverage: Sequence[Coverage], *, whole_room: bool) -> dict[str, Any]:
+    began_s = time.monotonic()
+    lines = None if whole_room else lines_of(drawn.text, drawn.mutant.start)
+    tests, seconds = chosen(tree, coverage, drawn.file, lines)
+    ran, said = "green", "no test executes it"
+    if tests:
         with spoilt(tree / drawn.file, drawn.mutant.apply(drawn.text)):
-            ran, said = run_tests(tree, nearest_first(tree, ROOMS[drawn.room], drawn.file), limit_s)
-        seconds = time.monotonic() - began_s
-    finally:
-        trees.put(tree)
-    return {"key": drawn.key, "mutant": str(drawn), "ran": ran, "said": said, "seconds": round(seconds, 1)}
+            ran, said = run_tests(tree, tests, max(LEAST_LIMIT_S, SLOWER * seconds))
+    seconds = round(time.monotonic() - began_s, 1)
+    return {"key": drawn.key, "mutant": str(drawn), "ran": ran, "said": said, "seconds": seconds}
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import math
 import os
 import shutil
 import signal
@@ -17,6 +16,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Literal, TypeVar
 
+from tests.pytest_server import PytestServer
+
 ROOT = Path(__file__).parents[1]
 PREFIX = "pkm-rig-copy-"
 Ran = Literal["green", "red", "time-out"]
@@ -24,17 +25,40 @@ WAITING = 4.0
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
-# Tests run in a session of their own, with whatever they start. Beside them waits a shell that reads from this pipe,
-# which nobody writes to: it ends when this process does, by SIGKILL too, or by `_end_all_tests`, and takes them along.
-_lifeline, _held_open = os.pipe()
-_SHELL = (
-    "exec 3<&0 </dev/null; (cat <&3; kill -KILL 0) >/dev/null 2>&1 & "
-    'exec 3<&-; ulimit -S -t {limit_s}; exec "$@"'
-)  # fmt: skip
+
+class CopiedTree:
+    """A copy in which tests are run."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._server = PytestServer()
+
+    def run(self, tests: Sequence[str], limit_s: float, *options: str) -> tuple[Ran, str]:
+        """Run tests until the first failure; the last lines tell which. Only collected tests count as green.
+
+        The limit is processor time, so that other work on the computer ends no test; one that waits for ever has
+        `WAITING` times as long. Raises RuntimeError if it cannot be run, or was killed by somebody else.
+        """
+        arguments = ["-x", "-q", "-n", "0", "--no-header", "-p", "no:cacheprovider", "--assert", "plain"]
+        status, said = self._server.run(self.path, [*arguments, *options, *tests], limit_s, WAITING * limit_s)
+        if status is None:
+            return "time-out", f"not done in {WAITING * limit_s:g} s"
+        if status == -signal.SIGXCPU:
+            return "time-out", f"not done in {limit_s:g} s of processor time"
+        lines = said.strip().splitlines()
+        failed = [line for line in lines if line.startswith(("FAILED ", "ERROR "))]
+        last = (failed or lines or ["nothing was said"])[-1]
+        if status not in (0, 2) and not failed:
+            raise RuntimeError(f"pytest ended with {status}: {last}")
+        return ("red", last) if status else ("green", "all green")
+
+    def close(self) -> None:
+        """End the tests that run."""
+        self._server.close()
 
 
 @contextmanager
-def copied_tree() -> Iterator[Path]:
+def copied_tree() -> Iterator[CopiedTree]:
     """A folder with what git knows of the working tree, as it is now. Removes copies whose process is gone, too."""
     _remove_forsaken()
     with tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True) as folder, _owned(Path(folder)):
@@ -43,7 +67,8 @@ def copied_tree() -> Iterator[Path]:
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name)
         _compile(tree)
-        yield tree
+        with closing(CopiedTree(tree)) as copy:
+            yield copy
 
 
 def _compile(tree: Path) -> None:
@@ -76,20 +101,21 @@ def _remove_forsaken() -> None:
 
 
 def over_copies(
-    jobs: int, items: Sequence[_Item], work: Callable[[Path, _Item], _Result]
+    jobs: int, items: Sequence[_Item], work: Callable[[CopiedTree, _Item], _Result]
 ) -> Iterator[tuple[_Item, _Result]]:
     """Work on items in so many copies of the tree, results in the order of the items. An interrupt ends the tests."""
     with ExitStack() as stack:
-        trees: SimpleQueue[Path] = SimpleQueue()
-        for _ in range(min(jobs, len(items))):
-            trees.put(stack.enter_context(copied_tree()))
+        copies = [stack.enter_context(copied_tree()) for _ in range(min(jobs, len(items)))]
+        free: SimpleQueue[CopiedTree] = SimpleQueue()
+        for copy in copies:
+            free.put(copy)
 
         def in_a_copy(item: _Item) -> _Result:
-            tree = trees.get()
+            copy = free.get()
             try:
-                return work(tree, item)
+                return work(copy, item)
             finally:
-                trees.put(tree)
+                free.put(copy)
 
         pool = stack.enter_context(ThreadPoolExecutor(jobs))
         try:
@@ -97,55 +123,9 @@ def over_copies(
                 yield from zip(items, results, strict=True)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            _end_all_tests()
+            for copy in copies:
+                copy.close()
             raise
-
-
-def _end_all_tests() -> None:
-    with suppress(OSError):
-        os.close(_held_open)
-
-
-def run_tests(tree: Path, tests: Sequence[str], limit_s: float, *options: str) -> tuple[Ran, str]:
-    """Run tests of a copy until the first failure; the last lines tell which. Only collected tests count as green.
-
-    The limit is processor time, so that other work on the computer ends no test; one that waits for ever has
-    `WAITING` times as long. Raises RuntimeError if it cannot be run, or was killed by somebody else.
-    """
-    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    quick = [
-        "-n",
-        "0",
-        "-p",
-        "no:cacheprovider",
-        "--assert",
-        "plain",
-    ]  # half a second to two less before the first test
-    pytest = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", *quick]
-    with subprocess.Popen(
-        ["sh", "-c", _SHELL.format(limit_s=math.ceil(limit_s)), "sh", *pytest, *options, *tests],
-        cwd=tree,
-        env=environment,
-        stdin=_lifeline,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-    ) as process:
-        try:
-            said, _ = process.communicate(timeout=WAITING * limit_s)
-        except subprocess.TimeoutExpired:
-            return "time-out", f"not done in {WAITING * limit_s:g} s"
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-    if process.returncode == -signal.SIGXCPU:
-        return "time-out", f"not done in {limit_s:g} s of processor time"
-    lines = said.decode("utf-8", "replace").strip().splitlines()
-    failed = [line for line in lines if line.startswith(("FAILED ", "ERROR "))]
-    last = (failed or lines or ["nothing was said"])[-1]
-    if process.returncode not in (0, 1, 2) and not failed:
-        raise RuntimeError(f"pytest ended with {process.returncode}: {last}")
-    return ("red", last) if process.returncode else ("green", "all green")
 
 
 def nearest_first(tree: Path, tests: Sequence[str], file: str) -> list[str]:

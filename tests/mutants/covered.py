@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.copied_tree import names_module, run_tests
+from tests.copied_tree import CopiedTree, names_module
 from tests.kept_results import key_of
 
 LIMIT_S = 1800.0
@@ -82,11 +82,11 @@ def key_of_test_file(tree: Path, name: str, state: str) -> str:
     return key_of(name, _hash(tree / name), state)
 
 
-def run_without_mutants(tree: Path, name: str) -> dict[str, Any]:
+def run_without_mutants(copy: CopiedTree, name: str) -> dict[str, Any]:
     """Run a test file and see what its functions execute. Raises RuntimeError unless they are green."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "lines.json"
-        ran, said = run_tests(tree, [name], LIMIT_S, "-p", "tests.mutants.lines_by_test", "--lines-to", str(path))
+        ran, said = copy.run([name], LIMIT_S, "-p", "tests.mutants.lines_by_test", "--lines-to", str(path))
         if ran != "green":
             raise RuntimeError(f"{name} is not green without any mutant: {said}")
         return {"name": name, **json.loads(path.read_text(encoding="utf-8"))}

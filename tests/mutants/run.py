@@ -31,7 +31,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tests.copied_tree import ROOT, known_files, over_copies, run_tests, spoilt, test_files
+from tests.copied_tree import ROOT, CopiedTree, known_files, over_copies, spoilt, test_files
 from tests.kept_results import KeptResults, key_of
 from tests.mutants.covered import Coverage, chosen, key_of_test_file, lines_of, run_without_mutants, state_of
 from tests.mutants.mutate import Mutant, compiles, mutants
@@ -157,8 +157,8 @@ def main() -> int:
     print(f"{len(sample)} mutants, {len(sample) - len(missing)} of them not tried again", flush=True)
     coverage = _coverage(arguments.jobs, missing, KeptResults(arguments.out / "coverage.jsonl"))
 
-    def try_one(tree: Path, drawn: Drawn) -> dict[str, Any]:
-        return _try(tree, drawn, coverage[drawn.room], whole_room=arguments.whole_room)
+    def try_one(copy: CopiedTree, drawn: Drawn) -> dict[str, Any]:
+        return _try(copy, drawn, coverage[drawn.room], whole_room=arguments.whole_room)
 
     with closing(over_copies(arguments.jobs, missing, try_one)) as tried:
         for _, result in tried:
@@ -218,14 +218,14 @@ def keep(path: Path, results: Sequence[dict[str, Any]]) -> None:
     path.write_text("".join(lines), encoding="utf-8")
 
 
-def _try(tree: Path, drawn: Drawn, coverage: Sequence[Coverage], *, whole_room: bool) -> dict[str, Any]:
+def _try(copy: CopiedTree, drawn: Drawn, coverage: Sequence[Coverage], *, whole_room: bool) -> dict[str, Any]:
     began_s = time.monotonic()
     lines = None if whole_room else lines_of(drawn.text, drawn.mutant.start)
-    tests, seconds = chosen(tree, coverage, drawn.file, lines)
+    tests, seconds = chosen(copy.path, coverage, drawn.file, lines)
     ran, said = "green", "no test executes it"
     if tests:
-        with spoilt(tree / drawn.file, drawn.mutant.apply(drawn.text)):
-            ran, said = run_tests(tree, tests, max(LEAST_LIMIT_S, SLOWER * seconds))
+        with spoilt(copy.path / drawn.file, drawn.mutant.apply(drawn.text)):
+            ran, said = copy.run(tests, max(LEAST_LIMIT_S, SLOWER * seconds))
     seconds = round(time.monotonic() - began_s, 1)
     return {"key": drawn.key, "mutant": str(drawn), "ran": ran, "said": said, "seconds": seconds}
 

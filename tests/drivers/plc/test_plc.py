@@ -164,6 +164,14 @@ def test_a_heartbeat_that_never_moves(server: ModbusPlc, plc: Plc) -> None:
         plc.connect()
 
 
+def test_a_heartbeat_that_moved_in_a_former_connection_does_not_count(server: ModbusPlc, plc: Plc) -> None:
+    plc.connect()
+    plc.close()
+    server.beating = False
+    with pytest.raises(StaleData, match="stands still"):
+        plc.connect()
+
+
 def test_a_heartbeat_that_stops_opens_the_interlocks(server: ModbusPlc, plc: Plc) -> None:
     plc.connect()
     server.beating = False

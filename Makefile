@@ -27,6 +27,7 @@ kill-sweep: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.kill_sweep.run $(if $(CHAINS),--chains $(CHAINS)) $(if $(ONLY),--only $(ONLY))
 
 # Errors that somebody might make (tests/deliberate_errors/errors.toml), each in a copy of the tree: the tests must find it.
+# Stopped, it goes on.
 deliberate-errors: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.deliberate_errors.run $(if $(ONLY),--only "$(ONLY)")
 

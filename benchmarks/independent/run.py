@@ -29,7 +29,7 @@ from benchmarks.independent import final_runs
 from benchmarks.independent.final_runs import FinalRun, NoFinalRun
 from benchmarks.independent.gross import plant_in
 from benchmarks.independent.recordings import NoRecordings, copy_recordings, digest_of, find_archive, names_of
-from benchmarks.independent.scorer import score
+from benchmarks.independent.scorer import reached_with_truth, score
 from benchmarks.independent.table import figures, misjudged, printed, without_cases
 from benchmarks.independent.truths import OddTruth, read_truths
 from benchmarks.results_file import ResultsFile
@@ -44,6 +44,7 @@ OUT = ROOT / "runs" / "independent"
 CODE = ("calibration", *(f"benchmarks/withheld/{name}.py" for name in (*HELPERS, "sealed_diagnoser")))
 BATCH = 5
 SURE = 0.9
+WORTH_ADDING = 1.0  # sigma, visible: what the true effect in the model would have reached
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -193,7 +194,10 @@ def score_all(archive: Path, out: Path, answers: dict[str, dict[str, Any]], fina
     for name, of_name in answers.items():
         file = out / "predictions" / f"{name}.npz"
         predictions = file.read_bytes() if "withheld_sha256" in of_name else None
-        rows.append(score(out / "recordings", name, of_name, predictions, truths[name]))
+        row = score(out / "recordings", name, of_name, predictions, truths[name])
+        if row["kind"] == "effect" and row["visible"] >= WORTH_ADDING and "achieved" in row:
+            row["reached_with_truth"] = reached_with_truth(out / "recordings", name, truths[name])
+        rows.append(row)
     return rows
 
 

@@ -6,6 +6,7 @@ import hashlib
 import io
 import tomllib
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,12 @@ from benchmarks.independent.truths import Truth
 from benchmarks.withheld.making import ELIGIBLE_RAW, ELIGIBLE_VISIBLE
 from benchmarks.withheld.score_rows import Row, answerable, true_answer
 from benchmarks.withheld.scorer import Tampered, achieved, score_case
+from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
 from calibration.base.plain_file import read_text
 from calibration.base.toml_file import parse_toml
+from calibration.diagnosis.diagnose import withheld_with
+from calibration.recording.folder import read_folder
 from calibration.recording.header import RecordingFile
 
 KINDS = {"single": "effect", "null": "null", "pair": "pair", "outside": "outside"}
@@ -50,6 +54,17 @@ def score(recordings: Path, name: str, answer: Mapping[str, Any], predictions: b
         with np.load(io.BytesIO(predictions), allow_pickle=False) as arrays:
             row |= achieved({"turn": turn}, arrays, truth.noise_free_m, truth.platform)
     return row
+
+
+def reached_with_truth(recordings: Path, name: str, truth: Truth) -> float | None:
+    """The shrink that the true effect reaches once it is in the model; None if the recording is unsuitable."""
+    try:
+        withheld = withheld_with(read_folder(recordings / name), {e["effect"] for e in truth.entry["effects"]})
+    except InputError:
+        return None
+    turn = _turn(recordings / name / "recording.toml")
+    reached = achieved({"turn": turn}, asdict(withheld), truth.noise_free_m, truth.platform)
+    return reached.get("achieved")
 
 
 def case_of(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.independent.scorer import ONE_PLACE, SEVERAL_PLACES
 from benchmarks.withheld.report import by_effect, effect_lines, measure_lines
@@ -24,7 +25,10 @@ from benchmarks.withheld.scorer import NONE, UNKNOWN
 from benchmarks.withheld.statistics import Z95
 from benchmarks.withheld.table import PERIOD, STEP_S, Measure, class_size, pairs, probabilities, share, share_between
 
+Array = NDArray[np.float64]
+
 MOST_CLASS = 1.4
+BOOTSTRAPS, BOOTSTRAP_SEED = 1000, 5
 WORST_OF = 25  # an effect of fewer cases is not judged by itself
 
 
@@ -153,7 +157,36 @@ def _shrink(rows: list[Row]) -> list[Measure]:
         share("  within 0.10, where named", [shrink_off(r) <= 0.10 for r in named]),
         share_between("95 % shrink interval covers, where named", [shrink_covered(r) for r in named], 0.90, 0.98),
         share("predicted minus achieved shrink within 0.05, any verdict", [shrink_off(r) <= 0.05 for r in rows]),
+        *_left_on_the_table(rows),
     ]
+
+
+def _left_on_the_table(rows: list[Row]) -> list[Measure]:
+    """Shrink reached with what was found, and with the true effect in the model; nothing found reaches nothing."""
+    pairs = [
+        (r["achieved"] if called(r) else 0.0, r["reached_with_truth"])
+        for r in rows
+        if r.get("reached_with_truth") is not None
+    ]
+    found, true = np.array(pairs).reshape(-1, 2).T
+    nothing = np.zeros_like(true)
+    return [
+        _median("median shrink reached with what was found", found, nothing),
+        _median("  with the true effect added", true, nothing),
+        _median("  difference of the two", true, found, 0.05),
+    ]
+
+
+def _median(name: str, x: Array, less: Array, most: float | None = None) -> Measure:
+    """Median of x (n,) less that of others (n,) of the same cases, with a bootstrap interval."""
+    goal = "" if most is None else f"at most {most:g}"
+    if not x.size:
+        return Measure(name, goal, None, 0.0, 0.0, 0, None)
+    drawn = np.random.default_rng(BOOTSTRAP_SEED).integers(0, x.size, (BOOTSTRAPS, x.size))
+    spread = np.median(x[drawn], axis=1) - np.median(less[drawn], axis=1)
+    low, high = (float(end) for end in np.quantile(spread, [0.025, 0.975]))
+    value = float(np.median(x) - np.median(less))
+    return Measure(name, goal, value, low, high, x.size, None if most is None else value <= most)
 
 
 def _details(rows: list[Row]) -> list[Measure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
-from calibration.diagnosis.search import SearchResult, detectable_effects, search_causes
+from calibration.diagnosis.search import SearchResult, detectable_effects, include_effects, search_causes
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
 from calibration.diagnosis.twin.twin import Twin
@@ -61,6 +62,21 @@ def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None)
     joint_fit = JointFit(result.likelihood, result.causes)
     twin = Twin.from_solution(joint_fit.solution, result.likelihood, result.causes, result.inputs)
     return result.diagnosis, twin, score_twin(result.likelihood, result.truth_likelihood, joint_fit, twin)
+
+
+def withheld_with(recording: Recording, names: Collection[str], catalogue: Catalogue | None = None) -> Withheld:
+    """Predictions of withheld readings, without and with some effects of the catalogue, whatever their evidence.
+
+    Raises InputError if the recording is unsuitable.
+    """
+    linear = linearise_recording(recording)
+    likelihood = MarginalLikelihood.of(linear)
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    effects = [effect for effect in (catalogue or load_catalogue()).effects if effect.name in names]
+    region = regions(linear)
+    before = withheld_differences(likelihood, region)
+    likelihood_after = include_effects(likelihood, inputs, effects)
+    return _withheld(likelihood, before, likelihood_after, withheld_differences(likelihood_after, region))
 
 
 @dataclass(frozen=True)
@@ -125,16 +141,25 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
         inside_geometry=_inside_geometry(linear),
         clues=_clues(search_result) if verdict == UNKNOWN else (),
         next_measurement=rank_additions(likelihood, search_result, ranking, untested),
-        withheld=Withheld(
-            rows=linear.rows[field.rows],
-            before_m=predicted_positions_m(likelihood, before)[field.rows],
-            after_m=predicted_positions_m(likelihood_after, after)[field.rows],
-        ),
+        withheld=_withheld(likelihood, before, likelihood_after, after),
         visits=_visit_gaps(linear, field),
         spectra=spectra(likelihood, by_drive),
         remarks=(*_left_out(linear), *_remarks(search_result, verdict, noise_floor_m)),
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
+
+
+def _withheld(
+    likelihood: MarginalLikelihood, before: Array, likelihood_after: MarginalLikelihood, after: Array
+) -> Withheld:
+    """Predictions of the platform's readings from whitened differences (n, 3) of all."""
+    linear = likelihood.linear
+    rows = np.flatnonzero(linear.on_platform)
+    return Withheld(
+        rows=linear.rows[rows],
+        before_m=predicted_positions_m(likelihood, before)[rows],
+        after_m=predicted_positions_m(likelihood_after, after)[rows],
+    )
 
 
 def _main_cause_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:

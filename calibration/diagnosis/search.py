@@ -72,6 +72,17 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     return by_visit if by_visit.log_evidence > found.log_evidence else found
 
 
+def include_effects(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]
+) -> MarginalLikelihood:
+    """The marginal likelihood with some effects, whatever their evidence: each where it is likeliest, then the next."""
+    left = list(effects)
+    while left and (ranked := rank_effects(likelihood, inputs, left, by_visit=True)):
+        likelihood = include_cause(likelihood, ranked[0])
+        left = [effect for effect in left if effect is not ranked[0].effect]
+    return likelihood
+
+
 def excess_threshold(explained: float) -> float:
     """Excess log evidence of a non-parametric alternative at which effects that explain so much have even odds."""
     return VERDICT.excess_threshold + VERDICT.excess_share * max(explained, 0.0)

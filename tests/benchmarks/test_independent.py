@@ -314,7 +314,7 @@ def test_measures_are_counted_by_hand(tmp_path):
         (answer("backlash", 0.9, found(), found("refraction", "")), truth(*pair, kind="pair")),
         ({"seconds": 1.0, "clock_seconds": 1.0, "error": "InputError: x"}, truth(effect("latency", ("right",)))),
     ]
-    rows = [{**row_of(tmp_path, *case), "achieved": 0.53} for case in cases]
+    rows = [{**row_of(tmp_path, *case), "achieved": 0.53, "reached_with_truth": 0.6} for case in cases]
     by_name = {m["name"].strip(): m for m in figures(rows)["measures"]}
     for name, value, n in (
         ("visible single effects named right", 0.25, 4),
@@ -335,6 +335,9 @@ def test_measures_are_counted_by_hand(tmp_path):
         ("raw size within its U (k = 2), where named right", 1.0, 1),
         ("named right: one place", 1.0 / 3.0, 3),
         ("named right: several places", 0.0, 1),
+        ("median shrink reached with what was found", 0.265, 4),
+        ("with the true effect added", 0.6, 4),
+        ("difference of the two", 0.335, 4),
         ("diagnoses that failed", 1.0 / 11.0, 11),
     ):
         assert (by_name[name]["value"], by_name[name]["n"]) == (pytest.approx(value), n), name

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.diagnose import diagnose, withheld_with
 from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
@@ -111,6 +111,20 @@ def test_backlash_is_found_at_its_drive_with_its_width(backlash):
     assert first.size.value == pytest.approx(BACKLASH_M, abs=3.0 * first.size.u)
     assert first.size.u < 0.12 * BACKLASH_M
     assert backlash.gap.shrink_interval[0] > 0.5
+
+
+def test_an_effect_that_is_asked_for_is_added_whatever_its_evidence(backlash, strong):
+    """The one that the diagnosis found predicts as that does; one that is not there predicts no better."""
+
+    def rms_m(withheld, positions_m):
+        away_m = (positions_m - strong.positions_m[withheld.rows])[:, [0, 2]]  # the station looks along y
+        return float(np.sqrt(np.mean(away_m**2)))
+
+    same, other = (withheld_with(strong, {name}) for name in ("backlash", "latency"))
+    np.testing.assert_allclose(same.after_m, backlash.withheld.after_m, atol=2e-7)
+    np.testing.assert_allclose(other.before_m, backlash.withheld.before_m, atol=1e-12)
+    assert rms_m(same, same.after_m) < 0.95 * rms_m(other, other.after_m)
+    assert not np.allclose(other.after_m, other.before_m, atol=1e-9)
 
 
 def test_the_gap_lies_where_the_backlash_is(backlash):

@@ -283,6 +283,14 @@ def _remarks(search_result: SearchResult, verdict: str, noise_floor_m: float | N
             f"remains ({search_result.excess_log_evidence:.0f} of log evidence, "
             f"{search_result.log_evidence:.0f} explained)"
         )
+    if verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
+        most_alike, strongest = search_result.ranking[0], search_result.non_parametric[0]
+        at = f" at {most_alike.place}" if most_alike.place else ""
+        out.append(
+            f"most like {most_alike.effect.name}{at} ({most_alike.log_evidence:.0f} of log evidence alone), but "
+            f"something at {strongest.channel} that depends on {strongest.coordinate} remains "
+            f"({search_result.excess_log_evidence:.0f} more)"
+        )
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
     return tuple(out)

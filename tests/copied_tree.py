@@ -63,6 +63,7 @@ def copied_tree() -> Iterator[CopiedTree]:
     _remove_forsaken()
     with tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True) as folder, _owned(Path(folder)):
         tree = Path(folder)
+        tree.chmod(0o755)  # some tests become another user, who has to find the code
         for name in known_files():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mock_devices.effects import CATALOGUE, OUTSIDE
+from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL
 from mock_devices.settings import DisturbanceLevels
 
 FULL = {
@@ -55,12 +55,13 @@ def counts(n: int) -> dict[str, int]:
     return {kind: max(1, round(count * share)) for kind, count in FULL.items()}
 
 
-def plan(n: int = 0, kinds: Collection[str] = ()) -> list[Slot]:
-    """All slots of a run; `kinds` keeps some kinds only."""
+def plan(n: int = 0, kinds: Collection[str] = (), *, final: bool = False) -> list[Slot]:
+    """All slots of a run; `kinds` keeps some kinds only. A final run has further effects outside the catalogue."""
+    outside = (*OUTSIDE, *OUTSIDE_FINAL) if final else OUTSIDE
     slots: list[Slot] = []
     for kind, count in counts(n).items():
         if not kinds or kind in kinds:
-            slots += [_slot(kind, i) for i in range(count)]
+            slots += [_slot(kind, i, outside) for i in range(count)]
     share = len(slots) / sum(FULL.values())
     return _with_decoys(slots, round(DECOYS * share))
 
@@ -70,7 +71,7 @@ def drawn_order(slots: list[Slot], rng: np.random.Generator) -> list[Slot]:
     return [slots[int(k)] for k in rng.permutation(len(slots))]
 
 
-def _slot(kind: str, i: int) -> Slot:
+def _slot(kind: str, i: int, outside: tuple[str, ...]) -> Slot:
     key = f"{kind}-{i}"
     names, turn = CATALOGUE, i // len(CATALOGUE)
     name = names[i % len(names)]
@@ -84,8 +85,8 @@ def _slot(kind: str, i: int) -> Slot:
         sizes = (RAW_TO_FIND[i % 2], RAW_TO_FIND[turn % 2])
         return Slot(key, kind, (name, other), sizes)
     if kind == "outside":
-        turn = i // len(OUTSIDE)
-        return Slot(key, kind, (OUTSIDE[i % len(OUTSIDE)],), (RAW_OF_OUTSIDE[turn % len(RAW_OF_OUTSIDE)],))
+        turn = i // len(outside)
+        return Slot(key, kind, (outside[i % len(outside)],), (RAW_OF_OUTSIDE[turn % len(RAW_OF_OUTSIDE)],))
     if kind == "effect":
         return Slot(key, kind, (name,), (RAW_OF_EFFECT[turn % len(RAW_OF_EFFECT)],))
     return Slot(key, kind, (name,), (RAW_TO_FIND[(turn + i) % 2],))

@@ -179,7 +179,12 @@ def main() -> int:
         what = order["do"]
         answer: dict[str, Any]
         if what == "start":
-            slots = of_lane(plan(order["n"], order["kinds"]), order["lane"], order["lanes"], set(order["done"]))
+            slots = of_lane(
+                plan(order["n"], order["kinds"], final=order["final"]),
+                order["lane"],
+                order["lanes"],
+                set(order["done"]),
+            )
             few = 0 < order["n"] <= SHORT
             maker = Maker(
                 order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few,

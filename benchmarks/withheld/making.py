@@ -130,7 +130,7 @@ def fact(choice: EffectChoice, drawn: Drawn, *, raw: float, visible: float) -> d
         "effect": choice.name,
         "place": "" if spec.place == "rig" else choice.place,
         "variant": choice.variant,
-        "final": choice.variant == spec.final,
+        "final": spec.final_only or choice.variant == spec.final,
         "size_name": spec.size.name,
         "size": choice.size,
         "parameters": values,

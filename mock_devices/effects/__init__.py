@@ -4,12 +4,22 @@ Written apart from any catalogue that a diagnosis uses: forms differ on purpose.
 """
 
 from mock_devices.effects.base import EffectChoice, EffectParameter, EffectSpec
-from mock_devices.effects.catalogue import CATALOGUE, GEOMETRY, OUTSIDE, SPECS, EffectError, draw, parse
+from mock_devices.effects.catalogue import (
+    CATALOGUE,
+    GEOMETRY,
+    OUTSIDE,
+    OUTSIDE_FINAL,
+    SPECS,
+    EffectError,
+    draw,
+    parse,
+)
 
 __all__ = [
     "CATALOGUE",
     "GEOMETRY",
     "OUTSIDE",
+    "OUTSIDE_FINAL",
     "SPECS",
     "EffectChoice",
     "EffectError",

@@ -43,7 +43,7 @@ class EffectParameter:
 class EffectSpec:
     """One entry of the catalogue. The first parameter is the size: zero means no effect.
 
-    `final` names the variant that only a final scoring uses.
+    `final` names the variant that only a final scoring uses; `final_only`: it uses the whole effect alone.
     """
 
     name: str
@@ -55,6 +55,7 @@ class EffectSpec:
     reveals: str
     make: Callable[[EffectArguments], Effect]
     others: tuple[EffectParameter, ...] = ()
+    final_only: bool = False
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

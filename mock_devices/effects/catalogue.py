@@ -13,6 +13,7 @@ from mock_devices.effects import (
     instrument,
     ordinary_disturbances,
     outside,
+    outside_final,
     reversal,
     stated_values,
     structure,
@@ -34,13 +35,15 @@ SPECS: dict[str, EffectSpec] = {
         control,
         stated_values,
         outside,
+        outside_final,
         ordinary_disturbances,
     )
     for spec in module.EFFECTS
 }
 CATALOGUE = tuple(name for name, spec in SPECS.items() if spec.kind == "catalogue")
 GEOMETRY = tuple(name for name, spec in SPECS.items() if spec.kind == "geometry")
-OUTSIDE = tuple(name for name, spec in SPECS.items() if spec.kind == "outside")
+OUTSIDE = tuple(name for name, spec in SPECS.items() if spec.kind == "outside" and not spec.final_only)
+OUTSIDE_FINAL = tuple(name for name, spec in SPECS.items() if spec.kind == "outside" and spec.final_only)
 
 
 class EffectError(ValueError):
@@ -52,7 +55,8 @@ def spec_of(name: str) -> EffectSpec:
     try:
         return SPECS[name]
     except KeyError:
-        raise EffectError(f"unknown effect '{name}'; known: {', '.join((*CATALOGUE, *GEOMETRY, *OUTSIDE))}") from None
+        known = (*CATALOGUE, *GEOMETRY, *OUTSIDE, *OUTSIDE_FINAL)
+        raise EffectError(f"unknown effect '{name}'; known: {', '.join(known)}") from None
 
 
 def check(choice: EffectChoice, machine: MachineFile, *, any_size: bool = False) -> EffectSpec:

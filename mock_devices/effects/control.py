@@ -10,7 +10,11 @@ REFERENCE_SPEED_M_PER_S = 0.5
 
 
 class AxisCoupling(Effect):
-    """Where the other axis stands moves this one: a cross beam, a shared reading head, a cable chain."""
+    """Where the other axis stands moves this one: a cross beam, a shared reading head, a cable chain.
+
+    `shared_beam`: both axes ride on one simply supported beam; the weight of the other bends it under this one, as in
+    R. J. Roark, "Formulas for Stress and Strain" (1938).
+    """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
@@ -24,11 +28,21 @@ class AxisCoupling(Effect):
             y = 0.25 * np.tanh(x / 0.12)
         elif self.variant == "by_approach":  # the other axis pushes while it comes, and this one sticks
             y = 0.25 * state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
+        elif self.variant == "shared_beam":
+            y = -0.5 * _beam_bends((state.q_m[:, a] - mine) / my_half, x / half)
         elif self.variant == "product":
             y = x * (state.q_m[:, a] - mine) / my_half * 2.0
         else:
             y = x
         deviation.travel_m[:, a] += self.size * y
+
+
+def _beam_bends(at: Array, load: Array) -> Array:
+    """Deflection (n,) of a simply supported beam at `at` under one force at `load`, both from -1 to 1 within the middle
+    nine tenths of the beam; 1 is that of a force in the middle, under it."""
+    x, a = 0.5 + 0.45 * np.clip(at, -1.0, 1.0), 0.5 + 0.45 * np.clip(load, -1.0, 1.0)
+    near, far = np.minimum(x, a), np.maximum(x, a)
+    return np.asarray(8.0 * near * (1.0 - far) * (1.0 - near**2 - (1.0 - far) ** 2))
 
 
 class Latency(Effect):
@@ -55,7 +69,11 @@ class Latency(Effect):
 
 
 class ServoSettling(Effect):
-    """The slider comes to rest late: `amplitude_m` behind its target on arrival at 0.5 m/s."""
+    """The slider comes to rest late: `amplitude_m` behind its target on arrival at 0.5 m/s.
+
+    `stretched`: exp(-sqrt(t / tau)), the relaxation in R. Kohlrausch, "Theorie des elektrischen Rückstandes in der
+    Leidener Flasche" (1854): fast at first and long after still on its way.
+    """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
@@ -68,6 +86,8 @@ class ServoSettling(Effect):
             share = np.maximum(1.0 - np.log1p(t) / np.log(8.0), 0.0)
         elif self.variant == "integrator":
             share = np.maximum(1.0 - 0.5 * t, 0.0)
+        elif self.variant == "stretched":
+            share = np.exp(-np.sqrt(t))
         elif self.variant == "two_stages":
             share = 0.6 * np.exp(-2.0 * t) + 0.4 * np.exp(-0.4 * t)
         behind = state.direction[:, a] * state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
@@ -80,8 +100,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("ratio", 1e-6, 3e-5, 2e-3, "metres a metre of the other axis"),
-        variants=("linear", "quadratic", "saturating", "by_approach", "product"),
-        final="product",
+        variants=("linear", "quadratic", "saturating", "by_approach", "product", "shared_beam"),
+        final="shared_beam",
         reveals="the other drive's coordinate, SMRs on the sliders",
         make=AxisCoupling,
     ),
@@ -100,8 +120,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
-        variants=("creep", "ringing", "logarithmic", "integrator", "two_stages"),
-        final="two_stages",
+        variants=("creep", "ringing", "logarithmic", "integrator", "two_stages", "stretched"),
+        final="stretched",
         reveals="varied dwell and speed, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState, smooth_curve
 
 FULL_PAYLOAD_KG = 400.0
+BALL_ORBIT = 0.5 * (1.0 - 0.16 * math.cos(math.radians(45.0)))
+OFFSETS, GAIN, QUADRATURE_RAD = (0.25, -0.15), 1.3, 0.2
 
 
 class CumulativeError(Effect):
@@ -33,7 +37,11 @@ class CumulativeError(Effect):
 
 
 class PeriodicError(Effect):
-    """An error that repeats with every turn of the screw."""
+    """An error that repeats with every turn of the screw.
+
+    `ball_orbit`: balls go round at (1 - d cos(alpha) / D) / 2 of the screw's speed, as in T. A. Harris, "Rolling
+    Bearing Analysis" (1966), so that unequal balls add a longer period that no number of turns repeats.
+    """
 
     def setup(self) -> None:
         """Phase of the turn."""
@@ -46,6 +54,8 @@ class PeriodicError(Effect):
         y = np.sin(turn)
         if self.variant == "two_harmonics":
             y = 0.85 * y + 0.4 * np.sin(2.0 * turn + 1.0)
+        elif self.variant == "ball_orbit":
+            y = 0.9 * y + 0.6 * np.sin(BALL_ORBIT * turn + 2.0)
         elif self.variant == "modulated":  # the screw runs out of true towards one end
             middle, half = self.site.drive_range_m(self.place)
             y = y * (1.0 + 0.8 * (q - middle) / half)
@@ -57,7 +67,11 @@ class PeriodicError(Effect):
 
 
 class Interpolation(Effect):
-    """Errors within one period of the encoder's signals: offset once, unequal amplitude or phase twice a period."""
+    """Errors within one period of the encoder's signals: offset once, unequal amplitude or phase twice a period.
+
+    `ellipse`: the arc tangent of two signals with offsets, unequal gain and a phase that is not a quarter, as in P. L.
+    M. Heydemann, "Determination and Correction of Quadrature Fringe Measurement Errors in Interferometers" (1981).
+    """
 
     def setup(self) -> None:
         """Phase of the scale."""
@@ -72,10 +86,19 @@ class Interpolation(Effect):
             y = np.sin(phase)
         elif self.variant == "both":
             y = 0.7 * np.sin(phase) + 0.7 * np.sin(2.0 * phase + 0.8)
+        elif self.variant == "ellipse":
+            y = self._ellipse(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
             middle, half = self.site.drive_range_m(self.place)
             y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
         deviation.travel_m[:, self.place] += self.size * y
+
+    def _ellipse(self, phase: Array) -> Array:
+        """Error of the arc tangent over its offset: all errors in the proportion in which they may be set off."""
+        cosine = np.cos(phase) + OFFSETS[0]
+        sine = (np.sin(phase + QUADRATURE_RAD) + OFFSETS[1]) * GAIN
+        error = np.arctan2(sine, cosine) - phase
+        return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) / np.hypot(*OFFSETS))
 
 
 EFFECTS = (
@@ -94,8 +117,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
-        variants=("sine", "two_harmonics", "modulated", "with_load", "triangle"),
-        final="triangle",
+        variants=("sine", "two_harmonics", "modulated", "with_load", "triangle", "ball_orbit"),
+        final="ball_orbit",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
@@ -105,8 +128,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
-        variants=("amplitude", "offset", "both", "dirty_scale"),
-        final="dirty_scale",
+        variants=("amplitude", "offset", "both", "dirty_scale", "ellipse"),
+        final="ellipse",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

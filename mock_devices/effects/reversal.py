@@ -17,6 +17,7 @@ from mock_devices.effects.base import (
 
 FULL_PAYLOAD_KG = 400.0
 PRESLIDING_M = 2.0e-5
+REFERENCE_SPEED_M_PER_S = 0.5
 
 
 class _Play(StatefulEffect):
@@ -35,11 +36,35 @@ class _Play(StatefulEffect):
 
 
 class Backlash(_Play):
-    """The slider follows only when the play of its screw is used up; `width_m` is the whole play."""
+    """The slider follows only when the play of its screw is used up; `width_m` is the whole play.
+
+    `nested_plays`: plays of several widths, some wider than a usual approach, each with its own share: the operator in
+    K. Kuhnen, "Modeling, Identification and Compensation of Complex Hysteretic Nonlinearities: A Modified
+    Prandtl-Ishlinskii Approach" (2003). Each remembers a reversal of its own, so that minor loops lie inside the loop.
+    """
+
+    nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
+    nested_share = (0.4, 0.3, 0.2, 0.1)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let every play of the variant `nested_plays` remember for itself."""
+        super().record_leg(drive, leg)
+        if self.variant == "nested_plays":
+            states = self._nested[drive]
+            moved = states[-1] - (leg.to_m - leg.from_m)
+            states.append(np.clip(moved, -np.array(self.nested_half_m), self.nested_half_m))
+
+    def _nested_side(self, state: MotionState, drive: int) -> Array:
+        """Weighted mean of where the followers of all plays are (n,), from -1 to 1."""
+        half_m = np.array(self.nested_half_m)
+        before = np.array(self._nested[drive])[state.leg[:, drive]]
+        moved = (state.q_m[:, drive] - state.from_m[:, drive])[:, None]
+        return np.asarray(np.clip(before - moved, -half_m, half_m) / half_m @ np.array(self.nested_share))
 
     def setup(self) -> None:
         """The play that is used up on a reversal; the variants change what is seen of it."""
         self.half_m = max(0.5 * self.size, 1e-12)
+        self._nested = [[np.zeros(len(self.nested_half_m))] for _ in self.site.machine.sliders]
         if self.variant == "soft":  # balls and grooves give way: a gradual loop, wider than the usual approach
             self.half_m += 8.0e-3
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
@@ -55,13 +80,19 @@ class Backlash(_Play):
             offset = offset * (1.0 - 0.6 * np.minimum(state.payload_kg / FULL_PAYLOAD_KG, 1.0))
         elif self.variant == "closing":  # an oil film is squeezed out while the axis stands
             offset = offset * (0.35 + 0.65 * np.exp(-state.since_s[:, a] / self.values["tau_s"]))
+        elif self.variant == "nested_plays":
+            offset = 0.5 * self.size * self._nested_side(state, a)
         elif self.variant == "soft":
             offset = offset * (1.0 - 0.5 * np.abs(self.side(state, a)) + 0.5 * self.side(state, a) ** 2)
         deviation.travel_m[:, a] += offset
 
 
 class FrictionWindup(_Play):
-    """The screw is wound up by its load and by the friction that is left in it after a stop."""
+    """The screw is wound up by its load and by the friction that is left in it after a stop.
+
+    `palmgren`: friction of rolling contacts in two parts, one with speed to the power 2/3, one with the load: A.
+    Palmgren, "Ball and Roller Bearing Engineering" (1959).
+    """
 
     def setup(self) -> None:
         """Phase of friction along the screw."""
@@ -75,6 +106,9 @@ class FrictionWindup(_Play):
             friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
         elif self.variant == "relaxing":
             friction = friction * (0.3 + 0.7 * np.exp(-state.since_s[:, a] / values["tau_s"]))
+        elif self.variant == "palmgren":
+            viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
+            friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
         elif self.variant == "position_friction":
             friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
         drives = len(self.site.machine.sliders)
@@ -94,8 +128,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("width_m", 1e-6, 1e-5, 6e-4, "whole play of the drive"),
-        variants=("play", "position_width", "load_width", "closing", "soft"),
-        final="soft",
+        variants=("play", "position_width", "load_width", "closing", "soft", "nested_plays"),
+        final="nested_plays",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell",
         make=Backlash,
         others=(_TAU,),
@@ -105,8 +139,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=("coulomb", "stribeck", "relaxing", "hardening", "position_friction"),
-        final="position_friction",
+        variants=("coulomb", "stribeck", "relaxing", "hardening", "position_friction", "palmgren"),
+        final="palmgren",
         reveals="torque: both directions and payloads; by variant speed, dwell",
         make=FrictionWindup,
         others=(EffectParameter("friction_n", 50.0, 300.0, 900.0, "friction left in the screw"), _TAU),

@@ -23,11 +23,19 @@ from mock_devices.effects.base import (
 
 LEVER_M = 0.25
 FULL_PAYLOAD_KG = 400.0
+HERTZ_N, PRELOAD_N = 1000.0, 50.0
+CONTACT_M = 1.0e-5  # penetration at which a contact is as stiff as its strut
 _ALONG, _ACROSS, _YAW = 0, 1, 2
+_MOST_NEWTON = 60
+_SLACK = 1.0e-3  # of the strut's stiffness: what a joint's seal holds within its play
 
 
 class ColumnCompliance(Effect):
-    """The column or the carriage on it gives way to the struts' force."""
+    """The column or the carriage on it gives way to the struts' force.
+
+    `held_at_both_ends`: the screw between two axial bearings, softest in the middle of the travel, of K. K. Varanasi,
+    S. A. Nayfeh, "The Dynamics of Lead-Screw Drives: Low-Order Modeling and Experiments" (2004).
+    """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -42,6 +50,10 @@ class ColumnCompliance(Effect):
             deviation.carriage_compliance[:, a, _ACROSS] += c
             if c:
                 deviation.carriage_hardening[:, a, _ACROSS] += 1.0 / c / 1.5e-5**2
+        elif self.variant == "held_at_both_ends":
+            low, high = self.site.machine.sliders[a].travel_m
+            share = (state.q_m[:, a] - low) / (high - low)
+            deviation.carriage_compliance[:, a, _ALONG] += c * 4.0 * share * (1.0 - share)
         elif self.variant == "screw_length":  # a screw that is held above: soft where the nut is low
             deviation.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
         else:
@@ -49,7 +61,11 @@ class ColumnCompliance(Effect):
 
 
 class LinkStiffness(Effect):
-    """One strut is softer than the others, by exp(-size)."""
+    """One strut is softer than the others, by exp(-size).
+
+    `hertz`: its joints' contacts give way with the power 2/3 of the force, as H. Hertz, "Über die Berührung fester
+    elastischer Körper" (1881) has it of points; exp(-size) is then the ratio of stiffness from rest to HERTZ_N.
+    """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the strut's stiffness or its law."""
@@ -60,6 +76,8 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= x * (0.4 + 8.0 * swing**2)
         elif self.variant == "soft_in_compression":
             deviation.laws.setdefault(i, []).append(_soft_in_compression(float(np.exp(-x))))
+        elif self.variant == "hertz":
+            deviation.laws.setdefault(i, []).append(_hertz_contact(float(np.expm1(x))))
         elif self.variant == "yielding":
             deviation.laws.setdefault(i, []).append(_yielding(x / 1.0e-4))
         elif self.variant == "softens_with_load":
@@ -69,7 +87,12 @@ class LinkStiffness(Effect):
 
 
 class JointClearance(Effect):
-    """The joints of a strut have play: `clearance_m` each way before any force arises."""
+    """The joints of a strut have play: `clearance_m` each way before any force arises.
+
+    `contact_force`: then it grows with the power 3/2 of the penetration, as in H. M. Lankarani, P. E. Nikravesh, "A
+    Contact Force Model With Hysteresis Damping for Impact Analysis of Multibody Systems" (1990), until the contact is
+    as stiff as the strut.
+    """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Put a dead zone into the strut's law, or seat the pin."""
@@ -83,6 +106,8 @@ class JointClearance(Effect):
             law = _dead_zone(c, 0.5 * c)
         elif self.variant == "one_sided":
             law = _one_sided(c, 0.1 * c)
+        elif self.variant == "contact_force":
+            law = _contact_force(c, CONTACT_M)
         elif self.variant == "load_dependent":
             law = _dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
         else:
@@ -171,6 +196,39 @@ def _soft_in_compression(ratio: float) -> Law:
     return law
 
 
+def _hertz_contact(ratio: float) -> Law:
+    """Elongation = F / k + ratio g(F), where g is that of a preloaded contact and g(HERTZ_N) = HERTZ_N / k.
+
+    Solved by Newton's iteration from no force, which never oversteps: a contact grows stiffer.
+    """
+    scale = HERTZ_N / ((HERTZ_N + PRELOAD_N) ** (2.0 / 3.0) - PRELOAD_N ** (2.0 / 3.0))
+
+    def law(e: Array, k: Array) -> tuple[Array, Array]:
+        force = np.zeros_like(e)
+        slope = np.ones_like(e)
+        for _ in range(_MOST_NEWTON):
+            size = np.abs(force) + PRELOAD_N
+            given = force + ratio * scale * np.sign(force) * (size ** (2.0 / 3.0) - PRELOAD_N ** (2.0 / 3.0))
+            slope = 1.0 + ratio * scale * 2.0 / 3.0 * size ** (-1.0 / 3.0)
+            step = (k * e - given) / slope
+            force = force + step
+            if float(np.max(np.abs(step), initial=0.0)) < 1.0e-9:
+                break
+        return force, k / slope
+
+    return law
+
+
+def _contact_force(c: float, w: float) -> Law:
+    def law(e: Array, k: Array) -> tuple[Array, Array]:
+        deep = np.maximum(np.abs(e) - c, 0.0)
+        share = np.minimum(deep / w, 1.0)
+        force = np.sign(e) * k * (2.0 / 3.0 * w * share**1.5 + np.maximum(deep - w, 0.0)) + _SLACK * k * e
+        return force, k * (np.sqrt(share) + _SLACK)
+
+    return law
+
+
 def _yielding(per_m: float) -> Law:
     def law(e: Array, k: Array) -> tuple[Array, Array]:
         root = np.sqrt(1.0 + (per_m * e) ** 2)
@@ -193,8 +251,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=_PER_N,
-        variants=("lateral", "cantilever", "yaw", "hardening", "screw_length"),
-        final="screw_length",
+        variants=("lateral", "cantilever", "yaw", "hardening", "screw_length", "held_at_both_ends"),
+        final="held_at_both_ends",
         reveals="payload, SMRs on the sliders, height",
         make=ColumnCompliance,
     ),
@@ -203,8 +261,8 @@ EFFECTS = (
         kind="catalogue",
         place="strut",
         size=EffectParameter("ln_ratio", 0.05, 0.7, 6.0, "logarithm of nominal over true"),
-        variants=("softer", "soft_in_compression", "yielding", "joint_angle", "softens_with_load"),
-        final="softens_with_load",
+        variants=("softer", "soft_in_compression", "yielding", "joint_angle", "softens_with_load", "hertz"),
+        final="hertz",
         reveals="payload",
         make=LinkStiffness,
     ),
@@ -213,8 +271,8 @@ EFFECTS = (
         kind="catalogue",
         place="strut",
         size=EffectParameter("clearance_m", 1e-6, 1.5e-5, 4e-4, "play each way"),
-        variants=("dead_zone", "soft_contact", "one_sided", "load_dependent", "gravity_seated"),
-        final="gravity_seated",
+        variants=("dead_zone", "soft_contact", "one_sided", "load_dependent", "gravity_seated", "contact_force"),
+        final="contact_force",
         reveals="poses where the strut's force changes its sign, payload",
         make=JointClearance,
     ),

@@ -20,7 +20,9 @@ from mock_devices.effects.base import (
 
 DUTY_M_PER_S = 0.01
 FOOT_M = -1.2
+FIN_M = 0.5
 _GRID_S = 30.0
+_TERMS = 60
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
 _TAU = EffectParameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the part")
@@ -29,6 +31,16 @@ _TAU = EffectParameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the par
 def warm_up(elapsed_s: Array, tau_s: float) -> Array:
     """Share of the final temperature after a time."""
     return np.asarray(1.0 - np.exp(-elapsed_s / tau_s))
+
+
+def conducted(elapsed_s: Array, tau_s: float) -> Array:
+    """Share of the final mean temperature of a bar that is warmed at one end, its sides insulated.
+
+    H. S. Carslaw, J. C. Jaeger, "Conduction of Heat in Solids" (1959), 3.3: it begins with the root of time. tau_s is
+    the time constant of the slowest term.
+    """
+    odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
+    return np.asarray(1.0 - 8.0 / np.pi**2 * (np.exp(-np.outer(elapsed_s / tau_s, odd**2)) / odd**2).sum(axis=1))
 
 
 def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
@@ -56,6 +68,8 @@ class _Warming(Effect):
             return self.size * lag_behind(state, self.sensor, self.site.start_s, tau)
         if self.variant == "two_stages":
             return self.size * (0.6 * warm_up(t, tau) + 0.4 * warm_up(t, 5.0 * tau))
+        if self.variant == "conduction":
+            return self.size * conducted(t, tau)
         if self.variant == "pulse":  # warmed once, cooling again: a door, a lamp
             return np.asarray(self.size * (t / tau) * np.exp(1.0 - t / tau))
         return self.size * warm_up(t, tau)
@@ -72,7 +86,11 @@ class LinkGrowth(_Warming):
 
 
 class ColumnGrowth(_Warming):
-    """A column grows from its foot, or bends where one side is warmer; its rail goes with it."""
+    """A column grows from its foot, or bends where one side is warmer; its rail goes with it.
+
+    `fin`: warmed at its foot, it is the long fin of J. Fourier, "Théorie analytique de la chaleur" (1822), whose warmth
+    falls off exponentially, by e in FIN_M.
+    """
 
     sensor = "columns"
     width_m = 0.4
@@ -85,6 +103,8 @@ class ColumnGrowth(_Warming):
         if self.variant == "bending":
             deviation.sideways_m[:, self.place] += 0.5 * grown / self.width_m * height**2
             deviation.yaw_rad[:, self.place] += grown / self.width_m * height
+        elif self.variant == "fin":
+            deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
             deviation.travel_m[:, self.place] += 0.5 * grown * height**2
         else:
@@ -150,16 +170,16 @@ EFFECTS = (
     _spec(
         "link_thermal_growth",
         "strut",
-        ("warm_up", "lagging", "two_stages", "pulse"),
-        "pulse",
+        ("warm_up", "lagging", "two_stages", "pulse", "conduction"),
+        "conduction",
         "time, a temperature swing",
         LinkGrowth,
     ),
     _spec(
         "column_thermal_growth",
         "drive",
-        ("warm_up", "bending", "lagging", "stratified"),
-        "stratified",
+        ("warm_up", "bending", "lagging", "stratified", "fin"),
+        "fin",
         "time, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),

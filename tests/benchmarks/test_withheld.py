@@ -25,7 +25,7 @@ from benchmarks.withheld.second_round import MORE, longer_recordings
 from calibration.diagnosis.evidence import InformationAndScore
 from calibration.effects.api import BasisSets
 from calibration.recording.folder import read_folder
-from mock_devices.effects import CATALOGUE, OUTSIDE, SPECS, EffectChoice
+from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.timeline import plan as timeline_of
 
@@ -67,6 +67,9 @@ def test_a_full_run_has_all_the_cases_that_are_wanted():
     assert all(len(pair) == 2 for pair in pairs)
     assert len({frozenset(pair) for pair in pairs}) > 100
     assert {s.effects[0] for s in slots if s.kind == "outside"} == set(OUTSIDE)
+    final = Counter(s.effects[0] for s in plan(final=True) if s.kind == "outside")
+    assert set(final) == {*OUTSIDE, *OUTSIDE_FINAL}
+    assert min(final.values()) >= 9
     assert sum(s.decoy for s in slots) == DECOYS
     assert len(plan(60)) == pytest.approx(60, abs=4)
     assert {s.kind for s in plan(60)} == set(FULL)
@@ -120,7 +123,7 @@ def test_truth_is_not_on_disk_before_the_hash_of_the_answers(tmp_path):
     of_format = {"payload", "drive_scale"}
     for text in shown:
         words = set(text.replace(",", " ").replace('"', " ").split())
-        told_of = {*CATALOGUE, *OUTSIDE} - of_format
+        told_of = {*CATALOGUE, *OUTSIDE, *OUTSIDE_FINAL} - of_format
         assert not words & (told_of | {"seed", "effects", *m._cases} | (seeds - {"4"}))
     assert not any(name.startswith("truth") for name in names)
     assert {tuple(entry) for entry in listed.values()} == {("without", "without_forms")}

@@ -8,7 +8,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mock_devices.effects import CATALOGUE, GEOMETRY, OUTSIDE, SPECS, EffectChoice, EffectError, draw, parse
+from mock_devices.effects import (
+    CATALOGUE,
+    GEOMETRY,
+    OUTSIDE,
+    OUTSIDE_FINAL,
+    SPECS,
+    EffectChoice,
+    EffectError,
+    draw,
+    parse,
+)
 from mock_devices.effects.base import Site
 from mock_devices.effects.catalogue import make
 from mock_devices.recordings.effect_size import SizeScale
@@ -58,6 +68,8 @@ def test_the_catalogue_is_complete():
     assert sorted(CATALOGUE) == sorted(NAMED)
     assert sorted(GEOMETRY) == ["joint_spacing", "link_self_weight", "smr_offset"]
     assert len(OUTSIDE) >= 10
+    assert len(OUTSIDE_FINAL) >= 4
+    assert not set(OUTSIDE) & set(OUTSIDE_FINAL)
     for spec in SPECS.values():
         if spec.kind != "nuisance":
             assert len(set(spec.variants)) >= 3
@@ -77,7 +89,7 @@ def test_size_zero_changes_nothing_and_the_typical_size_something(name, variant)
     assert np.array_equal(change, scale.change_m(choice))
 
 
-@pytest.mark.parametrize("name", [*CATALOGUE, *GEOMETRY, *OUTSIDE])
+@pytest.mark.parametrize("name", [*CATALOGUE, *GEOMETRY, *OUTSIDE, *OUTSIDE_FINAL])
 def test_variants_are_not_multiples_of_one_another(name):
     scale = scale_for(name)
     size = 0.5 if name == "latency" else SPECS[name].size.middle
@@ -128,9 +140,9 @@ def test_seeds_decide_what_is_drawn():
     assert not np.array_equal(curves[0], curves[2])
     rng = np.random.default_rng(2)
     drawn = [draw("backlash", FILE, rng, final=True) for _ in range(20)]
-    assert {c.variant for c in drawn} == {"soft"}
+    assert {c.variant for c in drawn} == {"nested_plays"}
     assert {c.place for c in drawn} == {"left", "right"}
-    assert "soft" not in {draw("backlash", FILE, rng, final=False).variant for _ in range(40)}
+    assert "nested_plays" not in {draw("backlash", FILE, rng, final=False).variant for _ in range(40)}
     onsets = [dict(draw("smr_reseat", FILE, rng, duration_s=2000.0).parameters)["onset_s"] for _ in range(20)]
     assert 300.0 <= min(onsets) < max(onsets) <= 1400.0
     for c in drawn:

@@ -171,7 +171,7 @@ def test_a_table_may_be_switched_on_or_off_in_the_middle(rig):
     switched = [built.contributions[s.columns[0]][0] for s in built.sets if s.parameters.get("onset_s") == onset_s]
     assert {channel for channel, _ in switched} == {"table.2", "table.5"}
     late, early = (t >= onset_s).astype(float), (t < onset_s).astype(float)
-    assert [np.array_equal(shape, wanted) for (_, shape), wanted in zip(switched, (late, early) * 2, strict=True)]
+    assert all(np.array_equal(shape, wanted) for (_, shape), wanted in zip(switched, (late, early) * 2, strict=True))
     without_time = replace(rig.inputs, context=replace(rig.inputs.context, breaks_s=(1.0,)))
     assert not any(s.parameters for s in CATALOGUE.effect("tables_left_on").forms(without_time, 0).sets)
 

@@ -78,7 +78,8 @@ class MockSettings:
     stiffness, the mounting of the reflectors or the instrument. `payloads[n]` is number n of the PLC.
     `station_heading_rad` turns the zero direction, clockwise seen from above, away from -z of the machine.
     `effects` are what a calibrated model does not contain, `nuisance` the ordinary disturbances. `noise_tails`: degrees
-    of freedom of Student's t of the readings' noise, of the same variance (0: normal). `temperature_programme`:
+    of freedom of Student's t of the readings' noise, of the same variance (0: normal). `rest_friction`: whether every
+    drive keeps friction in its torque after a stop, as one whose screw it winds up does. `temperature_programme`:
     corners (rig time, kelvin) of a change of the shop's temperature. `clock_jitter_s` is the noise of time stamps in
     recordings. Without `absolute_encoders` the drives have no reference after power-on. `plc_readings` are further
     registers of the PLC, for example the temperature of a coolant. `known_tables` are on record for the machine and
@@ -102,6 +103,7 @@ class MockSettings:
     effects: tuple[EffectChoice, ...] = ()
     nuisance: DisturbanceLevels = DisturbanceLevels()
     noise_tails: float = 0.0
+    rest_friction: bool = False
     temperature_sensor_bias_k: float = 0.0
     clock_jitter_s: float = 0.0
     temperature_programme: tuple[tuple[float, float], ...] = ()

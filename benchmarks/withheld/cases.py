@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from mock_devices.settings import DisturbanceLevels
 
 FULL = {
     "effect": 888,
-    "null": 1000,
+    "null": 1600,
     "pair": 150,
     "outside": 150,
-    "removed": 150,
-    "platform_only": 300,
-    "next": 200,
+    "removed": 120,
+    "platform_only": 200,
+    "next": 120,
+    "misdeclared": 120,
 }
 DECOYS = 150  # cases of other kinds whose catalogue lacks a name that is not the true one
 BATCH = 40
@@ -26,7 +28,16 @@ RAW_OF_EFFECT = (3.0, 5.0, 3.0, 5.0, 3.0, 1.0, 5.0, 3.0)
 RAW_OF_OUTSIDE = (3.0, 3.0, 5.0, 3.0, 1.0)
 RAW_TO_FIND = (3.0, 5.0)
 
-# What each rig declares and really has, one standard deviation each (docs/reference/recording.md).
+STYLES = ("rich", "platform", "poor")  # of the designs of null and outside cases
+GROSS = 5  # one case in so many has gross readings
+
+# What a rig declares over what it really has; None declares nothing.
+RIGHT = "right"
+DECLARED: dict[str, float | None] = {RIGHT: 1.0, "too small": 1.0 / 3.0, "too large": 3.0, "not": None}
+MISDECLARED = tuple(name for name in DECLARED if name != RIGHT)
+
+# What each rig really has, and declares unless its case says otherwise, one standard deviation each
+# (docs/reference/recording.md).
 PROFILES: dict[str, DisturbanceLevels] = {
     "small": DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01),
     "drifting": DisturbanceLevels(drift_m=1.5e-5, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.02),
@@ -38,7 +49,10 @@ PROFILES: dict[str, DisturbanceLevels] = {
 
 @dataclass(frozen=True)
 class Slot:
-    """A case to be made. effects: names, empty for null; raw: their sizes in sigma; profile: '' draws one."""
+    """A case to be made. effects: names, empty for null; raw: their sizes in sigma; profile: '' draws one.
+
+    style: of its design, '' as its kind wants; declared: a name of DECLARED; gross: whether some readings are gross.
+    """
 
     key: str
     kind: str
@@ -46,6 +60,9 @@ class Slot:
     raw: tuple[float, ...] = ()
     profile: str = ""
     decoy: bool = False
+    style: str = ""
+    declared: str = RIGHT
+    gross: bool = False
 
 
 def counts(n: int) -> dict[str, int]:
@@ -62,6 +79,7 @@ def plan(n: int = 0, kinds: Collection[str] = (), *, final: bool = False) -> lis
     for kind, count in counts(n).items():
         if not kinds or kind in kinds:
             slots += [_slot(kind, i, outside) for i in range(count)]
+    slots = [replace(slot, gross=crc32(slot.key.encode()) % GROSS == 0) for slot in slots]
     share = len(slots) / sum(FULL.values())
     return _with_decoys(slots, round(DECOYS * share))
 
@@ -75,8 +93,11 @@ def _slot(kind: str, i: int, outside: tuple[str, ...]) -> Slot:
     key = f"{kind}-{i}"
     names, turn = CATALOGUE, i // len(CATALOGUE)
     name = names[i % len(names)]
-    if kind == "null":
-        return Slot(key, kind, profile=list(PROFILES)[i % len(PROFILES)])
+    if kind == "null":  # 4 declarations, 5 profiles and 3 styles: all combinations, as no two share a factor
+        profile, style = list(PROFILES)[i % len(PROFILES)], STYLES[i % len(STYLES)]
+        return Slot(key, kind, profile=profile, style=style, declared=list(DECLARED)[i % len(DECLARED)])
+    if kind == "misdeclared":
+        return Slot(key, kind, (name,), (max(RAW_TO_FIND),), declared=MISDECLARED[i % len(MISDECLARED)])
     if kind == "pair":
         step = 1 + turn % (len(names) - 1)  # every effect with another partner each time round
         other = names[(i + step * 7) % len(names)]
@@ -85,8 +106,9 @@ def _slot(kind: str, i: int, outside: tuple[str, ...]) -> Slot:
         sizes = (RAW_TO_FIND[i % 2], RAW_TO_FIND[turn % 2])
         return Slot(key, kind, (name, other), sizes)
     if kind == "outside":
-        turn = i // len(outside)
-        return Slot(key, kind, (outside[i % len(outside)],), (RAW_OF_OUTSIDE[turn % len(RAW_OF_OUTSIDE)],))
+        turn, style = i // len(outside), STYLES[(i + i // len(outside)) % len(STYLES)]
+        raw = RAW_OF_OUTSIDE[turn % len(RAW_OF_OUTSIDE)]
+        return Slot(key, kind, (outside[i % len(outside)],), (raw,), style=style)
     if kind == "effect":
         return Slot(key, kind, (name,), (RAW_OF_EFFECT[turn % len(RAW_OF_EFFECT)],))
     return Slot(key, kind, (name,), (RAW_TO_FIND[(turn + i) % 2],))
@@ -98,4 +120,4 @@ def _with_decoys(slots: list[Slot], count: int) -> list[Slot]:
     if not able or not count:
         return slots
     chosen = {able[int(k)] for k in np.linspace(0, len(able) - 1, min(count, len(able)))}
-    return [Slot(s.key, s.kind, s.effects, s.raw, s.profile, True) if k in chosen else s for k, s in enumerate(slots)]
+    return [replace(slot, decoy=True) if k in chosen else slot for k, slot in enumerate(slots)]

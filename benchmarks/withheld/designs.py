@@ -51,11 +51,12 @@ class Drawn:
         return float(self.timeline.t_s[-1] - self.timeline.design.start_s)
 
     def settings(self, seed: int, nuisance: DisturbanceLevels) -> MockSettings:
-        """A rig that carries it out: heavy-tailed noise, biased sensors, a clock that jitters."""
+        """A rig that carries it out: noise with tails, friction in every torque, biased sensors, a jittering clock."""
         return MockSettings(
             seed=seed,
             nuisance=nuisance,
             noise_tails=5.0,
+            rest_friction=True,
             temperature_sensor_bias_k=0.1,
             clock_jitter_s=0.05,
             temperature_programme=self.programme,

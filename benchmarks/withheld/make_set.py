@@ -37,7 +37,7 @@ def main() -> int:
     total = sum(FULL.values())
     wanted = round(options.n * total / sum(FULL[k] for k in kinds)) if kinds else options.n
     rng = np.random.default_rng(options.seed)
-    slots = drawn_order(plan(wanted, kinds), rng)
+    slots = drawn_order(plan(wanted, kinds, final=False), rng)
     if options.effects:
         names = set(options.effects.split(","))
         slots = [slot for slot in slots if names & set(slot.effects)]

@@ -18,6 +18,7 @@ import secrets
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -138,7 +139,9 @@ class Maker:
             rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 2])
             for name, case in cases.items():
                 changes = case.changes_by_effect() if case.slot.kind != "removed" else []
-                self._left_out[name] = self._comparison.left_out(folder / name, changes, rng)
+                with TemporaryDirectory() as clean:
+                    write_recording(case.clean, Path(clean) / name)
+                    self._left_out[name] = self._comparison.left_out(Path(clean) / name, changes, rng)
         forms = {name: left_out.names for name, left_out in self._left_out.items()}
         write_options(folder, {name: option(case.without, forms.get(name, ())) for name, case in cases.items()})
 
@@ -179,12 +182,8 @@ def main() -> int:
         what = order["do"]
         answer: dict[str, Any]
         if what == "start":
-            slots = of_lane(
-                plan(order["n"], order["kinds"], final=order["final"]),
-                order["lane"],
-                order["lanes"],
-                set(order["done"]),
-            )
+            every = plan(order["n"], order["kinds"], final=order["final"])
+            slots = of_lane(every, order["lane"], order["lanes"], set(order["done"]))
             few = 0 < order["n"] <= SHORT
             maker = Maker(
                 order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few,

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.withheld.cases import PROFILES, Slot
+from benchmarks.withheld.cases import DECLARED, PROFILES, Slot
 from benchmarks.withheld.designs import MACHINE, Designs, Drawn
+from benchmarks.withheld.gross_readings import with_gross_readings
 from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, draw
 from mock_devices.plant.structure import NoEquilibrium
 from mock_devices.recordings.columns import points
@@ -23,6 +24,7 @@ SMALL_SHARE = 0.6
 EXCEEDS = 3.0  # a case that is to be found exceeds the nuisance by so much (docs/reference/definitions.md)
 ELIGIBLE_RAW, ELIGIBLE_VISIBLE = 2.98, 0.5
 MOST_DRAWS = 16
+MOST_GROSS = 6
 STYLES = {"platform_only": "platform", "next": "poor"}
 
 
@@ -30,14 +32,15 @@ STYLES = {"platform_only": "platform", "next": "poor"}
 class Case:
     """A case with its truth.
 
-    truth: plain data; noise_free_m (r, 3): the readings of the plant without noise, station's frame; change_m (r, 3):
-    shifts by the effects, machine's axes.
+    recording: what is diagnosed; clean: the same without gross readings. truth: plain data; noise_free_m (r, 3): the
+    readings of the plant without noise, station's frame; change_m (r, 3): shifts by the effects, machine's axes.
     """
 
     slot: Slot
     drawn: Drawn
     bench: SimulatedCampaign
     recording: MockRecording
+    clean: MockRecording
     truth: dict[str, Any]
     noise_free_m: Array
     change_m: Array
@@ -55,7 +58,7 @@ class Case:
 
 def make_case(slot: Slot, rng: np.random.Generator, designs: Designs, *, final: bool | None) -> Case:
     """Draw and carry out one case. `final` as in `mock_devices.effects.draw`."""
-    drawn = designs.one(STYLES.get(slot.kind, "rich"), rng)
+    drawn = designs.one(slot.style or STYLES.get(slot.kind, "rich"), rng)
     # What a poor design cannot show is sized on a rich one.
     sized = designs.one("rich", rng) if slot.kind == "next" else drawn
     for _ in range(MOST_DRAWS):
@@ -63,6 +66,8 @@ def make_case(slot: Slot, rng: np.random.Generator, designs: Designs, *, final: 
         profile, scale, nuisance_raw = _rig(slot, rng, sized, seed)
         effects = _effects(slot, rng, sized, scale, final=final)
         if effects is None:
+            if slot.style:  # what cannot be at all on this design, as a payload's effect without payload
+                drawn = sized = designs.one("rich", rng)
             continue
         choices, facts = effects
         try:
@@ -155,7 +160,8 @@ def _carry_out(
     seed, profile, nuisance_raw = rig
     settings = replace(drawn.settings(seed, PROFILES[profile]), effects=choices)
     bench = SimulatedCampaign(MACHINE, settings, drawn.timeline)
-    recording = bench.record()
+    clean = _as_declared(bench.record(), slot.declared)
+    recording = _with_gross_readings(clean, rng) if slot.gross else clean
     without_effects = drawn.bench(seed, PROFILES[profile])
     change = (bench.points_m() - without_effects.points_m()) @ bench.view.rotation
     truth = {
@@ -167,6 +173,8 @@ def _carry_out(
         "profile": profile,
         "nuisance": vars(PROFILES[profile]),
         "nuisance_raw": nuisance_raw,
+        "declared": slot.declared,
+        "gross": slot.gross,
         "wanted_raw": list(slot.raw),
         "effects": facts,
         "raw": raw_of(bench, change, turned=True),
@@ -183,11 +191,26 @@ def _carry_out(
         drawn=drawn,
         bench=bench,
         recording=recording,
+        clean=clean,
         truth=truth,
         noise_free_m=noise_free(bench),
         change_m=change,
         without=without,
     )
+
+
+def _as_declared(recording: MockRecording, declared: str) -> MockRecording:
+    """The recording with levels of disturbances in its header that may not be those of its rig."""
+    factor = DECLARED[declared]
+    header = {key: value for key, value in recording.header.items() if key != "nuisance" or factor is not None}
+    if factor is not None:
+        header["nuisance"] = {name: factor * level for name, level in recording.header["nuisance"].items()}
+    return replace(recording, header=header)
+
+
+def _with_gross_readings(recording: MockRecording, rng: np.random.Generator) -> MockRecording:
+    count = int(rng.integers(1, MOST_GROSS + 1))
+    return replace(recording, columns=with_gross_readings(recording.columns, count, rng))
 
 
 def _without(slot: Slot, rng: np.random.Generator) -> tuple[str, ...]:

@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored: list[dict[str, Any]]) -> None:
     """Run the lanes side by side; every finished batch is on disk before the next."""
-    slots = plan(options.n, options.kinds)
+    slots = plan(options.n, options.kinds, final=options.final)
     done = {row["key"] for batch in stored for row in batch["rows"]}
     lock, started, code = threading.Lock(), time.monotonic(), code_digest()
     count = [len(done)]
@@ -180,7 +180,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     if options.final and not options.sealed:
         parser.error("--unsealed is no final run; give a --seed")
     # Small runs have small batches, so that both lanes end together.
-    cases = len(plan(options.n, options.kinds))
+    cases = len(plan(options.n, options.kinds, final=options.final))
     options.batch = options.batch or max(1, min(BATCH, -(-cases // (2 * options.lanes))))
     return options
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.withheld.cases import RIGHT
 from benchmarks.withheld.scorer import NONE, UNKNOWN, WHOLE
 
 Row = dict[str, Any]
@@ -28,8 +29,10 @@ def with_whole_catalogue(row: Row) -> Row:
 
 
 def answerable(row: Row) -> bool:
-    """Cases with one right answer that can be seen: effects, null and outside."""
-    return row["kind"] == "null" or (row["kind"] in ("effect", "outside") and row["eligible"])
+    """Cases with one right answer that can be seen: effects, null that declares its disturbances right, outside."""
+    if row["kind"] == "null":
+        return bool(row.get("declared", RIGHT) == RIGHT)
+    return row["kind"] in ("effect", "outside") and row["eligible"]
 
 
 def true_answer(row: Row) -> str:

@@ -79,6 +79,8 @@ def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
         "wanted_raw": case["wanted_raw"],
         "profile": case["profile"],
         "design": case["design"],
+        "declared": case.get("declared", "right"),
+        "gross": case.get("gross", False),
         "without": answer["without"],
         "left_out": case.get("left_out", {}),
         "decoys": case.get("decoys", []),

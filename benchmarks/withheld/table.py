@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.withheld.cases import DECLARED, MISDECLARED, RIGHT
 from benchmarks.withheld.score_rows import (
     Row,
     answerable,
@@ -22,6 +23,7 @@ from benchmarks.withheld.score_rows import (
 )
 from benchmarks.withheld.scorer import UNKNOWN
 from benchmarks.withheld.statistics import Z95, excess_calibration_error, paired_difference, wilson
+from mock_devices.effects import SPECS
 
 ALIKE_SIGMA, MIMIC_SIGMA = 0.3, 0.5
 STEP_S, PERIOD = 300.0, 0.01
@@ -74,6 +76,8 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         *probabilities(rows),
         *_detail_measures(rows_of_effects),
         *_next([r for r in rows if r["kind"] == "next" and "after_chosen" in r]),
+        *_misdeclared([r for r in rows if r["kind"] == "misdeclared" and r["eligible"]]),
+        *_with_gross_readings(rows),
         *_costs(rows),
         *_final_measures(rows_of_effects),
     ]
@@ -128,7 +132,10 @@ def _fair_class(row: Row) -> bool:
 
 def _none_and_unknown(rows: Sequence[Row]) -> list[Measure]:
     null = [r for r in rows if r["kind"] == "null"]
-    out = [share("null cases called an effect", [called(r) for r in null], 0.004, at_most=True)]
+    out = []
+    for declared in DECLARED:
+        of_state = [called(r) for r in null if r.get("declared", RIGHT) == declared]
+        out.append(share(f"null cases called an effect, declared {declared}", of_state, 0.01, at_most=True))
     for profile in sorted({r["profile"] for r in null}):
         of_profile = [called(r) for r in null if r["profile"] == profile]
         out.append(share(f"null cases called an effect, profile {profile}", of_profile))
@@ -136,6 +143,8 @@ def _none_and_unknown(rows: Sequence[Row]) -> list[Measure]:
     outside = [r for r in rows if r["kind"] == "outside" and min(r["wanted_raw"]) >= 3.0]
     visible = [r for r in outside if r["eligible"]]
     out.append(share("outside effect called unknown", [r["verdict"] == UNKNOWN for r in visible], 0.90))
+    reserved = [r["verdict"] == UNKNOWN for r in visible if SPECS[r["true"][0]].final_only]
+    out.append(share("outside effect called unknown, members of final runs only", reserved))
     for name in sorted({r["true"][0] for r in visible}):
         of_profile = [r["verdict"] == UNKNOWN for r in visible if r["true"][0] == name]
         out.append(share(f"outside effect called unknown, {name}", of_profile))
@@ -218,6 +227,18 @@ def _next(rows: list[Row]) -> list[Measure]:
             difference >= 0.10 if rows else None,
         ),
     ]  # fmt: skip
+
+
+def _misdeclared(rows: list[Row]) -> list[Measure]:
+    by_state = {name: [right(r) for r in rows if r["declared"] == name] for name in MISDECLARED}
+    return [share(f"disturbances declared {name}: top-1", hits) for name, hits in by_state.items()]
+
+
+def _with_gross_readings(rows: Sequence[Row]) -> list[Measure]:
+    gross = [r for r in rows if r.get("gross") and answerable(r)]
+    effects = [right(r) for r in gross if r["kind"] == "effect"]
+    null = [called(r) for r in gross if r["kind"] == "null"]
+    return [share("gross readings: top-1", effects), share("gross readings: null cases called an effect", null)]
 
 
 def _costs(rows: Sequence[Row]) -> list[Measure]:

@@ -1,4 +1,7 @@
-"""Ordinary disturbances that a rig declares (`[nuisance]`): drift, reseating, reversal, temperature, one sd each."""
+"""Ordinary disturbances that a rig declares (`[nuisance]`): drift, reseating, reversal, temperature, one sd each.
+
+And friction in the torque of a drive, which is no disturbance of any reading.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import numpy as np
 from mock_devices.effects.base import (
     Deviation,
     Effect,
+    EffectArguments,
     EffectParameter,
     EffectSpec,
     Leg,
@@ -15,6 +19,7 @@ from mock_devices.effects.base import (
     StationSight,
 )
 from mock_devices.effects.instrument import LEVER_M, RandomWalk, move_station
+from mock_devices.effects.reversal import FRICTION_PARAMETERS, FRICTION_VARIANTS, FrictionWindup
 
 
 class OrdinaryDrift(Effect):
@@ -85,6 +90,27 @@ class OrdinaryTemperature(Effect):
             )
 
 
+class OrdinaryFriction(Effect):
+    """Friction that is left in a drive after a stop, in a way of one that winds up its screw; this one is too stiff."""
+
+    def setup(self) -> None:
+        """Draw the way and the friction."""
+        variant = str(self.rng.choice(FRICTION_VARIANTS))
+        values = {"windup_m_per_n": 0.0}
+        for parameter in FRICTION_PARAMETERS:
+            values[parameter.name] = float(np.exp(self.rng.uniform(np.log(parameter.low), np.log(parameter.high))))
+        values["friction_n"] *= self.size
+        self.friction = FrictionWindup(EffectArguments(self.site, self.place, variant, values, self.rng))
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Which side it is left on depends on the former legs."""
+        self.friction.record_leg(drive, leg)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Load the drive, and move nothing."""
+        deviation.force_n[:, self.place] += self.friction.friction_n(state)
+
+
 _FACTS: tuple[tuple[str, type[Effect], EffectParameter, str], ...] = (
     ("ordinary_drift", OrdinaryDrift, EffectParameter("drift_m", 1e-7, 1e-5, 1e-3, "sd after one hour at 3 m"), "time"),
     ("ordinary_reseat", OrdinaryReseat, EffectParameter("reseat_m", 1e-7, 2e-6, 1e-3, "sd of a coordinate"), "payload"),
@@ -102,16 +128,28 @@ _FACTS: tuple[tuple[str, type[Effect], EffectParameter, str], ...] = (
     ),
 )
 
-EFFECTS = tuple(
+EFFECTS = (
+    *(
+        EffectSpec(
+            name=name,
+            kind="nuisance",
+            place="rig",
+            size=size,
+            variants=("plain",),
+            final="",
+            reveals=reveals,
+            make=make,
+        )
+        for name, make, size, reveals in _FACTS
+    ),
     EffectSpec(
-        name=name,
+        name="ordinary_friction",
         kind="nuisance",
-        place="rig",
-        size=size,
+        place="drive",
+        size=EffectParameter("ratio", 0.0, 1.0, 10.0, "of a friction that is drawn"),
         variants=("plain",),
         final="",
-        reveals=reveals,
-        make=make,
-    )
-    for name, make, size, reveals in _FACTS
+        reveals="torque",
+        make=OrdinaryFriction,
+    ),
 )

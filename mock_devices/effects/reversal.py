@@ -98,8 +98,8 @@ class FrictionWindup(_Play):
         """Phase of friction along the screw."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Turn force into displacement; the torque shows the friction too."""
+    def friction_n(self, state: MotionState) -> Array:
+        """What is left in the drive (n,)."""
         a, values = self.place, self.values
         friction = -values["friction_n"] * self.side(state, a)
         if self.variant == "stribeck":
@@ -111,6 +111,11 @@ class FrictionWindup(_Play):
             friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
         elif self.variant == "position_friction":
             friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
+        return np.asarray(friction)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Turn force into displacement; the torque shows the friction too."""
+        a, friction = self.place, self.friction_n(state)
         drives = len(self.site.machine.sliders)
         weight = (self.site.machine.moving_mass_kg + state.payload_kg) * GRAVITY_M_PER_S2 / drives
         force = weight + friction
@@ -121,6 +126,9 @@ class FrictionWindup(_Play):
 
 
 _TAU = EffectParameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
+
+FRICTION_VARIANTS = ("coulomb", "stribeck", "relaxing", "hardening", "position_friction")
+FRICTION_PARAMETERS = (EffectParameter("friction_n", 50.0, 300.0, 900.0, "friction left in the screw"), _TAU)
 
 EFFECTS = (
     EffectSpec(
@@ -139,10 +147,10 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=("coulomb", "stribeck", "relaxing", "hardening", "position_friction", "palmgren"),
+        variants=(*FRICTION_VARIANTS, "palmgren"),
         final="palmgren",
         reveals="torque: both directions and payloads; by variant speed, dwell",
         make=FrictionWindup,
-        others=(EffectParameter("friction_n", 50.0, 300.0, 900.0, "friction left in the screw"), _TAU),
+        others=FRICTION_PARAMETERS,
     ),
 )

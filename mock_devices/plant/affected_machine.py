@@ -172,6 +172,10 @@ def make_effects(nominal: MachineFile, settings: MockSettings, *, start_s: float
         "ordinary_temperature": settings.nuisance.temperature_k,
     }
     ordinary = [EffectChoice(name, level) for name, level in levels.items() if level > 0.0]
+    if settings.rest_friction:  # a drive that is wound up has its friction from that
+        wound_up = {choice.place for choice in settings.effects if choice.name == "friction_windup"}
+        stiff = [(k, slider.name) for k, slider in enumerate(nominal.sliders) if slider.name not in wound_up]
+        ordinary += [EffectChoice("ordinary_friction", 1.0, place, seed=k) for k, place in stiff]
     chosen = [choice for choice in settings.effects if choice.size > 0.0]
     return [make(choice, site, settings.seed) for choice in (*ordinary, *chosen)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tomllib
 from collections import Counter
 from functools import lru_cache
 
@@ -11,12 +12,12 @@ import numpy as np
 import pytest
 
 from benchmarks.withheld import lane, over_the_wire, run
-from benchmarks.withheld.cases import DECOYS, FULL, PROFILES, Slot, plan
+from benchmarks.withheld.cases import DECLARED, DECOYS, FULL, PROFILES, STYLES, Slot, plan
 from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
 from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.left_out_forms import FormComparison, shares_of_sets
 from benchmarks.withheld.maker import Maker
-from benchmarks.withheld.making import make_case, platform_rows
+from benchmarks.withheld.making import _as_declared, make_case, platform_rows
 from benchmarks.withheld.mimics import Mimics
 from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
@@ -35,6 +36,7 @@ REMOVED = Slot("removed-a", "removed", ("tracker_drift",), (3.0,))
 NULL = Slot("null-a", "null", profile="warm")
 DECOY = Slot("null-b", "null", profile="small", decoy=True)
 OUT = Slot("outside-a", "outside", ("cable_drag",), (3.0,))
+UNDECLARED = Slot("null-c", "null", profile="drifting", style="poor", declared="not", gross=True)
 NEXT = Slot("next-a", "next", ("column_compliance",), (5.0,))
 
 
@@ -62,7 +64,15 @@ def test_a_full_run_has_all_the_cases_that_are_wanted():
     assert set(big) == set(CATALOGUE)
     assert min(big.values()) >= 30
     assert {s.raw[0] for s in slots if s.kind == "effect"} == {1.0, 3.0, 5.0}
-    assert Counter(s.profile for s in slots if s.kind == "null") == dict.fromkeys(PROFILES, 200)
+    null = [s for s in slots if s.kind == "null"]
+    assert Counter(s.profile for s in null) == dict.fromkeys(PROFILES, 320)
+    assert Counter(s.declared for s in null) == dict.fromkeys(DECLARED, 400)
+    assert len({(s.profile, s.declared, s.style) for s in null}) == len(PROFILES) * len(DECLARED) * len(STYLES)
+    assert {s.style for s in slots if s.kind == "outside"} == set(STYLES)
+    assert {s.declared for s in slots if s.kind == "misdeclared"} == set(DECLARED) - {"right"}
+    assert all(s.declared == "right" for s in slots if s.kind not in ("null", "misdeclared"))
+    assert sum(s.gross for s in slots) == pytest.approx(len(slots) / 5, rel=0.05)
+    assert {s.kind for s in slots if s.gross} == set(FULL)
     pairs = [set(s.effects) for s in slots if s.kind == "pair"]
     assert all(len(pair) == 2 for pair in pairs)
     assert len({frozenset(pair) for pair in pairs}) > 100
@@ -140,19 +150,57 @@ def test_truth_is_not_on_disk_before_the_hash_of_the_answers(tmp_path):
 
 
 def test_all_recordings_of_a_design_look_alike(tmp_path):
-    m = maker(EFFECT, REMOVED, NULL, DECOY, OUT)
+    """Columns, rows in their order, and header but for the levels that are declared, whatever the kind."""
+    m = maker(
+        EFFECT, NULL, UNDECLARED, OUT, Slot("effect-c", "effect", ("friction_windup",), (5.0,), gross=True),
+        Slot("misdeclared-a", "misdeclared", ("smr_reseat",), (5.0,), declared="not"),
+    )  # fmt: skip
+    m.leave_form_out = False  # tells of options, not of recordings
     m.make(tmp_path / "recordings")
-    shapes, headers, machines = {}, set(), set()
+    rows, headers, machines = {}, set(), set()
     for name, case in m._cases.items():
         folder = tmp_path / "recordings" / name
         lines = (folder / "readings.csv").read_text().splitlines()
-        shapes.setdefault(case.truth["design"].rstrip("0123456789"), set()).add((lines[0], len(lines)))
-        header = (folder / "recording.toml").read_text()
-        headers.add(header.partition("[nuisance]")[0])
+        names = lines[0].split(",")
+        told = [names.index(column) for column in ("uid", "phase", "smr", "visit", "payload", "speed_m_per_s")]
+        order = tuple(tuple(line.split(",")[k] for k in told) for line in lines[1:])
+        rows.setdefault(case.truth["design"], set()).add((lines[0], order))
+        header = tomllib.loads((folder / "recording.toml").read_text())
+        assert ("nuisance" in header) == (case.truth["declared"] != "not")
+        headers.add(repr([(key, value) for key, value in header.items() if key != "nuisance"]))
         machines.add((folder / "machine.toml").read_text())
         assert sorted(file.name for file in folder.iterdir()) == ["machine.toml", "readings.csv", "recording.toml"]
-    assert all(len(kinds) == 1 for kinds in shapes.values())
+    assert all(len(kinds) == 1 for kinds in rows.values())
     assert len(headers) == len(machines) == 1
+
+
+def test_every_torque_holds_friction():
+    """Without it the torque alone would tell that a screw is wound up."""
+    for slot in (EFFECT, NULL):
+        columns = case_of(slot).recording.columns
+        for drive in ("left", "right"):
+            side, torque = columns[f"{drive}_direction"], columns[f"{drive}_torque_ratio"]
+            at_rest = (columns[f"{drive}_velocity_m_per_s"] == 0.0) & (columns["payload"] == 0.0)
+            means = [torque[at_rest & (side == way)].mean() for way in (-1.0, 1.0)]
+            assert abs(means[1] - means[0]) > 0.005, (slot.key, drive)
+
+
+def test_gross_readings_and_declared_levels_are_those_of_the_slot():
+    case = case_of(UNDECLARED)
+    assert "nuisance" not in case.recording.header
+    assert list(case.clean.columns) == list(case.recording.columns)
+    place = [
+        np.stack([made.columns[name] for name in ("x_m", "y_m", "z_m")], axis=1)
+        for made in (case.clean, case.recording)
+    ]
+    off = np.linalg.norm(place[1] - place[0], axis=1)
+    assert 1 <= np.count_nonzero(off) <= 6
+    assert np.all((off == 0.0) | ((off >= 1e-4 * (1 - 1e-6)) & (off <= 1e-2)))
+    for declared, factor in DECLARED.items():
+        if factor is not None:
+            header = _as_declared(case_of(NULL).recording, declared).header
+            assert header["nuisance"]["drift_m"] == pytest.approx(factor * PROFILES["warm"].drift_m)
+    assert case_of(NULL).recording.header["nuisance"] == vars(PROFILES["warm"])
 
 
 def test_final_runs_draw_their_seed_from_the_system():
@@ -360,7 +408,8 @@ def test_a_final_run_is_logged_whatever_comes_out(tmp_path, capsys):
     truth = next((tmp_path / "out").rglob("truth.json"))
     assert ended["truths"][0] == hashlib.sha256(truth.read_bytes()).hexdigest()
     assert json.loads(truth.read_text())["commitment"] == begun["seed"]
-    assert ended["figures"]["null cases called an effect"][3] == ended["n"]
+    of_null = [ended["figures"][f"null cases called an effect, declared {declared}"][3] for declared in DECLARED]
+    assert sum(of_null) == ended["n"]
     capsys.readouterr()
 
 

@@ -92,7 +92,7 @@ def test_rows_are_counted_as_the_goals_say():
         ("top-1, raw >= 3 and visible >= 0.5 sigma", 0.5, 2),
         ("worst effect (latency)", 0.0, 1),
         ("truth among the first three", 1.0, 2),
-        ("null cases called an effect", 1.0 / 3.0, 3),
+        ("null cases called an effect, declared right", 1.0 / 3.0, 3),
         ("null cases called unknown", 1.0 / 3.0, 3),
         ("outside effect called unknown", 1.0, 1),
         ("true class removed: unknown, or its mimic", 0.5, 2),
@@ -137,6 +137,23 @@ def test_every_effect_has_a_true_coordinate():
 
 
 # --- what could be taken for what
+
+
+def test_null_cases_count_by_what_they_declare():
+    rows = [
+        row("null", "", "none"), row("null", "", "unknown", declared="not"), row("null", "", "latency", declared="not"),
+        row("null", "", "latency", declared="too small", gross=True), row("null", "", "none", gross=True),
+        row("misdeclared", "latency", "latency", declared="too large"),
+        row("misdeclared", "latency", "none", declared="too large"),
+    ]  # fmt: skip
+    found = {name: (m.value, m.n) for name, m in by_name(rows).items()}
+    assert found["null cases called an effect, declared right"] == (0.0, 2)
+    assert found["null cases called an effect, declared not"] == (0.5, 2)
+    assert found["null cases called an effect, declared too small"] == (1.0, 1)
+    assert found["null cases called an effect, declared too large"] == (None, 0)
+    assert found["disturbances declared too large: top-1"] == (0.5, 2)
+    assert found["gross readings: null cases called an effect"] == (0.0, 1)
+    assert found["calibration error beyond chance"][1] == 2
 
 
 def test_with_the_whole_catalogue_the_second_answer_counts():

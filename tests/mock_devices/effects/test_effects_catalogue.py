@@ -85,7 +85,7 @@ def test_size_zero_changes_nothing_and_the_typical_size_something(name, variant)
     choice = EffectChoice(name, SPECS[name].size.typical, variant=variant)
     assert np.abs(scale.change_m(replace(choice, size=0.0))).max() < 1e-13
     change = scale.change_m(choice)
-    assert np.abs(change).max() > 1e-8
+    assert (np.abs(change).max() > 1e-8) == (name != "ordinary_friction")  # which loads the drives only
     assert np.array_equal(change, scale.change_m(choice))
 
 

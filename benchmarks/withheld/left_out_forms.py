@@ -101,22 +101,27 @@ def removable_forms(effect: Effect, inputs: EffectInputs) -> tuple[str, ...]:
 
 
 def explained_shares(linear: LinearModel, effect: Effect, place: str, change_m: Array) -> dict[str, float]:
-    """How much of the square of a change (r, 3; machine's axes) each form of its effect explains, at its place."""
+    """How much of the square of a change (r, 3; machine's axes) each form of its effect explains, at its place.
+
+    Where the catalogue has the effect at other places than the plant, at the best of these.
+    """
     shift = linear.whiten_shift(change_m[linear.rows])
     likelihood = MarginalLikelihood(linear, MarginalLikelihood.of(linear).response, linear.q, linear.apply(shift))
     total = float(np.sum(shift * likelihood.weighted_residual))
     if not total > 0.0:
         return {}
     inputs = inputs_of_recording(likelihood, periodograms(likelihood))
-    index = effect.places(linear.machine).index(place)
-    built = effect.forms(inputs, index)
-    columns = likelihood.information_and_score(built.contributions)
-    out = shares_of_sets(built, columns, total, _textbook(effect))
-    for curve in effect.curves(inputs, index):
-        fit = fit_curves(likelihood, (curve,), effect.size.low, effect.size.high)
-        if fit is not None and curve.form not in ("", _textbook(effect)):
-            value = likelihood.information_and_score(fit.contributions[:1])
-            out[curve.form] = max(out.get(curve.form, 0.0), _explained(value, (0,)) / total)
+    names, out = effect.places(linear.machine), dict[str, float]()
+    for index in [names.index(place)] if place in names else range(len(names)):
+        built = effect.forms(inputs, index)
+        columns = likelihood.information_and_score(built.contributions)
+        for form, share in shares_of_sets(built, columns, total, _textbook(effect)).items():
+            out[form] = max(out.get(form, 0.0), share)
+        for curve in effect.curves(inputs, index):
+            fit = fit_curves(likelihood, (curve,), effect.size.low, effect.size.high)
+            if fit is not None and curve.form not in ("", _textbook(effect)):
+                value = likelihood.information_and_score(fit.contributions[:1])
+                out[curve.form] = max(out.get(curve.form, 0.0), _explained(value, (0,)) / total)
     return out
 
 

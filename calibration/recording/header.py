@@ -76,12 +76,27 @@ class LengthEntry(Section):
 
 
 class DisturbanceLevels(Section):
-    """Declared levels of ordinary disturbances, one standard deviation each; zero if not declared."""
+    """Levels of ordinary disturbances, one standard deviation each."""
 
     drift_m: float = Field(ge=0.0, default=0.0, description="Drift of the station's frame in an hour, 3 m away.")
     reseat_m: float = Field(ge=0.0, default=0.0, description="Shift of a reflector when it is put back into its nest.")
     reversal_m: float = Field(ge=0.0, default=0.0, description="Half the reversal error of a drive.")
     temperature_k: float = Field(ge=0.0, default=0.0, description="Slow variation of a part about its sensor.")
+
+
+class DeclaredLevels(DisturbanceLevels):
+    """Declared levels of ordinary disturbances, one standard deviation each.
+
+    What is not declared is not zero: defaults are those of an ordinary rig in a workshop, each within a factor of
+    three. Zero has to be declared.
+    """
+
+    drift_m: float = Field(ge=0.0, default=3.0e-6, description="Drift of the station's frame in an hour, 3 m away.")
+    reseat_m: float = Field(
+        ge=0.0, default=2.0e-6, description="Shift of a reflector when it is put back into its nest."
+    )
+    reversal_m: float = Field(ge=0.0, default=1.0e-6, description="Half the reversal error of a drive.")
+    temperature_k: float = Field(ge=0.0, default=0.02, description="Slow variation of a part about its sensor.")
 
 
 class SessionEntry(Section):
@@ -169,7 +184,7 @@ class RecordingFile(Section):
         gt=0.0, description="Shift of a nest across the line of sight at which a nest check has failed."
     )
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1, description="What was mounted, by number from 0 (none).")
-    nuisance: DisturbanceLevels = Field(default=DisturbanceLevels(), description="Declared levels of disturbances.")
+    nuisance: DeclaredLevels = Field(default=DeclaredLevels(), description="Declared levels of disturbances.")
     simulated: bool = Field(default=False, description="Whether a device that it was measured with was simulated.")
     extra_columns: dict[str, str] = Field(
         default_factory=dict,

@@ -12,7 +12,7 @@ from calibration.base.toml_file import Section, read_toml
 from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.model.payload import PayloadEntry
 from calibration.recording.columns import check_extra_columns
-from calibration.recording.header import DisturbanceLevels, LengthEntry, Name
+from calibration.recording.header import DeclaredLevels, DisturbanceLevels, LengthEntry, Name
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import MOST_DRIVES, CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
@@ -70,7 +70,7 @@ class RigFile(Section):
     payloads: tuple[PayloadEntry, ...] = Field(
         min_length=1, description="What may be mounted on the platform; number 0 is no payload."
     )
-    nuisance: DisturbanceLevels = Field(default=DisturbanceLevels(), description="Declared levels of disturbances.")
+    nuisance: DeclaredLevels = Field(default=DeclaredLevels(), description="Declared levels of disturbances.")
     campaign: CampaignSettings = Field(default=CampaignSettings(), description="What a campaign measures.")
     limits: Limits = Field(default=Limits(), description="When the rig is refused or stopped.")
     mock: MockSection | None = Field(default=None, description="Settings of the mock.")

@@ -15,6 +15,7 @@ from calibration.diagnosis.diagnose import diagnose, withheld_with
 from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
+from calibration.recording.header import DeclaredLevels
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, StationMove, draw_design
@@ -95,6 +96,18 @@ def test_a_sound_machine_has_no_effect(seed, levels):
     assert diagnosis.ranking[NONE] > 0.9
     assert diagnosis.gap.before_m < 0.6 * diagnosis.gap.noise_floor_m
     assert 0.0 < diagnosis.hidden_m < 2.0 * diagnosis.gap.noise_floor_m
+
+
+def test_what_a_rig_does_not_declare_is_not_zero():
+    """A little reversal error, drift and reseating: none where nothing is declared, backlash where zero is."""
+    real = DisturbanceLevels(drift_m=3e-6, reseat_m=1e-6, reversal_m=1.5e-6, temperature_k=0.01)
+    made = recorded(plant(100, nuisance=real))
+    verdicts = [
+        diagnose(replace(made, file=made.file.model_copy(update={"nuisance": declared}))).verdict
+        for declared in (DeclaredLevels(), DeclaredLevels(drift_m=0.0, reseat_m=0.0, reversal_m=0.0, temperature_k=0.0))
+    ]
+    assert verdicts[0] == NONE
+    assert verdicts[1] != NONE
 
 
 def test_a_sound_machine_in_space_has_no_effect():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,3 +36,12 @@ class KeptResults(dict[str, dict[str, Any]]):
         self[result["key"]] = result
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(result) + "\n")
+
+
+def until_stopped(main: Callable[[], int]) -> int:
+    """The status of a command that keeps its results, after an interrupt too."""
+    try:
+        return main()
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on from here", file=sys.stderr)
+        return 130

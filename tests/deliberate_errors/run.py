@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.copied_tree import ROOT, CopiedTree, nearest_first, over_copies, spoilt, test_files
-from tests.kept_results import KeptResults, key_of
+from tests.kept_results import KeptResults, key_of, until_stopped
 
 ERRORS = Path(__file__).with_name("errors.toml")
 LIMIT_S = 1200.0
@@ -92,4 +92,4 @@ def _run(copy: CopiedTree, error: DeliberateError) -> tuple[bool, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

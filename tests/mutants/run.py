@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.copied_tree import ROOT, CopiedTree, known_files, over_copies, spoilt, test_files
-from tests.kept_results import KeptResults, key_of
+from tests.kept_results import KeptResults, key_of, until_stopped
 from tests.mutants.covered import Coverage, chosen, key_of_test_file, lines_of, run_without_mutants, state_of
 from tests.mutants.mutate import Mutant, compiles, mutants
 
@@ -231,4 +231,4 @@ def _try(copy: CopiedTree, drawn: Drawn, coverage: Sequence[Coverage], *, whole_
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

@@ -47,6 +47,12 @@ def test_connect(rig: Rig) -> None:
     assert not any(0x1400 <= index < 0x1B00 for index, _ in rig.drives[1].writes)
 
 
+@pytest.mark.parametrize("node_id", [0, 128])
+def test_no_node_has_an_id_outside_1_to_127(rig: Rig, node_id: int) -> None:
+    with pytest.raises(ValueError, match=rf"node id {node_id} is not in 1\.\.127"):
+        rig.servo(node_id)
+
+
 def test_an_absent_node_is_named(rig: Rig) -> None:
     rig.servos[1].connect()
     with pytest.raises(ConnectionFailed, match=r"node id 9 \(heartbeats seen: 2\)"):

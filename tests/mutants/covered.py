@@ -20,6 +20,7 @@ from tests.copied_tree import CopiedTree, names_module
 from tests.kept_results import key_of
 
 LIMIT_S = 1800.0
+_OF_NO_ROOM = ("benchmarks/", "docs/", "tests/mutants/", "tests/deliberate_errors/", "tests/pkm_rig/")
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,8 @@ def lines_of(text: str, place: int) -> range | None:
 
 def state_of(tree: Path, files: Sequence[str]) -> str:
     """Of all that a test file may depend on: the code and what it has in common with other test files."""
-    common = sorted(one for one in files if one.endswith((".py", ".toml")) and "/test_" not in one)
+    of_code = [one for one in files if one.endswith((".py", ".toml")) and not one.startswith(_OF_NO_ROOM)]
+    common = sorted(one for one in of_code if "/test_" not in one)
     return key_of(*(part for one in common for part in (one, _hash(tree / one))))
 
 

@@ -372,7 +372,7 @@ def rows_of(folder):
 
 
 def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch):
-    n, diagnose = 8, ("--diagnose", STAND_IN)
+    n, diagnose = 6, ("--diagnose", STAND_IN)
     assert run.main(arguments(tmp_path / "whole", *diagnose, n=n)) == 1
     kept = []
     whole = lane.run_lane

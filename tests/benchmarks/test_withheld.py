@@ -228,8 +228,9 @@ def test_a_diagnoser_that_asks_for_the_plant_fails(tmp_path, function):
 
 
 def test_a_form_that_the_plant_repeats_is_left_out_with_a_decoy(tmp_path):
-    case = case_of(EFFECT)
-    assert (case.truth["effects"][0]["effect"], case.truth["effects"][0]["variant"]) == ("backlash", "closing")
+    cases = (make_case(EFFECT, np.random.default_rng(seed), designs(), final=False) for seed in range(5, 40))
+    case = next(case for case in cases if case.truth["effects"][0]["variant"] == "closing")
+    assert case.truth["effects"][0]["effect"] == "backlash"
     write_recording(case.recording, tmp_path / "x")
     comparison = FormComparison()
     left_out = comparison.left_out(tmp_path / "x", case.changes_by_effect(), np.random.default_rng(1))
@@ -416,17 +417,17 @@ def test_a_final_run_is_logged_whatever_comes_out(tmp_path, capsys):
 
 
 def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
-    assert run.main(arguments(tmp_path / "out", n=7, kinds="effect,null,outside", batch=3)) in (0, 1)
+    assert run.main(arguments(tmp_path / "out", n=5, kinds="effect,null,outside", batch=3)) in (0, 1)
     rows = rows_of(tmp_path / "out")
-    assert Counter(r["kind"] for r in rows) == {"effect": 2, "null": 2, "outside": 1}
-    assert [r["error"] for r in rows] == [""] * 5
-    assert sum(overall_right(r) for r in rows if answerable(r)) >= 3
+    assert Counter(r["kind"] for r in rows) == {"effect": 1, "null": 2, "outside": 1}
+    assert [r["error"] for r in rows] == [""] * 4
+    assert sum(overall_right(r) for r in rows if answerable(r)) >= 2
     for r in rows:
         assert sum(p for _, p in r["ranked"]) <= 1.0 + 1e-9
         assert r["predicted_share"] > 0.99  # noise with tails: a reading or two in a thousand is left out
         assert r["achieved"] < 1.0
     document = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert document["cases"] == 5
+    assert document["cases"] == 4
     assert "one diagnosis, median" in capsys.readouterr().out
 
 

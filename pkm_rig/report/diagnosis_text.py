@@ -33,6 +33,7 @@ PREFIXED = ("m", "rad", "s")
 LARGEST_PPM = 1e-3  # ratios below are shown in ppm
 MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
 WORTH_MEASURING_BIT = 0.01  # expected information below which no campaign is recommended
+FEW_COORDINATES = 3  # with which a strength differs: a departure is with one of them, or a little with all
 
 
 def one_line_summary(diagnosis: Diagnosis) -> str:
@@ -151,7 +152,7 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
             rows.append((*named, size, *sure, f"{at.raw_sigma:.1f}", f"{at.visible_sigma:.1f}"))
             rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in at.others]
             if at.differs_with:
-                rows.append(("", "", f"differs with {', '.join(at.differs_with)}", "", "", "", ""))
+                rows.append(("", "", _differs(at.differs_with), "", "", "", ""))
     columns = (
         "effect",
         "place",
@@ -162,6 +163,12 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
         "visible",
     )
     return _table(columns, rows, left=3)
+
+
+def _differs(coordinates: Sequence[str]) -> str:
+    if len(coordinates) > FEW_COORDINATES:
+        return "differs a little with all that varies"
+    return f"differs with {', '.join(coordinates)}"
 
 
 def _gap(gap: GapFigures) -> list[RenderableType]:

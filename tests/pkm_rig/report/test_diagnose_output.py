@@ -67,6 +67,14 @@ def test_the_schema_refuses_what_is_none(schema):
             jsonschema.validate({**result, **spoilt}, schema)
 
 
+def test_what_differs_with_everything_is_not_listed():
+    (effect,) = example().effects
+    everything = replace(effect.places[1], differs_with=("travel.left", "travel.right", "payload", "rest"))
+    text = printed(replace(example(), effects=(replace(effect, places=(everything,)),)))
+    assert "differs a little with all that varies" in text
+    assert "travel.right" not in text
+
+
 def test_an_effect_in_words():
     text = printed(example())
     for part in (

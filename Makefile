@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld independent bench faults kill-sweep deliberate-errors mutants peers latency overhead setups clean
+.PHONY: demo test lint demo-check rig-study outliers withheld independent bench faults kill-sweep deliberate-errors mutants peers latency overhead setups kuka clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -80,6 +80,11 @@ withheld: $(VENV)/dev.stamp
 independent: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) \
 		$(if $(GROSS),--gross) $(if $(FINAL),--final)
+
+# The diagnosis of one drive alone on six measured recordings of a robot (docs/explanation/axis.md), if they lie in
+# ../shared/real-data/kuka-kr300 or DATA=FOLDER.
+kuka: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.real_axis $(if $(DATA),--data $(DATA))
 
 # Speed beside scipy, MuJoCo, pinocchio and FIGAROH's solver (docs/explanation/benchmarks.md). QUICK=1 for a check
 # that it runs.

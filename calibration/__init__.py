@@ -1,6 +1,7 @@
 """Pure computation: from a machine description and readings to parameters and tables."""
 
 __all__ = [
+    "axis",
     "base",
     "compensation",
     "diagnosis",

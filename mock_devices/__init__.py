@@ -4,6 +4,7 @@ Written without `calibration`, `drivers` and `pkm_rig`, so that agreement with t
 """
 
 __all__ = [
+    "axis",
     "can",
     "clock",
     "commands",

@@ -19,9 +19,15 @@ MAX_CSV_BYTES = 100_000_000
 
 
 def read_table(
-    path: Path, needed: Collection[str], optional: Collection[str] = (), may_be_empty: Collection[str] = ()
+    path: Path,
+    needed: Collection[str],
+    optional: Collection[str] = (),
+    may_be_empty: Collection[str] = (),
+    page: str = "docs/reference/measurements.md",
 ) -> dict[str, Array]:
     """Columns (n,) of a CSV file by name; an empty cell of a column that may be empty is NaN, all else is finite.
+
+    page: where the format is described, for messages.
 
     Raises InputError in one line for a missing, unknown or doubled column, a cell that is no finite number, a row of
     the wrong length, no row at all, and too large a file.
@@ -30,7 +36,7 @@ def read_table(
         with open_text(path, MAX_CSV_BYTES) as stream:
             reader = csv.reader(bounded_lines(stream, path))
             header = next(reader, [])
-            _check_header(path, header, needed, optional)
+            _check_header(path, header, needed, optional, page)
             rows = list(_rows(path, reader, header, may_be_empty))
     except csv.Error as error:
         raise InputError(f"{path}: not CSV: {error}") from error
@@ -58,11 +64,11 @@ def require_counts(path: Path, name: str, column: Array) -> Array:
     return column
 
 
-def _check_header(path: Path, header: list[str], needed: Collection[str], optional: Collection[str]) -> None:
+def _check_header(path: Path, header: list[str], needed: Collection[str], optional: Collection[str], page: str) -> None:
     if len(set(header)) != len(header):
         raise InputError(f"{path}: a column occurs twice in the header; remove one")
     if missing := [name for name in needed if name not in header]:
-        raise InputError(f"{path}: no column '{missing[0]}'; see docs/reference/measurements.md")
+        raise InputError(f"{path}: no column '{missing[0]}'; see {page}")
     if unknown := [name for name in header if name not in needed and name not in optional]:
         raise InputError(f"{path}: unknown column '{unknown[0][:40]}'; remove it or correct its spelling")
 

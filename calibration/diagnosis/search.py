@@ -15,7 +15,7 @@ from calibration.diagnosis.ranking import (
     rank_effects,
     refit_cause,
 )
-from calibration.diagnosis.settings import VERDICT
+from calibration.diagnosis.settings import VERDICT, VerdictSettings
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.context import TimelessContext, TimeUnknown
@@ -83,9 +83,9 @@ def include_effects(
     return likelihood
 
 
-def excess_threshold(explained: float) -> float:
+def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
     """Excess log evidence of a non-parametric alternative at which effects that explain so much have even odds."""
-    return VERDICT.excess_threshold + VERDICT.excess_share * max(explained, 0.0)
+    return settings.excess_threshold + settings.excess_share * max(explained, 0.0)
 
 
 def _search(

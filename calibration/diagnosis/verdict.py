@@ -16,26 +16,33 @@ from calibration.diagnosis.evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.search import SearchResult, excess_threshold
-from calibration.diagnosis.settings import VERDICT
+from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
 
 def probabilities(search_result: SearchResult) -> dict[str, float]:
     """Probability by name of each effect as the main cause, of NONE and of UNKNOWN; they add up to one."""
-    ranking, excess = search_result.ranking, search_result.excess_log_evidence
-    strongest = ranking[0].log_evidence if ranking else 0.0
-    explained = max(search_result.log_evidence, 0.0)
-    any_effect = float(expit(max(strongest, explained + excess) - VERDICT.none_prior_log_odds))
-    width = VERDICT.excess_width + VERDICT.excess_width_share * explained
-    unknown = float(expit((excess - excess_threshold(explained)) / width))
-    logs = np.array([cause.log_evidence for cause in ranking])
+    logs = {cause.effect.name: cause.log_evidence for cause in search_result.ranking}
+    return verdict_probabilities(logs, search_result.log_evidence, search_result.excess_log_evidence)
+
+
+def verdict_probabilities(
+    log_evidence: Mapping[str, float], explained: float, excess: float, settings: VerdictSettings = VERDICT
+) -> dict[str, float]:
+    """The same from the log evidence of each effect alone, of the causes together, and what alternatives have more."""
+    logs = np.array(list(log_evidence.values()))
+    strongest = float(logs.max()) if logs.size else 0.0
+    explained = max(explained, 0.0)
+    any_effect = float(expit(max(strongest, explained + excess) - settings.none_prior_log_odds))
+    width = settings.excess_width + settings.excess_width_share * explained
+    unknown = float(expit((excess - excess_threshold(explained, settings)) / width))
     tempered = np.empty(0)
     if logs.size:
-        temperature = 1.0 + VERDICT.temperature_share * max(strongest, 0.0)
+        temperature = 1.0 + settings.temperature_share * max(strongest, 0.0)
         tempered = np.exp(logs / temperature - log_sum(logs / temperature))
     else:
         unknown = 1.0
     named = any_effect * (1.0 - unknown) * tempered
-    out = {cause.effect.name: float(p) for cause, p in zip(ranking, named, strict=True)}
+    out = {name: float(p) for name, p in zip(log_evidence, named, strict=True)}
     return out | {NONE: 1.0 - any_effect, UNKNOWN: any_effect * unknown}
 
 

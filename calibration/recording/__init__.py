@@ -1,6 +1,8 @@
 """Campaigns and measurement folders as plain files, and the same in memory: checked before anything uses them."""
 
 __all__ = [
+    "axis_header",
+    "axis_recording",
     "columns",
     "delta_printer",
     "folder",

@@ -52,6 +52,7 @@ def diagnose(
     by_sequence: SequenceOption = False,
 ) -> None:
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
+    from pkm_rig.jobs.axis import diagnose_folder, is_axis
     from pkm_rig.jobs.diagnose import run_diagnosis
     from pkm_rig.jobs.measured_machine import find_measurement_folder
     from pkm_rig.jobs.next_command import measure_more
@@ -60,6 +61,11 @@ def diagnose(
     from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
+    if is_axis(campaign):
+        if add or effects:
+            raise InputError("diagnose: --add and --effects are for machines; leave them out for one axis")
+        print_result(json, *diagnose_folder(Path(campaign)))
+        return
     if find_measurement_folder(campaign, out) is not None:
         raise InputError(
             f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/reference/recording.md)"

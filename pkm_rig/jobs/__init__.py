@@ -3,6 +3,7 @@
 __all__ = [
     "acceptance",
     "added_visits",
+    "axis",
     "calibrate",
     "campaign_file",
     "check",

@@ -1,6 +1,8 @@
 """What people and programs see of a result: terminal, HTML, pictures, JSON."""
 
 __all__ = [
+    "axis_json",
+    "axis_text",
     "check_text",
     "diagnosis_json",
     "diagnosis_pictures",

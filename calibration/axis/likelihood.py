@@ -24,6 +24,7 @@ ROUNDS = 12
 SETTLED = 0.02  # change of log evidence
 MOST_FITTED = 3  # basis sets whose noise is fitted: those with the most evidence, and those closest to the gap
 RIDGE = 1e-9
+EXACT = 1e-10  # of the travel: noise below that no encoder has, and a gap of zero would have none
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class AxisLikelihood:
         """Without any effect: offset and scale of the second position, and noise."""
         gap = cosines(signals.gap)
         scale = cosines((signals.position - signals.position.mean())[:, None]) * signals.scale_u
-        shape = NoiseShape.of(len(gap))
+        shape = NoiseShape.of(len(gap), (EXACT * signals.travel) ** 2)
         start = cls(gap, scale, shape, shape.fit(gap**2))
         return start.settled()
 

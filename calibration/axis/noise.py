@@ -38,7 +38,7 @@ class NoiseShape:
     """How the logarithm of the power (c,) follows from its values at the knots (k,): weights (c, k).
 
     first (b,): the first cosine of each group that shares its power in a fit; count (b,): how many; of_groups (b, k):
-    their weights; bend: of the prior.
+    their weights; bend: of the prior; least: power, below which no noise is fitted.
     """
 
     weights: Array
@@ -46,10 +46,11 @@ class NoiseShape:
     first: NDArray[np.intp]
     count: Array
     of_groups: Array
+    least: float
 
     @classmethod
-    def of(cls, count: int) -> NoiseShape:
-        """For a number of cosines."""
+    def of(cls, count: int, least: float = 0.0) -> NoiseShape:
+        """For a number of cosines, whose mean power is not below a least one."""
         log = np.log2(np.arange(1, count + 1))
         knots = np.linspace(0.0, log[-1], max(3, 1 + round(KNOTS_PER_OCTAVE * log[-1])))
         place = np.clip(np.searchsorted(knots, log, side="right") - 1, 0, len(knots) - 2)
@@ -60,7 +61,7 @@ class NoiseShape:
         bend = np.diff(np.eye(len(knots)), 2, axis=0) / BEND
         _, first, counts = np.unique(np.floor(GROUPS_PER_OCTAVE * log), return_index=True, return_counts=True)
         of_groups = np.add.reduceat(weights, first, axis=0) / counts[:, None]
-        return cls(weights, bend, first, counts.astype(np.float64), of_groups)
+        return cls(weights, bend, first, counts.astype(np.float64), of_groups, least)
 
     def power(self, knots: Array) -> Array:
         """Power (c,) of each cosine."""
@@ -73,7 +74,7 @@ class NoiseShape:
     def fit(self, squares: Array, start: Array | None = None) -> Array:
         """The most likely knots (k,) for squares (c,) of the coefficients: Newton's steps on a convex function."""
         means = np.add.reduceat(squares, self.first) / self.count
-        means = np.maximum(means, FLOOR * max(float(squares.mean()), 1e-300))
+        means = np.maximum(means, max(FLOOR * float(squares.mean()), self.least, 1e-300))
         weights, half = self.of_groups, 0.5 * self.count
         if start is None:
             start = np.asarray(np.linalg.lstsq(weights, np.log(means), rcond=None)[0], dtype=np.float64)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import log_ndtr
 
-from calibration.axis.effects import AxisEffect, axis_effects, non_parametric
+from calibration.axis.effects import AxisEffect, LawSets, axis_effects, non_parametric
 from calibration.axis.likelihood import AxisLikelihood, Explanation
 from calibration.axis.ripple import strongest_periods
 from calibration.axis.signals import Signals
@@ -132,14 +132,18 @@ def _ranked(likelihood: AxisLikelihood, signals: Signals, causes: Sequence[AxisC
     for effect in axis_effects(signals, periods):
         often = MOST_OF_ONE if effect.several else 1
         if effect.untested is None and names.count(effect.name) < often:
-            out.append(explain_effect(likelihood, signals, effect))
+            built = effect.built()
+            if built.sets:  # without any peak there is no period to try
+                out.append(explain_effect(likelihood, signals, effect, built))
     return sorted(out, key=lambda cause: -cause.log_evidence)
 
 
-def explain_effect(likelihood: AxisLikelihood, signals: Signals, effect: AxisEffect) -> AxisCause:
-    """An effect with its evidence over a model."""
+def explain_effect(
+    likelihood: AxisLikelihood, signals: Signals, effect: AxisEffect, built: LawSets | None = None
+) -> AxisCause:
+    """An effect with its evidence over a model; its basis sets, if they are built already."""
     low, high = effect.size.low, effect.size.high
-    best = _with_sign(effect, likelihood.explain(effect.built(), low, high))
+    best = _with_sign(effect, likelihood.explain(effect.built() if built is None else built, low, high))
     for _ in range(REFINEMENTS):
         if effect.refined is None or (best.log_evidence < VERDICT.residual_search_threshold and not effect.consistent):
             break

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from calibration.axis.effects import AxisEffect, LawSets, axis_effects, non_parametric
-from calibration.axis.likelihood import AxisLikelihood, Explanation
+from calibration.axis.likelihood import EXACT, AxisLikelihood, Explanation
 from calibration.axis.ripple import strongest_periods
 from calibration.axis.signals import Signals
 from calibration.base.arrays import Array
@@ -205,7 +205,7 @@ def _without_each(before: AxisLikelihood, causes: Sequence[AxisCause]) -> list[f
 
 def _alternatives(likelihood: AxisLikelihood, signals: Signals) -> dict[str, float]:
     """Log evidence of arbitrary functions in addition to a model."""
-    rms = max(float(np.std(signals.gap)), 1e-300)
+    rms = max(float(np.std(signals.gap)), EXACT * signals.travel)
     return {
         name: likelihood.explain(built, 1e-4 * rms, 2.0 * rms).log_evidence
         for name, built in non_parametric(signals).items()

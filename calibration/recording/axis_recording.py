@@ -122,6 +122,8 @@ def _check_motion(path: Path, motor: Array, second: Array) -> None:
     square = float(centred @ centred)
     if not square > 0.0 or float(np.ptp(motor)) <= 1e-12 * float(np.max(np.abs(motor))):
         raise InputError(f"{path}: the motor stands still; record a motion")
+    if np.array_equal(motor, second):
+        raise InputError(f"{path}: the second position is the motor's, value by value; record a second one")
     slope = float(centred @ second) / square
     if not FOLLOWS[0] < slope < FOLLOWS[1]:
         raise InputError(

@@ -114,11 +114,3 @@ def test_units_of_a_linear_axis(seen):
     assert (found.unit, found.verdict) == ("m", "delay")
     assert "weight" in found.not_tested
     assert "compliance" in found.not_tested
-
-
-def test_two_channels_that_are_one_are_not_told_apart(seen):
-    """A gap of zero has neither noise nor cause, and no figure that is not finite."""
-    turned = recording(seen["delay"])
-    found = diagnose_axis(replace(turned, second=turned.motor, command=turned.motor))
-    assert found.verdict == "none"
-    assert np.isfinite([found.gap.before, found.gap.after, found.hidden, found.following_delay.value]).all()

@@ -85,6 +85,7 @@ def test_what_is_wrong_is_said_in_one_line(folder, name, old, new, says):
         (lambda s: {name: column[:150] for name, column in s.items()}, "150 samples; it needs at least 200"),
         (lambda s: s | {"motor_position": np.zeros(250)}, "the motor stands still"),
         (lambda s: s | {"second_position": s["second_position"] / 100.0}, "moves 0.01 times as far as the motor's"),
+        (lambda s: s | {"second_position": s["motor_position"]}, "is the motor's, value by value"),
         (lambda s: s | {"second_position": -s["second_position"]}, "moves -1 times as far"),
         (lambda s: s | {"command": 1e9 * np.ones(250)}, "line 2, column 'command': more than 1e+06 rad"),
         (lambda s: {name: column for name, column in s.items() if name != "torque"}, "torque is there without column"),

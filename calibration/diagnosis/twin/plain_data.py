@@ -129,7 +129,7 @@ def _reading_context(machine: Machine, data: Mapping[str, Any]) -> ReadingContex
         history=ArrivalHistory(arrived, drives),
         temperatures_c=temperatures,
         start_s=start_s,
-        known_tables=_known_tables(machine, data.get("known_tables", [])),
+        known_tables=_known_tables(machine, data["known_tables"]),
         **arrays,
     )
 

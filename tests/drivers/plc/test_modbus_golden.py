@@ -86,11 +86,11 @@ class ScriptedPlc:
             frame = got[2:6] == struct.pack(">HH", 0, len(wanted) + 1) if self._tcp else got[-2:] == crc(got[:-2])
             if body != wanted or not frame or head[-1] != 1:
                 self.errors.append(f"wanted {request}, got {got.hex(' ')}")
+            self.left.pop(0)  # before the answer: whoever has that may look at once
             if self._tcp:
                 self._send(got[:2] + struct.pack(">HHB", 0, len(answer) + 1, 1) + answer)
             else:
                 self._send(b"\x01" + answer + crc(b"\x01" + answer))
-            self.left.pop(0)
 
 
 @pytest.fixture

@@ -222,6 +222,13 @@ def test_what_differs_by_visit_is_tried_where_the_verdict_would_be_unknown(monke
     assert searched(monkeypatch, [first], rest=rest, by_visit=[replace(other, log_evidence=99.0)]).log_evidence == 100.0
 
 
+def test_what_differs_by_visit_explains_more_than_all_other_effects_together(monkeypatch):
+    """Alone it explains more than the strongest of them, and less than two."""
+    rounds = [[Evidence("latency", 100.0, "")], [Evidence("refraction", 50.0, "")]]
+    result = searched(monkeypatch, *rounds, by_visit=[Evidence("backlash", 110.0)])
+    assert result.log_evidence == pytest.approx(150.0 - 10.0 - 0.02 * 150.0)
+
+
 def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
     return ranking._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
 

@@ -52,6 +52,7 @@ demo-check: $(VENV)/run.stamp
 	$(BIN)/python benchmarks/demo_check.py $(if $(SEEDS),--seeds $(SEEDS))
 
 # Three set-ups of the station against one, twenty mock machines, scored by the plant. SEEDS=1,2 for some of them.
+# Stopped, it goes on.
 setups: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.setups $(if $(SEEDS),--seeds $(SEEDS))
 
@@ -82,7 +83,7 @@ independent: $(VENV)/dev.stamp
 		$(if $(GROSS),--gross) $(if $(FINAL),--final)
 
 # The diagnosis of one drive alone on six measured recordings of a robot (docs/explanation/axis.md), if they lie in
-# ../shared/real-data/kuka-kr300 or DATA=FOLDER.
+# ../shared/real-data/kuka-kr300 or DATA=FOLDER. Stopped, it begins anew: it takes one or two minutes.
 kuka: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.real_axis $(if $(DATA),--data $(DATA))
 

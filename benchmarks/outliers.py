@@ -11,12 +11,11 @@ disk before it counts: stop at any time, the same command goes on. Exit status 1
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.results_file import MixedSettingsError, ResultsFile
+from benchmarks.side_by_side import side_by_side
 from calibration.base.arrays import Array
 from calibration.identification.calibration import Calibration, identify_recording
 from calibration.identification.prediction import predict_poses
@@ -35,6 +35,7 @@ from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
 from mock_devices.recordings.maker import make_recording
 from mock_devices.settings import MockSettings
+from tests.kept_results import until_stopped
 
 SETTINGS = {"machine": "planar4", "visits": 120, "poses": 80, "version": 1}
 LIMIT_UM, SHARE = 0.15, 0.95
@@ -203,18 +204,13 @@ def _run(seeds: list[int], file: ResultsFile, processes: int) -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # taken up by the spawned processes, which load numpy anew
     started = time.monotonic()
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        running = [pool.submit(run_seed, seed) for seed in seeds]
-        try:
-            for count, future in enumerate(as_completed(running), start=1):
-                file.append(future.result())
-                passed = (time.monotonic() - started) / 60.0
-                left = passed / count * (len(seeds) - count)
-                print(f"{count} of {len(seeds)}; {passed:.1f} min, {left:.1f} left", file=sys.stderr, flush=True)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with side_by_side(run_seed, [(seed,) for seed in seeds], processes) as running:
+        for count, future in enumerate(as_completed(running), start=1):
+            file.append(future.result())
+            passed = (time.monotonic() - started) / 60.0
+            left = passed / count * (len(seeds) - count)
+            print(f"{count} of {len(seeds)}; {passed:.1f} min, {left:.1f} left", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).parents[1]
+
 
 class MixedSettingsError(RuntimeError):
     """The file holds results of other settings."""
@@ -17,6 +19,16 @@ class MixedSettingsError(RuntimeError):
 def digest(settings: dict[str, Any]) -> str:
     """Hash of settings that is the same on every machine."""
     return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def code_digest(*names: str) -> str:
+    """Hash of the programs that a result depends on: files, and folders with all that is in them."""
+    found = hashlib.sha256()
+    for name in names:
+        place = ROOT / name
+        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            found.update(file.read_bytes())
+    return found.hexdigest()[:12]
 
 
 @dataclass(frozen=True)

@@ -11,34 +11,23 @@ the default estimator, maximum a posteriori: see docs/explanation/rig-study.md.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import multiprocessing
 import os
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results_file import MixedSettingsError, ResultsFile
+from benchmarks.results_file import MixedSettingsError, ResultsFile, code_digest
 from benchmarks.rig_picture import draw
 from benchmarks.rig_scores import run_rig
 from benchmarks.rig_settings import STUDIES, Study
 from benchmarks.rig_table import summarise
+from benchmarks.side_by_side import side_by_side
+from tests.kept_results import until_stopped
 
-ROOT = Path(__file__).parent.parent
 CODE = ("calibration", "mock_devices/plant/structure.py", "tests/calibration/reference_model.py")
-
-
-def code_digest() -> str:
-    """Hash of the programs that a result depends on: results of two versions are told apart, not refused."""
-    digest = hashlib.sha256()
-    for name in CODE:
-        place = ROOT / name
-        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def main() -> int:
@@ -49,7 +38,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/rig-study"))
     parser.add_argument("--picture", type=Path, help="where to draw it; a PNG in the folder of the results if left out")
     options = parser.parse_args()
-    code = code_digest()
+    code = code_digest(*CODE)  # results of two versions are told apart, not refused
     files = {s.machine: ResultsFile(options.out / f"{s.machine}.jsonl", s.settings()) for s in STUDIES}
     try:
         stored = {name: file.rows() for name, file in files.items()}
@@ -90,23 +79,19 @@ def _run(queue: list[tuple[Study, int]], files: dict[str, ResultsFile], code: st
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # taken up by the spawned processes, which load numpy anew
     started = time.monotonic()
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        running = {pool.submit(run_rig, study, seed): (study, seed) for study, seed in queue}
-        try:
-            for done, future in enumerate(as_completed(running), start=1):
-                study, seed = running[future]
-                files[study.machine].append({**future.result(), "code": code})
-                passed = time.monotonic() - started
-                left_min = passed / 60.0 / done * (len(queue) - done)
-                print(
-                    f"{done} of {len(queue)}: {study.machine} {seed}; {passed / 60:.1f} min, {left_min:.1f} left",
-                    file=sys.stderr,
-                    flush=True,
-                )
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with side_by_side(run_rig, queue, processes) as running:
+        jobs = dict(zip(running, queue, strict=True))
+        for done, future in enumerate(as_completed(running), start=1):
+            study, seed = jobs[future]
+            files[study.machine].append({**future.result(), "code": code})
+            passed = time.monotonic() - started
+            left_min = passed / 60.0 / done * (len(queue) - done)
+            print(
+                f"{done} of {len(queue)}: {study.machine} {seed}; {passed / 60:.1f} min, {left_min:.1f} left",
+                file=sys.stderr,
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

@@ -2,22 +2,27 @@
 
 For every seed a mock machine is recorded twice: from one place, and from three that are up to 0.5 m and 0.3 rad apart.
 Both recordings are identified; each model predicts poses that it was not given, and the plant says where they truly
-were. The motions between the set-ups are compared with the plant's too, by their stated covariance.
+were. The motions between the set-ups are compared with the plant's too, by their stated covariance. A finished seed is
+kept as long as the code is the same: stop at any time, the same command goes on.
 
-    python -m benchmarks.setups [--seeds 1,2,3] [--workers 2]
+    python -m benchmarks.setups [--seeds 1,2,3] [--workers 2] [--out runs/setups]
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from concurrent.futures import as_completed
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
 import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries start
+from benchmarks.results_file import code_digest
+from benchmarks.side_by_side import side_by_side
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
@@ -35,12 +40,14 @@ from mock_devices.recordings.design import Design, DesignOptions, StationMove, d
 from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.recordings.timeline import plan
 from mock_devices.settings import MockSettings
+from tests.kept_results import KeptResults, key_of, until_stopped
 
 SEEDS = tuple(range(1, 21))
 CALIBRATION_VISITS, VERIFICATION_VISITS = 150, 40
 FARTHEST_M, LARGEST_TURN_RAD = 0.5, 0.3
 MOST = 1.1  # of the true tool error with one set-up
 MACHINE = "planar4"
+CODE = ("calibration", "mock_devices", "benchmarks/setups.py")
 
 
 @dataclass(frozen=True)
@@ -162,22 +169,39 @@ def run_seed(seed: int) -> Score:
     return Score(seed, (true_one, true_three), (stated_one, stated_three), (len(one), len(three)), square, dof)
 
 
+def _score(kept: dict[str, Any]) -> Score:
+    """The score of a line of the results."""
+    pairs = {name: tuple(kept[name]) for name in ("true_m", "stated_m", "readings")}
+    return Score(seed=kept["seed"], motions_chi2=kept["motions_chi2"], motions_dof=kept["motions_dof"], **pairs)
+
+
+def _print_row(s: Score) -> None:
+    one, three = (f"{t * 1e6:.2f} (u {u * 1e6:.2f})" for t, u in zip(s.true_m, s.stated_m, strict=True))
+    print(
+        f"seed {s.seed:2d}  {s.readings[0]} readings: true tool error {one} um; three set-ups, "
+        f"{s.readings[1]}: {three} um, {s.true_m[1] / s.true_m[0]:.3f} times; chi2 {s.motions_chi2:.1f}",
+        flush=True,
+    )
+
+
 def main() -> int:
-    """Run all seeds; exit status 1 if the goal is missed."""
+    """Run the seeds that are missing; exit status 1 if the goal is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default=",".join(str(s) for s in SEEDS))
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("runs/setups"))
     options = parser.parse_args()
-    scores = []
-    with ProcessPoolExecutor(options.workers) as pool:
-        for s in pool.map(run_seed, [int(seed) for seed in options.seeds.split(",")]):
-            scores.append(s)
-            one, three = (f"{t * 1e6:.2f} (u {u * 1e6:.2f})" for t, u in zip(s.true_m, s.stated_m, strict=True))
-            print(
-                f"seed {s.seed:2d}  {s.readings[0]} readings: true tool error {one} um; three set-ups, "
-                f"{s.readings[1]}: {three} um, {s.true_m[1] / s.true_m[0]:.3f} times; chi2 {s.motions_chi2:.1f}",
-                flush=True,
-            )
+    results, code = KeptResults(options.out / "setups.jsonl"), code_digest(*CODE)
+    keys = {seed: key_of(code, seed) for seed in (int(text) for text in options.seeds.split(","))}
+    missing = [seed for seed, key in keys.items() if key not in results]
+    for seed in sorted(keys.keys() - set(missing)):
+        _print_row(_score(results[keys[seed]]))
+    with side_by_side(run_seed, [(seed,) for seed in missing], options.workers) as running:
+        for future in as_completed(running):
+            new = future.result()
+            results.add({"key": keys[new.seed], **asdict(new)})
+            _print_row(new)
+    scores = [_score(results[key]) for key in keys.values()]
     median = float(np.median([s.true_m[1] / s.true_m[0] for s in scores]))
     stated = [float(np.sqrt(np.mean([(s.true_m[k] / s.stated_m[k]) ** 2 for s in scores]))) for k in (0, 1)]
     total, dof = sum(s.motions_chi2 for s in scores), sum(s.motions_dof for s in scores)
@@ -188,4 +212,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

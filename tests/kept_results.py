@@ -38,10 +38,10 @@ class KeptResults(dict[str, dict[str, Any]]):
             file.write(json.dumps(result) + "\n")
 
 
-def until_stopped(main: Callable[[], int]) -> int:
-    """The status of a command that keeps its results, after an interrupt too."""
+def until_stopped(main: Callable[[], int], again: str = "goes on from here") -> int:
+    """The status of a command, after an interrupt too; again: what the same command does then."""
     try:
         return main()
     except KeyboardInterrupt:
-        print("stopped; the same command goes on from here", file=sys.stderr)
+        print(f"stopped; the same command {again}", file=sys.stderr)
         return 130

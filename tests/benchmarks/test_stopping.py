@@ -1,0 +1,68 @@
+"""Benchmarks that are stopped with Ctrl-C: their processes end without a word, and what was finished is kept."""
+
+from __future__ import annotations
+
+import multiprocessing
+import operator
+import signal
+import sys
+import time
+from concurrent.futures import Future
+from contextlib import contextmanager
+from multiprocessing import connection
+
+import pytest
+
+from benchmarks import setups
+from benchmarks.side_by_side import side_by_side
+from tests.kept_results import until_stopped
+
+
+def test_processes_leave_an_interrupt_to_the_one_that_started_them():
+    """A terminal sends it to all of them. What is still at work then is ended at once."""
+    handler = signal.getsignal(signal.SIGINT)
+    jobs = [(signal.raise_signal, signal.SIGINT), (time.sleep, 60.0)]
+    seen = []
+
+    def interrupted():
+        with side_by_side(operator.call, jobs, 1) as running:
+            seen.append(signal.getsignal(signal.SIGINT))
+            seen.append(running[0].result())
+            seen.extend(multiprocessing.active_children())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert seen[:2] == [handler, None]
+    (worker,) = seen[2:]
+    # Not is_alive: while a thread of the pool takes the exit status, it cannot tell.
+    assert connection.wait([worker.sentinel], 20.0)
+
+
+def test_set_ups_go_on_from_the_seeds_that_were_finished(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    @contextmanager
+    def stopped_at_the_second(_run, jobs, _processes):
+        asked.append([seed for (seed,) in jobs])
+        out = [Future() for _ in jobs]
+        for future, seed in zip(out, asked[-1], strict=True):
+            if len(asked) == 1 and seed == 2:
+                future.set_exception(KeyboardInterrupt())
+            else:
+                future.set_result(setups.Score(seed, (1e-6, 1.05e-6), (1e-6, 1e-6), (1074, 1074), 12.0, 12))
+        yield out
+
+    monkeypatch.setattr(setups, "side_by_side", stopped_at_the_second)
+    monkeypatch.setattr(setups, "as_completed", iter)
+    monkeypatch.setattr(sys, "argv", ["setups", "--seeds", "1,2,3", "--out", str(tmp_path)])
+    assert until_stopped(setups.main) == 130
+    assert capsys.readouterr().err == "stopped; the same command goes on from here\n"
+    assert until_stopped(setups.main) == 0
+    assert asked == [[1, 2, 3], [2, 3]]
+    said = capsys.readouterr().out
+    assert [line.split()[1] for line in said.splitlines() if line.startswith("seed")] == ["1", "2", "3"]
+    assert "(median): 1.050" in said
+    monkeypatch.setattr(setups, "code_digest", lambda *_: "of another version")
+    assert until_stopped(setups.main) == 0
+    assert asked[-1] == [1, 2, 3]

@@ -8,6 +8,7 @@ __all__ = [
     "fit",
     "gate",
     "held_out",
+    "joint_covariance",
     "leave_one_out",
     "linear_system",
     "measured_gate",

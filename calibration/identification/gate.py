@@ -79,6 +79,11 @@ class LinearReadings:
         """From z to the minimum of the readings that are kept."""
         return self._step(self._factor(keep), keep)
 
+    def farthest(self) -> float:
+        """Largest distance of a reading from the fit of all others, in standard deviations."""
+        distance = self._distances([np.ones(len(part), dtype=bool) for part in self.residual])[0]
+        return max(float(np.max(part, initial=0.0)) for part in distance)
+
     def judge(self, keep: list[NDArray[np.bool_]]) -> tuple[GatedReadings, ...]:
         """Which readings to keep, beginning with some."""
         keep = [part.copy() for part in keep]

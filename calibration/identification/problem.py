@@ -27,6 +27,7 @@ MOST_STEPS = 60
 LARGEST_SHARE = 0.5  # largest ratio to the previous step for which convergence is regular enough to extrapolate
 SETTLED = 1e-7  # of the last step, in standard errors
 START_SETTLED = 1.0
+NEAR = 1e-3  # of the way that is left, where the steps run out: in standard errors
 ROUND_OFF = 1e-11  # of a loss, relative
 LARGEST_DAMPING = 1e9  # beyond it no step gains anything that the loss can show
 HUBER = 2.5  # in standard deviations of a number
@@ -206,6 +207,7 @@ class LeastSquaresProblem:
         system = self.linearise(z)
         best = self._loss_of(system, z, prior)
         self.converged = False
+        sizes = [np.inf]  # of steps without damping
         for _ in range(MOST_STEPS):
             step = _step(system, self._prior_offset(z), prior, fixed, damping)
             size = _in_standard_errors(system, step, prior)
@@ -215,6 +217,7 @@ class LeastSquaresProblem:
                 self.converged = True
                 break
             if damping == 0.0:
+                sizes.append(size)
                 previous, step = (z, step), _accelerated_step(system, prior, previous, z, step)
             try:
                 trial = self.linearise(z + step)
@@ -231,6 +234,7 @@ class LeastSquaresProblem:
                 break
             else:
                 previous, damping = None, max(1.0, 10.0 * damping)
+        self.converged = self.converged or _left_to_go(sizes) < NEAR
         return z
 
     def _loss_of(self, system: TriangularSystem, z: Array, prior: Array) -> float:
@@ -282,6 +286,12 @@ class LeastSquaresProblem:
 def _in_standard_errors(system: TriangularSystem, step: Array, prior: Array) -> float:
     """Length of a step in the metric of the posterior: no unknown moves by more of its standard errors than that."""
     return float(np.sqrt(np.sum((system.factor @ step) ** 2) + np.sum((prior * step) ** 2)))
+
+
+def _left_to_go(sizes: Sequence[float]) -> float:
+    """Distance from the minimum, if steps go on shrinking as the last two did; infinite where they do not shrink."""
+    share = sizes[-1] / sizes[-2] if len(sizes) > 1 else np.inf
+    return sizes[-1] * share / (1.0 - share) if share < 1.0 else np.inf
 
 
 def _accelerated_step(

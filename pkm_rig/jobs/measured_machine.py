@@ -15,6 +15,7 @@ from calibration.base.errors import InputError
 from calibration.identification.estimators import identify
 from calibration.identification.explanations import Explanation, explanations, group_indistinguishable
 from calibration.identification.fit import Estimator, Fit
+from calibration.identification.joint_covariance import joint_covariance
 from calibration.identification.leave_one_out import LeaveOneOutErrors, leave_one_out
 from calibration.identification.measured_gate import without_wrong_readings
 from calibration.identification.observability import Observability, observability_of
@@ -146,10 +147,11 @@ def _quantities(measured: MeasuredMachine, fit: Fit) -> dict[str, Any]:
     """The numbers that the owner knows the machine by, with standard uncertainties."""
     names = fit.model.parameters.names
     count = len(names)
+    covariance = joint_covariance(fit)[:count, :count] if measured.file.quantities else np.zeros((count, count))
     out = {}
     for quantity in measured.file.quantities:
         by = np.array([quantity.of.get(name, 0.0) for name in names])
-        u = float(np.sqrt(max(0.0, by @ fit.covariance[:count, :count] @ by)))
+        u = float(np.sqrt(max(0.0, by @ covariance @ by)))
         value = quantity.nominal + float(by @ fit.theta)
         out[quantity.name] = {"value": value, "u": u, "unit": quantity.unit, "nominal": quantity.nominal}
     return out

@@ -42,7 +42,7 @@ ROOMS = {
     "drivers/plc": ("tests/drivers/plc",),
     "drivers/station": ("tests/drivers/station",),
     "calibration/diagnosis": ("tests/calibration/diagnosis",),
-    "calibration/identification": ("tests/calibration/identification",),
+    "calibration/identification": ("tests/calibration/identification", "tests/calibration/reduction"),
 }
 SAMPLE = Path(__file__).with_name("sample.txt")
 SURVIVORS = Path(__file__).with_name("survivors.toml")

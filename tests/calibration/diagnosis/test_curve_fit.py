@@ -9,7 +9,8 @@ import pytest
 
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.evidence import MarginalLikelihood, evidence_of_basis_sets
-from calibration.effects.api import BasisSet, Contributions, Curve, Tangent
+from calibration.effects.api import BasisSet, Curve, Tangent
+from calibration.effects.columns import Contributions
 
 LOW_M, HIGH_M = 1e-6, 1e-3
 RATES = (-2.0, 12.0)  # 1/m

@@ -11,10 +11,17 @@ from scipy.stats import multivariate_normal
 
 from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
-from calibration.diagnosis.evidence import SIZES, MarginalLikelihood, evidence_of_basis_sets, log_evidence_of_sizes
+from calibration.diagnosis.evidence import (
+    SIZES,
+    InformationAndScore,
+    MarginalLikelihood,
+    evidence_of_basis_sets,
+    log_evidence_of_sizes,
+)
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
+from calibration.effects.columns import ColumnsByChannel
 from calibration.effects.departures import functions_of_coordinates
 
 
@@ -158,12 +165,34 @@ def test_judge_through_is_judge(small, likelihood):
     channels = [("travel.left", 2.0), ("smr.P1.x", 0.5), ("station.rz", 3.0)]
     contributions = [((name, unit * shapes[:, k]),) for name, unit in channels for k in range(3)]
     through, plain = (
-        likelihood.information_and_score_through(channels, shapes),
+        likelihood.kept_information_and_score(ColumnsByChannel.through(channels, shapes)),
         likelihood.information_and_score(contributions),
     )
-    top = plain.information.max()
-    assert through.information == pytest.approx(plain.information, abs=1e-9 * top)
-    assert through.score == pytest.approx(plain.score, abs=1e-9 * np.abs(plain.score).max())
+    assert_alike(through, plain)
+
+
+def test_what_is_kept_follows_the_causes_that_are_included(small, likelihood):
+    rng = np.random.default_rng(4)
+    shapes = rng.standard_normal((len(small.rows), 4))
+    contributions = [
+        (("travel.left", shapes[:, 0]), ("smr.P1.x", shapes[:, 1])),
+        (("travel.left", shapes[:, 2]), ("travel.left", shapes[:, 3])),
+        (("station.rz", shapes[:, 3]),),
+    ]
+    columns = ColumnsByChannel.of(contributions)
+    first = likelihood.including(rng.standard_normal((*small.residual.shape, 2)))
+    second = first.including(likelihood.columns(contributions[:1]))
+    for model in (second, first, likelihood, second):
+        assert_alike(model.kept_information_and_score(columns), model.information_and_score(contributions))
+    assert (
+        second.information_and_score(contributions).information[0, 0]
+        < 0.9 * (first.information_and_score(contributions).information[0, 0])
+    )
+
+
+def assert_alike(one: InformationAndScore, other: InformationAndScore) -> None:
+    assert one.information == pytest.approx(other.information, abs=1e-9 * other.information.max())
+    assert one.score == pytest.approx(other.score, abs=1e-9 * np.abs(other.score).max())
 
 
 def test_by_visit_is_judge_of_single_visits(small, likelihood):

@@ -168,3 +168,31 @@ def test_noise_is_that_of_the_readings(small, likelihood):
     )
     stated = np.sqrt(np.mean(np.diagonal(turned, axis1=1, axis2=2)[:, :2]))
     assert withheld_blocks.gap_field(likelihood, left, left).noise_m == pytest.approx(stated, rel=0.1)
+
+
+def test_the_noise_floor_is_the_scatter_at_a_target_that_is_visited_again(small):
+    """Seen by the same reflector, with equal approach and payload; a target that differs by tens of nanometres is the
+    same. Two visits are too few."""
+    rng, rows = np.random.default_rng(4), np.flatnonzero(small.on_platform)
+    visits, n = len(small.poses.visits.target_m), len(small.visit)
+    place = np.arange(visits) % (visits // 5)
+    target = np.zeros((visits, 6))
+    target[:, :2] = 0.01 * place[:, None] + rng.uniform(-4e-8, 4e-8, (visits, 2))
+    context = replace(small.context, direction=np.ones((n, 2)), payload_kg=np.zeros(n))
+    own = 1e-5 * rng.standard_normal((n, 3)) + 0.1 * small.smr[:, None]
+    own[rows, 0] += 0.01 * place[small.visit[rows]]
+    again = replace(
+        small,
+        position_m=small.frame.to_station(own),
+        context=context,
+        poses=replace(small.poses, visits=replace(small.poses.visits, target_m=target)),
+    )
+    square, freedom = 0.0, 0
+    for smr in np.unique(small.smr[rows]):
+        for p in np.unique(place):
+            seen = own[rows[(small.smr[rows] == smr) & (place[small.visit[rows]] == p)], :2]
+            assert len(seen) >= 3
+            square, freedom = square + np.sum((seen - seen.mean(axis=0)) ** 2), freedom + seen.size - 2
+    assert withheld_blocks.repeatability_m(again) == pytest.approx(np.sqrt(square / freedom), rel=1e-6)
+    conditions = replace(context, payload_kg=np.where(small.visit >= 0, small.visit // (2 * (visits // 5)), 0.0))
+    assert withheld_blocks.repeatability_m(replace(again, context=conditions)) is None

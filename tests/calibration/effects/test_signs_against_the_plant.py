@@ -17,8 +17,9 @@ from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.effects import stated_values
-from calibration.effects.api import BasisSet, Contributions, EffectInputs
+from calibration.effects.api import BasisSet, EffectInputs
 from calibration.effects.catalogue import load_catalogue
+from calibration.effects.columns import Contributions
 from calibration.effects.context import context_of_recording
 from calibration.effects.control import DWELL_TIMES_S
 from calibration.effects.structure import SOFT_N

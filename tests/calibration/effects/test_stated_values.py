@@ -15,8 +15,9 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.search import search_causes
 from calibration.diagnosis.twin.twin import Twin
-from calibration.effects.api import Contributions, EffectInputs
+from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import load_catalogue
+from calibration.effects.columns import Contributions
 from calibration.machine.description import PARTS
 from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet

@@ -9,6 +9,7 @@ import pytest
 
 from calibration.identification.estimators import identify
 from calibration.identification.linear_system import QrAccumulator, estimator_covariance, truncated_covariance
+from calibration.identification.prediction import monte_carlo, predict_tool, tool_derivatives
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
@@ -179,3 +180,34 @@ def test_a_start_is_searched_with_an_even_share_of_the_readings(model):
     place = [int(np.flatnonzero(np.all(readings.value == row, axis=1))[0]) for row in rows]
     assert place == sorted(set(place))
     assert problem.subsample(26) is problem
+
+
+def test_a_search_that_starts_where_one_ended_makes_no_step(model):
+    """It has converged at once, and had not before it began."""
+    visits, readings = seen(model, 1)
+    problem = LeastSquaresProblem(model, visits, [readings])
+    assert not problem.converged
+    every = np.arange(problem.layout.size)
+    z = problem.minimise(np.zeros(every.size), every, 1.0)
+    again = LeastSquaresProblem(model, visits, [readings])
+    assert np.array_equal(again.minimise(z, every, 1.0), z)
+    assert again.converged
+
+
+def test_the_mean_of_monte_carlo_is_that_of_its_draws(model):
+    """Of two draws, by the linear answer to their errors: of the readings first, then of the priors."""
+    visits, readings = seen(model, 2)
+    fit = identify(model, visits, [readings])
+    rng = np.random.default_rng(5)
+    (block,) = LeastSquaresProblem(model, visits, [readings]).derivatives(fit.unknowns / fit.layout.sigma)
+    jacobian = block.jacobian.reshape(-1, fit.layout.size) * fit.layout.sigma
+    means = []
+    for _ in range(2):
+        pull = jacobian.T @ rng.standard_normal((len(readings), readings.width)).ravel()
+        pull += rng.standard_normal(fit.layout.size)
+        means.append(np.linalg.solve(jacobian.T @ jacobian + np.eye(len(pull)), pull) * fit.layout.sigma)
+    derivatives = tool_derivatives(model, fit.layout, fit.instruments, fit.unknowns, visits).both
+    drawn = monte_carlo(fit, visits, seed=5, draws=2)
+    shift = drawn.coordinates - predict_tool(fit, visits).coordinates
+    assert np.max(np.abs(shift[:, :2])) > 1e-6
+    assert shift == pytest.approx(derivatives @ np.mean(means, axis=0), abs=2e-8)

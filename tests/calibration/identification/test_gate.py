@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.outliers import CASES, run_case, shifted
 from calibration.identification.calibration import identified_summary, identify_recording
-from calibration.identification.gate import gate_readings
+from calibration.identification.gate import LinearReadings, gate_readings
 from calibration.identification.leave_one_out import leave_one_out
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.reduction.reduction import reduce
@@ -22,6 +22,7 @@ def problem_of(identified):
 
 def test_deviations_are_those_of_refits_without_the_reading(identified):
     """At the nominal machine's linearisation, against the leave-one-out errors at the fit."""
+    assert not problem_of(identified).converged  # nothing was minimised
     fit = identified.fit
     (gated,) = gate_readings(problem_of(identified), [np.zeros(len(fit.instruments[0]), dtype=np.intp)])
     (left,) = leave_one_out(fit)
@@ -42,6 +43,13 @@ def test_a_reading_that_the_fit_was_not_given_is_judged_by_the_same_measure(iden
     spoiled = replace(problem.readings[0], observations=replace(seen, position_m=off))
     (gated,) = gate_readings(LeastSquaresProblem(problem.model, problem.visits, [spoiled]), kinds)
     assert np.flatnonzero(~gated.keep).tolist() == [17]
+    z = np.zeros(problem.layout.size)
+    good, bad = (
+        LinearReadings.of(LeastSquaresProblem(problem.model, problem.visits, [readings]), z, kinds).farthest()
+        for readings in (problem.readings[0], spoiled)
+    )
+    assert good < 6.0
+    assert bad == pytest.approx(gated.sigmas[17], rel=0.05)
     size = np.linalg.norm(np.linalg.solve(spoiled.whiten[17], gated.deviation[17]))
     assert size == pytest.approx(5e-3, rel=0.05)
     assert gated.sigmas[17] > 100.0

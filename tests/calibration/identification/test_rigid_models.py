@@ -3,14 +3,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.base.rotation import rotation_matrix
 from calibration.identification.estimators import identify
 from calibration.identification.pose_selection import PlannedLoad, visits_at, workspace_poses
 from calibration.identification.prediction import predict_poses
+from calibration.identification.rigid import closure
 from calibration.identification.rigid.closure import MeasuredPoses
-from calibration.identification.rigid.models import fit_rigid_identifications, minimal_subsets, without_struts
+from calibration.identification.rigid.models import (
+    fit_rigid_identifications,
+    minimal_subsets,
+    rigid_model,
+    without_struts,
+)
 from calibration.instruments.smr_positions import SmrPositions, StationModel
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.machine.equilibrium import make_conditions, solve
+from calibration.machine.equilibrium import make_conditions, solve, state_at
 from calibration.reduction.report_frame import fit_report_frame
 from tests.calibration.conftest import SMRS
 
@@ -84,3 +91,53 @@ def test_what_may_be_left_out_holds_the_platform_everywhere(name):
         fewer = without_struts(machine, drop)
         at = make_conditions(fewer, len(pose)).without_loads()
         assert solve(fewer, fewer.nominal, pose.drives, at, pose.target_m).converged.all(), drop
+
+
+def residuals_at(machine, geometry, visits, coordinates):
+    """Gaps (c, v) of all loops at given poses."""
+    at = make_conditions(machine, len(visits), visits.temperatures_c).without_loads()
+    rotation = rotation_matrix(coordinates[:, 3:])
+    return state_at(machine, geometry, visits.drives, at, coordinates[:, :3], rotation)
+
+
+@pytest.mark.parametrize("name", ["planar4", "rrr4", "gough8", "delta8", "prs3"])
+def test_derivatives_of_the_loops_are_their_differences(name):
+    machine = load_machine(shipped_machine(name))
+    parameters = rigid_model(machine).parameters
+    visits = visits_at(machine, workspace_poses(machine, 6, 2), [PlannedLoad()])
+    rng = np.random.default_rng(3)
+    theta = 0.3 * parameters.sigma * rng.standard_normal(len(parameters))
+    state = residuals_at(machine, parameters.geometry(theta), visits, visits.target_m)
+    at = make_conditions(machine, len(visits), visits.temperatures_c).without_loads()
+    found = closure._closure_jacobian(parameters, parameters.geometry(theta), visits.drives, at, state)
+    for i, sigma in enumerate(parameters.sigma):
+        step = 1e-3 * sigma * np.eye(len(parameters))[i]
+        above, below = (
+            residuals_at(machine, parameters.geometry(theta + sign * step), visits, visits.target_m).residual
+            for sign in (1.0, -1.0)
+        )
+        np.testing.assert_allclose(
+            found[i], (above - below) / (2e-3 * sigma), atol=1e-6 * max(1.0, 1e-3 / sigma), err_msg=parameters.names[i]
+        )
+
+
+@pytest.mark.parametrize("name", ["delta6", "stewart6"])
+def test_loops_of_a_machine_that_is_not_overconstrained_are_closed(name):
+    """Its true poses close every loop exactly: what is found must too, wherever the true parameters lie."""
+    machine = load_machine(shipped_machine(name))
+    parameters, rng = rigid_model(machine).parameters, np.random.default_rng(5)
+    visits = visits_at(machine, workspace_poses(machine, 30, 2), [PlannedLoad()])
+    truth = parameters.geometry(parameters.sigma * rng.standard_normal(len(parameters)))
+    at = make_conditions(machine, len(visits), visits.temperatures_c).without_loads()
+    there = solve(machine, truth, visits.drives, at, visits.target_m)
+    assert there.converged.all()
+    measured = MeasuredPoses(
+        visits, there.coordinates(), np.tile(1e-14 * np.eye(len(machine.dof)), (len(visits), 1, 1))
+    )
+    theta = closure.close_loops(parameters, measured)
+    open_m, closed_m = (
+        np.max(np.abs(residuals_at(machine, geometry, visits, there.coordinates()).residual))
+        for geometry in (machine.nominal, parameters.geometry(theta))
+    )
+    assert open_m > 1e-4
+    assert closed_m < 1e-7

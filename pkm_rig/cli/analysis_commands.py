@@ -49,11 +49,18 @@ def diagnose(
         list[Path] | None,
         typer.Option(help="Python file with your own effects (docs/explanation/diagnosis.md); again for more"),
     ] = None,
+    estimate_disturbances: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-disturbances", help="print the rig file's section [nuisance] instead, from a quiet campaign"
+        ),
+    ] = False,
     by_sequence: SequenceOption = False,
 ) -> None:
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
     from pkm_rig.jobs.axis import diagnose_folder, is_axis
     from pkm_rig.jobs.diagnose import run_diagnosis
+    from pkm_rig.jobs.disturbance_levels import estimate_disturbances as estimate_levels_of
     from pkm_rig.jobs.measured_machine import find_measurement_folder
     from pkm_rig.jobs.next_command import measure_more
     from pkm_rig.jobs.session import store_if_there
@@ -62,8 +69,10 @@ def diagnose(
     from pkm_rig.store.store import find_recording
 
     if is_axis(campaign):
-        if add or effects:
-            raise InputError("diagnose: --add and --effects are for machines; leave them out for one axis")
+        if add or effects or estimate_disturbances:
+            raise InputError(
+                "diagnose: --add, --effects and --estimate-disturbances are for machines; leave them out for one axis"
+            )
         print_result(json, *diagnose_folder(Path(campaign)))
         return
     if find_measurement_folder(campaign, out) is not None:
@@ -72,6 +81,11 @@ def diagnose(
         )
     recording = find_recording(campaign, out, by_sequence=by_sequence)
     repaired = say_repaired(recording)
+    if estimate_disturbances:
+        if add or effects:
+            raise InputError("diagnose: --estimate-disturbances adds no effect; leave out --add and --effects")
+        print_result(json, *estimate_levels_of(recording))
+        return
     diagnosis, result = run_diagnosis(recording, out, effects or (), add=add)
     with store_if_there(out) as store:
         is_stored = store is not None and not Path(campaign).is_dir()

@@ -9,6 +9,7 @@ __all__ = [
     "check",
     "compensate",
     "diagnose",
+    "disturbance_levels",
     "homing",
     "identify",
     "interim",

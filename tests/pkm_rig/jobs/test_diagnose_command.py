@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from calibration.base.errors import InputError
 from calibration.diagnosis.result import Diagnosis
 from calibration.machine.description import shipped_machine
 from calibration.recording.folder import read_folder
+from calibration.recording.header import DeclaredLevels
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
 from mock_devices.recordings.design import DesignOptions, draw_design
@@ -65,6 +67,25 @@ def added(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
     found, result = diagnose.run_diagnosis(read_folder(folder), out, add=True)
     return Added(out, found, result)
+
+
+def test_disturbances_are_estimated_from_a_quiet_campaign_only(run, folder, tmp_path):
+    refused = run("diagnose", folder, "--estimate-disturbances", "--out", tmp_path)
+    assert refused.returncode == 2
+    assert "not a quiet campaign, the diagnosis says 'backlash'" in refused.stderr
+    quiet = record(tmp_path / "quiet", visits=40)
+    done = run("diagnose", quiet, "--estimate-disturbances", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    levels = tomllib.loads(done.stdout)["nuisance"]
+    found = json.loads(run("diagnose", quiet, "--estimate-disturbances", "--json").stdout)["nuisance"]
+    told = {key for key, level in found.items() if level["told_by_readings"]}
+    assert set() < told < set(levels)
+    for key, value in DeclaredLevels(**levels).model_dump().items():
+        assert value == pytest.approx(found[key]["value"] if key in told else getattr(DeclaredLevels(), key), rel=0.05)
+    assert found["drift_m"]["low"] < 1e-5 < found["drift_m"]["high"]
+    both = run("diagnose", quiet, "--estimate-disturbances", "--add")
+    assert both.returncode == 2
+    assert "leave out --add" in both.stderr
 
 
 def test_json_names_the_effect_its_place_and_its_size(run, folder, tmp_path, request):

@@ -1,0 +1,58 @@
+"""The section `[nuisance]` of a rig file, from a campaign of that rig in which nothing else is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.disturbance_levels import EstimatedLevel, EstimatedLevels, estimate_levels
+from calibration.diagnosis.result import NONE
+from calibration.identification.calibration import calibration_part
+from calibration.recording.header import DeclaredLevels
+from calibration.recording.recording import Recording
+from calibration.reduction.nest_checks import drop_unclosed_readings
+
+DIGITS = 2
+
+
+def estimate_disturbances(recording: Recording) -> tuple[dict[str, Any], RenderableType]:
+    """Levels for programs, and the section for the rig file. Raises InputError if the campaign is not quiet."""
+    readings = drop_unclosed_readings(calibration_part(recording))
+    undeclared = readings.file.model_copy(update={"nuisance": DeclaredLevels()})
+    found = diagnose(replace(readings, file=undeclared))
+    if found.verdict != NONE:
+        raise InputError(
+            f"{found.campaign}: not a quiet campaign, the diagnosis says '{found.verdict}', which would be taken for "
+            "disturbances; remove the cause, measure again, and estimate from that campaign"
+        )
+    levels = estimate_levels(readings)
+    return {"campaign": found.campaign, "nuisance": _json(levels), "scatter": _entry(levels.scatter)}, _section(levels)
+
+
+def _json(levels: EstimatedLevels) -> dict[str, Any]:
+    return {key: _entry(level) for key, level in levels.by_key.items()}
+
+
+def _entry(level: EstimatedLevel) -> dict[str, Any]:
+    return {"value": level.value, "low": level.low, "high": level.high, "told_by_readings": level.told}
+
+
+def _section(levels: EstimatedLevels) -> RenderableType:
+    """Lines of TOML as they are pasted into a rig file."""
+    lines = ["[nuisance]"]
+    for key, level in levels.by_key.items():
+        said = f"95 %: {level.low:.{DIGITS}g} to {level.high:.{DIGITS}g}"
+        if not level.told:
+            said = "the default: this campaign says nothing of it"
+        lines.append(f"{key} = {level.value if level.told else levels.prior[key]:.{DIGITS}g}  # {said}")
+    scatter = levels.scatter
+    lines.append(
+        f"# readings scatter {scatter.value:.2f} times ({scatter.low:.2f} to {scatter.high:.2f}) as [station.accuracy] "
+        "states"
+    )
+    return Text("\n".join(lines))

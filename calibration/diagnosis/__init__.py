@@ -6,6 +6,7 @@ __all__ = [
     "curve_fit",
     "departure_evidence",
     "diagnose",
+    "disturbance_levels",
     "disturbances",
     "effect_inputs",
     "evidence",

@@ -14,7 +14,8 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets
-from calibration.effects.api import BasisSet, Contributions, Curve, Tangent
+from calibration.effects.api import BasisSet, Curve, Tangent
+from calibration.effects.columns import Contributions
 
 MAX_STARTS = 4  # the best ones, that are followed
 MAX_STEPS = 8

@@ -20,7 +20,8 @@ from calibration.diagnosis.evidence import (
     evidence_of_basis_sets,
     log_sum,
 )
-from calibration.effects.api import Contributions, Departure, Effect, EffectInputs
+from calibration.effects.api import Departure, Effect, EffectInputs
+from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT, departing, functions_of_coordinates
 
 SMOOTH_SHARES = (0.05, 0.15)  # standard deviation of a departure over the form

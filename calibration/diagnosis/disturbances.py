@@ -42,7 +42,7 @@ def disturbance_columns(
     steps = (context.t_s[:, None] >= np.array(context.breaks_s)).astype(np.float64)
     for name in channels.station_channels():
         axis = name.rsplit(".", 1)[1]
-        add(name, walk * _drift_per_sqrt_h(axis, levels, accuracy), "drift")
+        add(name, walk * drift_per_sqrt_h(axis, levels, accuracy), "drift")
         add(name, steps * (nest_limit_m / DRIFT_LEVER_M if axis.startswith("r") else nest_limit_m), "break")
     if levels.reseat_m > 0.0:
         numbers = np.unique(context.exchanges)[1:]
@@ -65,7 +65,7 @@ def disturbance_columns(
     return np.stack([column for _, column in columns], axis=2), tuple(name for name, _ in columns)
 
 
-def _drift_per_sqrt_h(axis: str, levels: DisturbanceLevels, accuracy: AccuracyEntry) -> float:
+def drift_per_sqrt_h(axis: str, levels: DisturbanceLevels, accuracy: AccuracyEntry) -> float:
     """Drift of the station's frame about or along an axis ('rx' ... 'z') after an hour, declared and stated."""
     declared_m = levels.drift_m / np.sqrt(2.0)
     if not axis.startswith("r"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -23,6 +24,7 @@ Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 def inputs_of_recording(likelihood: MarginalLikelihood, periodograms: tuple[Periodogram, ...]) -> EffectInputs:
     """The inputs of effects on a recording's readings, with a periodogram for each drive."""
 
+    @cache
     def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
         return periodograms[drive].strongest_periods(shortest_m, longest_m)
 

@@ -19,7 +19,8 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.outlying_readings import project_out
-from calibration.effects.api import BasisSet, Contributions
+from calibration.effects.api import BasisSet
+from calibration.effects.columns import ColumnsByChannel, Contributions
 
 SIZES = 9
 
@@ -65,12 +66,21 @@ class MarginalLikelihood:
     whitened response (n, 3) to one unit of a channel.
     """
 
-    def __init__(self, linear: LinearModel, response: ChannelResponses, q: Array, weighted_residual: Array) -> None:
+    def __init__(
+        self,
+        linear: LinearModel,
+        response: ChannelResponses,
+        q: Array,
+        weighted_residual: Array,
+        added: _AddedFactor | None = None,
+    ) -> None:
         self.linear = linear
         self.response = response
         self.q = q
         self.weighted_residual = weighted_residual
+        self._added = added
         self._projections: dict[str, Array] = {}
+        self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
 
     @classmethod
     def of(cls, linear: LinearModel) -> MarginalLikelihood:
@@ -89,9 +99,13 @@ class MarginalLikelihood:
         gram = np.eye(count) + columns.reshape(-1, count).T @ projected
         upper = np.linalg.cholesky(gram).T
         added = np.linalg.solve(upper.T, projected.T).T
-        explained = (added @ (added.T @ self.linear.residual.ravel())).reshape(n, 3)
-        q = np.concatenate([self.q, added.reshape(n, 3, -1)], axis=2)
-        return MarginalLikelihood(self.linear, self.response, q, self.weighted_residual - explained)
+        along_residual = added.T @ self.linear.residual.ravel()
+        weighted_residual = self.weighted_residual - (added @ along_residual).reshape(n, 3)
+        added = added.reshape(n, 3, -1)
+        q = np.concatenate([self.q, added], axis=2)
+        return MarginalLikelihood(
+            self.linear, self.response, q, weighted_residual, _AddedFactor(self, added, along_residual)
+        )
 
     def apply(self, columns: Array) -> Array:
         """Inverse covariance times columns (n, 3, k)."""
@@ -107,44 +121,38 @@ class MarginalLikelihood:
 
     def information_and_score(self, contributions: Sequence[Contributions]) -> InformationAndScore:
         """Information and score of columns that are never formed explicitly."""
-        count = len(contributions)
-        by_channel: dict[str, dict[int, Array]] = {}
-        for k, contribution in enumerate(contributions):
-            for channel, shape in contribution:
-                shapes_of_channel = by_channel.setdefault(channel, {})
-                shapes_of_channel[k] = shapes_of_channel[k] + shape if k in shapes_of_channel else shape
-        along_factor = np.zeros((self.q.shape[2], count))
-        score = np.zeros(count)
-        information = np.zeros((count, count))
-        stacked = {
-            channel: (list(shapes), np.stack(list(shapes.values()), axis=1)) for channel, shapes in by_channel.items()
-        }
-        for channel, (numbers, shapes) in stacked.items():
+        return self._information_and_score(ColumnsByChannel.of(contributions))
+
+    def kept_information_and_score(self, columns: ColumnsByChannel) -> InformationAndScore:
+        """The same of columns that are asked for again with further causes in the model, which then change little."""
+        if columns not in self._kept:
+            self._kept[columns] = (
+                self._information_and_score(columns)
+                if self._added is None
+                else self._added.updated(columns, self._added.parent.kept_information_and_score(columns))
+            )
+        return self._kept[columns]
+
+    def _information_and_score(self, columns: ColumnsByChannel) -> InformationAndScore:
+        along_factor = np.zeros((self.q.shape[2], columns.count))
+        score = np.zeros(columns.count)
+        information = np.zeros((columns.count, columns.count))
+        done: list[str] = []
+        for channel, (numbers, shapes) in columns.shapes.items():
             response = self.response(channel)
             along_factor[:, numbers] += self._projection(channel).T @ shapes
-            score[numbers] += np.sum(response * self.weighted_residual, axis=1) @ shapes
-            for other, (other_numbers, other_shapes) in stacked.items():
-                product = np.sum(response * self.response(other), axis=1)
+            score[numbers] += self._score(channel) @ shapes
+            for other in done:
+                product = np.einsum("nj,nj->n", response, self.response(other))
                 if np.any(product):
-                    information[np.ix_(numbers, other_numbers)] += shapes.T @ (product[:, None] * other_shapes)
+                    other_numbers, other_shapes = columns.shapes[other]
+                    block = shapes.T @ (product[:, None] * other_shapes)
+                    information[np.ix_(numbers, other_numbers)] += block
+                    information[np.ix_(other_numbers, numbers)] += block.T
+            square = np.einsum("nj,nj->n", response, response)
+            information[np.ix_(numbers, numbers)] += shapes.T @ (square[:, None] * shapes)
+            done.append(channel)
         return InformationAndScore(information - along_factor.T @ along_factor, score)
-
-    def information_and_score_through(
-        self, channels: Sequence[tuple[str, float]], shapes: Array
-    ) -> InformationAndScore:
-        """The same for shapes (n, k) through each of some channels, each times its unit; ordered by channel."""
-        along, score = [], []
-        blocks = [[np.empty(0)] * len(channels) for _ in channels]
-        for i, (channel, unit) in enumerate(channels):
-            response = self.response(channel) * unit
-            along.append(self._projection(channel).T @ shapes * unit)
-            score.append(np.sum(response * self.weighted_residual, axis=1) @ shapes)
-            for j, (other, other_unit) in enumerate(channels[: i + 1]):
-                product = np.sum(response * self.response(other), axis=1) * other_unit
-                blocks[i][j] = shapes.T @ (product[:, None] * shapes)
-                blocks[j][i] = blocks[i][j].T
-        along_factor = np.concatenate(along, axis=1)
-        return InformationAndScore(np.block(blocks) - along_factor.T @ along_factor, np.concatenate(score))
 
     def observable_columns(self, channels: Sequence[str], shapes: Array, rows: NDArray[np.intp]) -> Array:
         """Rows (m, 3, k c) of shapes (n, k) acting through channels (c), after the calibration has been refitted."""
@@ -168,11 +176,47 @@ class MarginalLikelihood:
         score = np.bincount(arrival, np.sum(response * self.weighted_residual, axis=1), minlength=count)
         return np.asarray(np.maximum(information, 0.0)), np.asarray(score, dtype=np.float64)
 
+    def _score(self, channel: str) -> Array:
+        """Score (n,) of one unit of a channel at each single reading."""
+        return np.asarray(np.einsum("nj,nj->n", self.response(channel), self.weighted_residual))
+
     def _projection(self, channel: str) -> Array:
         """Rows (n, b): a channel's response along q."""
         if channel not in self._projections:
-            self._projections[channel] = np.einsum("nj,njb->nb", self.response(channel), self.q)
+            self._projections[channel] = (
+                _along(self.response(channel), self.q)
+                if self._added is None
+                else np.concatenate([self._added.parent._projection(channel), self._added.projection(channel)], axis=1)
+            )
         return self._projections[channel]
+
+
+class _AddedFactor:
+    """What columns that were added to a parent's model add to its factor: q (n, 3, j), along_residual (j,): q' y."""
+
+    def __init__(self, parent: MarginalLikelihood, q: Array, along_residual: Array) -> None:
+        self.parent = parent
+        self._q = q
+        self._along_residual = along_residual
+        self._projections: dict[str, Array] = {}
+
+    def projection(self, channel: str) -> Array:
+        """Rows (n, j): a channel's response along q."""
+        if channel not in self._projections:
+            self._projections[channel] = _along(self.parent.response(channel), self._q)
+        return self._projections[channel]
+
+    def updated(self, columns: ColumnsByChannel, former: InformationAndScore) -> InformationAndScore:
+        """Information and score with what was added, from those of the parent."""
+        along = np.zeros((self._q.shape[2], columns.count))
+        for channel, (numbers, shapes) in columns.shapes.items():
+            along[:, numbers] += self.projection(channel).T @ shapes
+        return InformationAndScore(former.information - along.T @ along, former.score - along.T @ self._along_residual)
+
+
+def _along(response: Array, q: Array) -> Array:
+    """Products (n, j) of responses (n, 3) with q (n, 3, j)."""
+    return np.asarray(sum(response[:, [c]] * q[:, c] for c in range(response.shape[1])))
 
 
 def log_sum(logs: Array, axis: int = 0) -> Array:

@@ -15,6 +15,7 @@ from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.evidence import MarginalLikelihood, log_evidence_of_sizes, log_sum
 from calibration.effects.api import EffectInputs
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
+from calibration.effects.columns import ColumnsByChannel
 
 NOT_BY_VISIT_PREFIXES = ("light.", "station.", "floor.", "smr.")  # channels without independent shifts per visit
 NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
@@ -64,10 +65,10 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
     ]
     machine_groups.sort(key=lambda group: -log_sum(_log_evidence_by_visit(likelihood, group[0], inputs, SIZES_SIGMA)))
     tried_groups = machine_groups[:CHANNELS_TRIED]
-    by_visit = _visit_indicators(inputs)
-    alternatives = [_non_parametric_evidence(likelihood, group, "visit", by_visit) for group in tried_groups]
+    by_visit = inputs.once("by visit", lambda: _visit_indicators(inputs))
+    alternatives = [_non_parametric_evidence(likelihood, inputs, group, "visit", by_visit) for group in tried_groups]
     alternatives += [
-        _non_parametric_evidence(likelihood, group, coordinate, shapes)
+        _non_parametric_evidence(likelihood, inputs, group, coordinate, shapes)
         for group, coordinate, shapes in _alternatives(inputs, likelihood.channels, tried_groups)
     ]
     return sorted(alternatives, key=lambda alternative: -alternative.log_evidence)
@@ -101,10 +102,11 @@ def _channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:
 
 
 def _non_parametric_evidence(
-    likelihood: MarginalLikelihood, group: tuple[str, ...], coordinate: str, shapes: Array
+    likelihood: MarginalLikelihood, inputs: EffectInputs, group: tuple[str, ...], coordinate: str, shapes: Array
 ) -> NonParametricEffect:
     channels = tuple((name, _channel_unit(likelihood, name)) for name in group)
-    logs = log_evidence_of_sizes(likelihood.information_and_score_through(channels, shapes), SIZES_SIGMA)
+    columns = inputs.once((group, coordinate), lambda: ColumnsByChannel.through(channels, shapes))
+    logs = log_evidence_of_sizes(likelihood.kept_information_and_score(columns), SIZES_SIGMA)
     evidence = float(log_sum(logs) - np.log(len(logs)))
     return NonParametricEffect(channels, coordinate, shapes, evidence, float(SIZES_SIGMA[int(np.argmax(logs))]))
 
@@ -113,7 +115,11 @@ def _alternatives(
     inputs: EffectInputs, channels: Channels, tried_groups: list[tuple[str, ...]]
 ) -> Iterator[tuple[tuple[str, ...], str, Array]]:
     """Channels, coordinate and shapes (n, k); of the machine's channels only `tried_groups`."""
-    common = _common_basis_functions(inputs)
+    common = inputs.once("common", lambda: _common_basis_functions(inputs))
+
+    def drive_basis_functions(drive: int) -> dict[str, Array]:
+        return inputs.once(("of drive", drive), lambda: _drive_basis_functions(inputs, drive))
+
     for group in _channel_groups(inputs, channels):
         not_on_machine = group[0].startswith(NOT_BY_VISIT_PREFIXES)
         if not not_on_machine and group not in tried_groups:
@@ -125,10 +131,10 @@ def _alternatives(
             if group[0].startswith("light"):
                 bases["place"] = _line_of_sight_basis(inputs)
         elif drive is not None:
-            bases |= _drive_basis_functions(inputs, drive)
+            bases |= drive_basis_functions(drive)
         elif group[0].startswith("length."):
             strut = inputs.machine.strut_names.index(group[0].split(".")[1])
-            bases |= _drive_basis_functions(inputs, max(int(inputs.machine.strut_drive[strut]), 0))
+            bases |= drive_basis_functions(max(int(inputs.machine.strut_drive[strut]), 0))
         for coordinate, shapes in bases.items():
             yield group, coordinate, shapes
 

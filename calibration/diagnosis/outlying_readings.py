@@ -14,6 +14,7 @@ from calibration.identification.gate import LinearReadings
 
 HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
 GROSS_SIGMAS, GIANT_SIGMAS = 15.0, 60.0  # of a reading's own
+MOST_ALIKE = 3.0  # giants that are off alike hide each other: each then looks so many times closer
 LARGEST_OUTLIER_SHARE = 0.025
 MOST_SUSPECTS = 0.1  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
@@ -45,6 +46,8 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
 def _beyond_calibration(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
     """Readings (n,) so far off the fit of the others that no effect can be meant; none where these are many."""
     readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (_parts(observed),))
+    if readings.farthest() <= GIANT_SIGMAS / MOST_ALIKE:
+        return np.zeros(len(residual), dtype=bool)
     giant = readings.judge([np.ones(len(residual), dtype=bool)])[0].sigmas > GIANT_SIGMAS
     return giant if np.mean(giant) < LARGEST_OUTLIER_SHARE else np.zeros(len(residual), dtype=bool)
 

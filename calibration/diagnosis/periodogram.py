@@ -6,6 +6,7 @@ Positions are put on a grid that is fine enough for one Fourier transform to ser
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -65,8 +66,17 @@ class Periodogram:
             out.append((1.0 / f, min(1.0, self.resolution / f / float(np.log(longest_m / shortest_m)))))
         return out
 
+    @cached_property
+    def _refined(self) -> dict[float, float]:
+        return {}
+
     def _refine(self, frequency: float) -> float:
         """The frequency of a peak, by direct sums on finer and finer grids."""
+        if frequency not in self._refined:
+            self._refined[frequency] = self._sum_directly(frequency)
+        return self._refined[frequency]
+
+    def _sum_directly(self, frequency: float) -> float:
         centred = self.position_m - 0.5 * (self.position_m.max() + self.position_m.min())
         for width, count in ((0.6, 13), (0.1, 11)):
             near = frequency + np.linspace(-width, width, count) * self.resolution

@@ -18,7 +18,8 @@ from calibration.diagnosis.departure_evidence import with_departures
 from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import Contributions, Effect, EffectInputs
+from calibration.effects.api import Effect, EffectInputs
+from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
 
@@ -145,10 +146,10 @@ def _evidence_by_place(
     low, every = smallest_size(likelihood, effect), effect.places(inputs.machine)
     out = []
     for name in names:
-        built = effect.forms(inputs, every.index(name))
+        built = effect.basis_sets(inputs, every.index(name))
         if not built.sets:
             continue
-        columns = likelihood.information_and_score(built.contributions)
+        columns = likelihood.kept_information_and_score(built.by_channel)
         evidence = evidence_of_basis_sets(columns, built.sets, low, effect.size.high)
         weights = np.array([entry.basis_set.weight for entry in evidence])
         # Weights that add up to less than one leave the remainder to basis sets that were not listed.

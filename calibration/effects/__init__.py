@@ -5,6 +5,7 @@ __all__ = [
     "base",
     "basis_functions",
     "catalogue",
+    "columns",
     "context",
     "control",
     "departures",

@@ -9,15 +9,16 @@ size of one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.basis_functions import scale_to_symmetric
+from calibration.effects.columns import ColumnsByChannel, Contributions
 from calibration.effects.context import ReadingContext
 from calibration.effects.former_names import former_name
 from calibration.machine.description import Machine
@@ -25,8 +26,8 @@ from calibration.model.payload import PayloadEntry
 from calibration.recording.header import DisturbanceLevels
 
 Place = Literal["drive", "strut", "smr", "rig"]
+T = TypeVar("T")
 SizeMeasure = Literal["norm", "sum", "rms", "range"]
-Contributions = tuple[tuple[str, Array], ...]  # of one column: channels, each with a function (n,) of the readings
 CurvePoint = tuple[int, tuple[float, ...]]  # number of a curve, parameters on it
 
 MIN_RATIO_TO_DECLARED = 2.0
@@ -101,6 +102,11 @@ class BasisSets:
             self.contributions.append(tuple((channel, shape[:, k]) for channel, shape in wide))
         self.named += [form] * wide[0][1].shape[1]
         return list(range(first, len(self.contributions)))
+
+    @cached_property
+    def by_channel(self) -> ColumnsByChannel:
+        """All columns, once the last has been added."""
+        return ColumnsByChannel.of(self.contributions)
 
     def add_set(
         self,
@@ -239,6 +245,17 @@ class EffectInputs:
         lowest = min(floor) if floor else joint + self.machine.travel[index, 0] - 1.0
         return np.asarray(self.context.drives[:, index] + joint - lowest)
 
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What `make` returns, which depends on these inputs and the key only: computed at the first call."""
+        if key not in self._computed:
+            self._computed[key] = make()
+        value: T = self._computed[key]
+        return value
+
+    @cached_property
+    def _computed(self) -> dict[Hashable, Any]:
+        return {}
+
     @cached_property
     def payload_ratio(self) -> Array:
         """Payload (n,) over the largest one of the campaign; zeros without payload."""
@@ -302,6 +319,13 @@ class Effect:
                 f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(parameters)}"
             )
         return chosen.tangent(np.clip(parameters, chosen.low, chosen.high)).contributions
+
+    def basis_sets(self, inputs: EffectInputs, place: int) -> BasisSets:
+        """Its basis sets at a place, built once for the inputs."""
+        _, built = inputs.once(
+            (id(self), place), lambda: (self, self.forms(inputs, place))
+        )  # self: so that the id lasts
+        return built
 
     def without_forms(self, names: Collection[str]) -> Effect:
         """The effect without some of its forms; general functions and the textbook's form stay."""

@@ -13,8 +13,9 @@ from types import MappingProxyType
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSet, Contributions, Departure, Effect, EffectInputs
+from calibration.effects.api import BasisSet, Departure, Effect, EffectInputs
 from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.columns import Contributions
 
 VISIT = "visit"
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate

@@ -22,6 +22,7 @@ ElongationLaw = Callable[[Array], tuple[Array, Array]]
 MISFIT_TOLERANCES = 3.0  # standard deviation of a misfit, in tolerances of a strut's length: a loop sums up several
 COLUMN_SHARE = 0.4  # standard deviation of every parameter's column, relative to the size
 ITERATIONS = 40
+SOLVED = 1e-9  # last step of a tension, over the typical one
 MIN_GROWTH_SHARE = 0.5  # assumed at least, when the first parameter is changed to correct the size
 DERIVATIVE_STEP = 0.02  # of a parameter, for the numerical derivative of a law
 LEAST_RESTRAINT = 1e-3  # over the strut's stiffness; with less the strut counts as unrestrained
@@ -74,14 +75,18 @@ class RestrainedStrut:
         free = self.tension_n + self.misfit @ misfit_m
         low, high, tension = np.minimum(free, 0.0), np.maximum(free, 0.0), 0.5 * free
         last_step = high - low
+        tolerance_n = SOLVED * self.typical_n
         for _ in range(ITERATIONS):
             growth, slope = law(tension)
             imbalance = tension + self.restraint_n_per_m * growth - free
             low, high = np.where(imbalance < 0.0, tension, low), np.where(imbalance >= 0.0, tension, high)
             newton = tension - imbalance / (1.0 + self.restraint_n_per_m * slope)
-            accept = (newton >= low) & (newton <= high) & (np.abs(newton - tension) <= 0.5 * last_step)
+            step = np.abs(newton - tension)
+            accept = (newton >= low) & (newton <= high) & (step <= np.maximum(0.5 * last_step, tolerance_n))
             next_tension = np.where(accept, newton, 0.5 * (low + high))
             last_step, tension = np.abs(next_tension - tension), next_tension
+            if np.all(accept & (step <= tolerance_n)):
+                break
         slope = law(tension)[1]
         return tension, slope, 1.0 / (1.0 + self.restraint_n_per_m * slope)
 

@@ -24,7 +24,8 @@ from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.result import NONE, UNKNOWN, CampaignAddition
 from calibration.diagnosis.search import SearchResult
-from calibration.effects.api import Contributions, Effect
+from calibration.effects.api import Effect
+from calibration.effects.columns import Contributions
 from calibration.effects.context import ArrivalHistory, ReadingContext, append_context, clip_to_campaign
 from calibration.effects.departures import lasting_columns
 from calibration.machine.inverse import rigid_drives
@@ -131,7 +132,7 @@ class _Hypotheses:
             shifts = [c * response(column) for column, c in zip(columns, coefficients, strict=True)]
             predictions.append(np.sum(shifts, axis=0))
         for effect, place in self._assumed:
-            built = effect.forms(inputs, place)
+            built = effect.basis_sets(inputs, place)
             if not built.sets:
                 predictions.append(no_change)
                 continue

@@ -60,7 +60,6 @@ def _coordinate_shares(
     by_direction: dict[str, float] = {}
     for kind, name, shapes in _coordinates(linear, periodograms):
         columns = likelihood.observable_columns(acting, shapes, rows)
-        columns /= np.maximum(np.sqrt(np.mean(columns**2, axis=(0, 1))), 1e-300)
         share = _share(kind, name, _cross_validated_squares(columns, gap, region))
         drive = name.rsplit(" ", 1)[-1]
         if kind == "direction":

@@ -31,8 +31,9 @@ from calibration.diagnosis.twin.twin_model import (
     rms_of_columns,
     visits_of,
 )
-from calibration.effects.api import Contributions, EffectInputs
+from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.effects.columns import Contributions
 from calibration.effects.context import (
     CombinedContext,
     ReadingContext,

@@ -16,7 +16,8 @@ from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.twin.answers import RecordedAnswers
-from calibration.effects.api import Contributions, CurvePoint, Departure, EffectInputs
+from calibration.effects.api import CurvePoint, Departure, EffectInputs
+from calibration.effects.columns import Contributions
 from calibration.effects.context import CachedContext, ReadingContext
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine

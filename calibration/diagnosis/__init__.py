@@ -11,6 +11,8 @@ __all__ = [
     "effect_inputs",
     "evidence",
     "findings",
+    "level_posterior",
+    "levels_and_causes",
     "linear_model",
     "non_parametric",
     "observed_model",

@@ -6,6 +6,7 @@ that an effect is credited only with what they cannot explain. Rows are readings
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -74,6 +75,20 @@ class LinearModel(ObservedModel):
     def after_calibration(self, shift: Array) -> Array:
         """What a fit of frame, reflectors and geometry leaves of a whitened shift (n, 3)."""
         return project_out(self._q_of_calibration, shift)
+
+    def with_levels(self, factors: Mapping[str, float], scales: Array) -> LinearModel:
+        """The same where a rig's disturbances have other levels: factors on the declared ones by key, scales (b,) on
+        the standard deviations of the columns."""
+        declared = self.recording.file.nuisance
+        levels = declared.model_copy(update={key: getattr(declared, key) * f for key, f in factors.items()})
+        file = self.recording.file.model_copy(update={"nuisance": levels})
+        columns = self.columns * scales
+        return replace(
+            self,
+            recording=replace(self.recording, file=file),
+            columns=columns,
+            q=_inverse_covariance_factor(columns),
+        )
 
     @cached_property
     def _q_of_calibration(self) -> Array:

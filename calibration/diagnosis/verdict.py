@@ -19,20 +19,31 @@ from calibration.diagnosis.search import SearchResult, excess_threshold
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
 
-def probabilities(search_result: SearchResult) -> dict[str, float]:
-    """Probability by name of each effect as the main cause, of NONE and of UNKNOWN; they add up to one."""
+def probabilities(search_result: SearchResult, none_elsewhere: float = 0.0) -> dict[str, float]:
+    """Probability by name of each effect as the main cause, of NONE and of UNKNOWN; they add up to one.
+
+    none_elsewhere: log evidence that `none` has at other levels of the disturbances than those of the search, over its
+    evidence at these.
+    """
     logs = {cause.effect.name: cause.log_evidence for cause in search_result.ranking}
-    return verdict_probabilities(logs, search_result.log_evidence, search_result.excess_log_evidence)
+    return verdict_probabilities(
+        logs, search_result.log_evidence, search_result.excess_log_evidence, none_elsewhere=none_elsewhere
+    )
 
 
 def verdict_probabilities(
-    log_evidence: Mapping[str, float], explained: float, excess: float, settings: VerdictSettings = VERDICT
+    log_evidence: Mapping[str, float],
+    explained: float,
+    excess: float,
+    settings: VerdictSettings = VERDICT,
+    *,
+    none_elsewhere: float = 0.0,
 ) -> dict[str, float]:
     """The same from the log evidence of each effect alone, of the causes together, and what alternatives have more."""
     logs = np.array(list(log_evidence.values()))
     strongest = float(logs.max()) if logs.size else 0.0
     explained = max(explained, 0.0)
-    any_effect = float(expit(max(strongest, explained + excess) - settings.none_prior_log_odds))
+    any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
     width = settings.excess_width + settings.excess_width_share * explained
     unknown = float(expit((excess - excess_threshold(explained, settings)) / width))
     tempered = np.empty(0)

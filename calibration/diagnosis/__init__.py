@@ -2,6 +2,7 @@
 
 __all__ = [
     "any_change",
+    "cause_size",
     "channels",
     "curve_fit",
     "departure_evidence",

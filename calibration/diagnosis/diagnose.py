@@ -22,12 +22,12 @@ from calibration.diagnosis.findings.withheld_blocks import (
     repeatability_m,
     withheld_differences,
 )
-from calibration.diagnosis.levels_and_causes import search_levels_and_causes
+from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
-from calibration.diagnosis.search import SearchResult, include_effects
+from calibration.diagnosis.search import SearchResult, detectable_effects, include_effects
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
 from calibration.diagnosis.twin.twin import Twin
@@ -97,10 +97,14 @@ class _DiagnosisWithModels:
 def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> _DiagnosisWithModels:
     catalogue = catalogue or load_catalogue()
     linear = linearise_recording(recording)
-    found, none_elsewhere = search_levels_and_causes(linear, catalogue)
-    linear, likelihood, inputs, search_result = found.likelihood.linear, found.likelihood, found.inputs, found.result
-    not_tested, by_drive = found.not_tested, found.by_drive
-    ranking = probabilities(search_result, none_elsewhere)
+    likelihood = MarginalLikelihood.of(linear)
+    by_drive = periodograms(likelihood)
+    inputs = inputs_of_recording(likelihood, by_drive)
+    effects, not_tested = detectable_effects(inputs, catalogue)
+    found = SearchOfLevelsAndCauses(likelihood, inputs, effects).most_likely()
+    likelihood, search_result = found.likelihood, found.result
+    linear = likelihood.linear
+    ranking = probabilities(search_result, found.none_elsewhere)
     verdict = max(ranking, key=lambda name: ranking[name])
     is_effect = verdict not in (NONE, UNKNOWN)
     causes = _main_cause_first(search_result.causes, verdict) if is_effect else ()

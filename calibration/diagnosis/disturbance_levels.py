@@ -11,16 +11,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from calibration.base.arrays import Array
 from calibration.diagnosis.level_posterior import COLUMNS, LevelPosterior
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.recording.header import DeclaredLevels
 from calibration.recording.recording import Recording
 
 SAID_BY_READINGS = 0.7  # of the prior's standard deviation: with more left the readings say next to nothing
-STEP = 0.05  # of a logarithm, for second differences
 QUANTILE = 1.96
 
 
@@ -54,8 +50,7 @@ def estimate_levels(recording: Recording) -> EstimatedLevels:
     linear = linearise_recording(replace(recording, file=file))
     posterior = LevelPosterior(linear, tuple(prior))
     best = posterior.most_likely(scatter=True)
-    covariance = np.linalg.inv(-_second_derivatives(posterior, best))
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = posterior.standard_deviations(best)
     levels = [
         EstimatedLevel(
             median * math.exp(x),
@@ -68,10 +63,3 @@ def estimate_levels(recording: Recording) -> EstimatedLevels:
         )
     ]
     return EstimatedLevels(dict(zip(prior, levels[:-1], strict=True)), prior, levels[-1])
-
-
-def _second_derivatives(posterior: LevelPosterior, x: Array) -> Array:
-    """Matrix (k, k) of second derivatives of the log density, by central differences of the first ones."""
-    steps = STEP * np.eye(len(x))
-    out = np.array([posterior.gradient(x + step) - posterior.gradient(x - step) for step in steps]) / (2.0 * STEP)
-    return np.asarray(0.5 * (out + out.T))

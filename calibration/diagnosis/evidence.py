@@ -87,6 +87,10 @@ class MarginalLikelihood:
         """The marginal likelihood of a linear model without any effect."""
         return cls(linear, ChannelResponses(linear), linear.q, linear.apply(linear.residual))
 
+    def on(self, linear: LinearModel) -> MarginalLikelihood:
+        """The same on a model whose readings respond alike, with other prior standard deviations of its unknowns."""
+        return MarginalLikelihood(linear, self.response, linear.q, linear.apply(linear.residual))
+
     @property
     def channels(self) -> Channels:
         """The channels of the machine."""

@@ -16,10 +16,12 @@ from scipy.optimize import minimize
 from calibration.base.arrays import Array
 from calibration.diagnosis.disturbances import drift_per_sqrt_h
 from calibration.diagnosis.linear_model import LinearModel
+from calibration.recording.header import DisturbanceLevels
 
 COLUMNS = {"drift_m": "drift.", "reseat_m": "reseat.", "reversal_m": "reversal.", "temperature_k": "temperature."}
 FACTOR = 3.0  # one standard deviation of the logarithm of a level that is not declared
 FACTOR_DECLARED = 2.0  # of one that is
+STEP = 0.05  # of a logarithm, for second derivatives
 FACTOR_OF_READINGS = 1.3  # of the readings' scatter over the stated one
 
 
@@ -54,6 +56,17 @@ class LevelPosterior:
     def gradient(self, x: Array) -> Array:
         """Derivatives (k + 1,) of the log density."""
         return self._density(x)[1]
+
+    def gain(self, x: Array) -> float:
+        """Log density over that of the declared and default levels."""
+        return self.log_density(x) - self.log_density(np.zeros_like(x))
+
+    def standard_deviations(self, x: Array) -> Array:
+        """Of the logarithms (k + 1,) about the most likely ones, by the second derivatives there."""
+        steps = STEP * np.eye(len(x))
+        second = np.array([self.gradient(x + step) - self.gradient(x - step) for step in steps]) / (2.0 * STEP)
+        covariance = np.linalg.inv(-0.5 * (second + second.T))
+        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
     def most_likely(self, *, scatter: bool) -> Array:
         """The logarithms (k + 1,) of highest density; scatter: whether that of the readings is free, else as stated."""
@@ -98,6 +111,11 @@ class LevelPosterior:
         residual = (self._square - 2.0 * float(along @ weighted) + float(weighted @ gram @ weighted)) / variance
         slope[-1] = residual - (self._count - len(scale) + float(np.trace(inverse)))
         return value, slope - x / self.prior**2
+
+
+def scaled_levels(levels: DisturbanceLevels, factors: Mapping[str, float]) -> DisturbanceLevels:
+    """Levels times factors, by key."""
+    return levels.model_copy(update={key: getattr(levels, key) * factor for key, factor in factors.items()})
 
 
 def _share_of_stated_drift(linear: LinearModel) -> Array:

@@ -3,26 +3,31 @@
 What a rig declares of its disturbances is a prior. A drift three times as strong as declared looks like an effect, and
 an effect looks like strong disturbances; so causes are searched for at the declared levels, at those that are most
 likely without any cause and at those that are most likely with the causes found, and the explanation is taken that is
-most likely with its levels.
+most likely with its levels. What acts like a disturbance and is not larger than one may well be is not named.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.base.arrays import Array
+from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.level_posterior import LevelPosterior
-from calibration.diagnosis.linear_model import LinearModel
-from calibration.diagnosis.periodogram import Periodogram
-from calibration.diagnosis.search import SearchResult, detectable_effects, excess_threshold, search_causes
+from calibration.diagnosis.level_posterior import LevelPosterior, scaled_levels
+from calibration.diagnosis.ranking import Cause
+from calibration.diagnosis.search import SearchResult, excess_threshold, search_causes
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import EffectInputs
-from calibration.effects.catalogue import Catalogue
+from calibration.effects.api import MIN_RATIO_TO_DECLARED, Effect, EffectInputs
+from calibration.recording.header import DisturbanceLevels
 
 WORTH_SEARCHING = 2.0  # log posterior that other levels have over those that were tried
+SHARE_OF_CAUSES = 0.3  # of the log posterior of an explanation by causes, that levels alone must have
+SHARE_OF_EXCESS = 0.5  # of what non-parametric alternatives have more, that levels must have with the causes
+QUANTILE = 1.645  # one-sided, 95 %
+ANY_LEVEL = DisturbanceLevels(drift_m=1.0, reseat_m=1.0, reversal_m=1.0, temperature_k=1.0)
 ALIKE = 0.2  # of logarithms of levels: nearer ones say the same
 
 
@@ -30,14 +35,13 @@ ALIKE = 0.2  # of logarithms of levels: nearer ones say the same
 class SearchAtLevels:
     """The causes found at some levels of the disturbances.
 
-    log_evidence: of `none` at these levels over that at the declared ones, both with the prior of the levels.
+    levels (k + 1,): their logarithms over the declared ones, as LevelPosterior has them. log_evidence: of `none` at
+    these levels over that at the declared ones, both with the prior of the levels.
     """
 
     likelihood: MarginalLikelihood
-    inputs: EffectInputs
-    by_drive: tuple[Periodogram, ...]
-    not_tested: dict[str, str]
     result: SearchResult
+    levels: Array
     log_evidence: float
 
     @property
@@ -49,38 +53,75 @@ class SearchAtLevels:
         return self.log_evidence + max(0.0, max(named, unknown) - VERDICT.none_prior_log_odds)
 
 
-def search_levels_and_causes(linear: LinearModel, catalogue: Catalogue) -> tuple[SearchAtLevels, float]:
-    """The most likely explanation, and how much more likely `none` is at other levels than at those of it."""
-    declared = _search_at(linear, catalogue, 0.0)
-    tried = [(np.zeros(0), declared)]
-    without_causes = LevelPosterior(linear)
-    for posterior in (without_causes, _with_causes(declared)):
-        if posterior is None:
-            continue
+@dataclass(frozen=True)
+class LevelsAndCauses:
+    """The most likely explanation. none_elsewhere: log evidence that `none` has at other levels over that at its own."""
+
+    likelihood: MarginalLikelihood
+    result: SearchResult
+    none_elsewhere: float
+
+
+class SearchOfLevelsAndCauses:
+    """The search on one recording; inputs: of the effects, at the declared levels."""
+
+    def __init__(self, likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> None:
+        self._likelihood, self._inputs, self._effects = likelihood, inputs, tuple(effects)
+        self._without_causes = LevelPosterior(likelihood.linear)
+
+    def most_likely(self) -> LevelsAndCauses:
+        """The explanation that is most likely with its levels."""
+        declared = self._search(np.zeros(len(self._without_causes.prior)), self._effects)
+        tried = [declared]
+        alone = self._without_causes.most_likely(scatter=False)
+        if self._without_causes.gain(alone) > max(WORTH_SEARCHING, SHARE_OF_CAUSES * declared.log_posterior):
+            tried.append(self._search(alone, self._effects))
+        if causes := declared.result.causes:
+            posterior = self._posterior_with(causes)
+            x = posterior.most_likely(scatter=False)
+            least = max(WORTH_SEARCHING, SHARE_OF_EXCESS * declared.result.excess_log_evidence)
+            if posterior.gain(x) > least and all(np.max(np.abs(x - search.levels)) > ALIKE for search in tried):
+                tried.append(self._search(x, self._effects))
+        best, effects = max(tried, key=lambda search: search.log_posterior), self._effects
+        while ordinary := self._no_more_than_disturbances(best.result.causes):
+            effects = tuple(effect for effect in effects if effect not in ordinary)
+            remaining = [cause for cause in best.result.causes if cause.effect not in ordinary]
+            best = self._search(self._posterior_with(remaining).most_likely(scatter=False), effects)
+            tried.append(best)
+        most_of_none = max(search.log_evidence for search in tried)
+        return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence)
+
+    def _search(self, levels: Array, effects: Sequence[Effect]) -> SearchAtLevels:
+        likelihood = self._likelihood
+        if np.any(levels):
+            posterior = self._without_causes
+            linear = likelihood.linear
+            rig = scaled_levels(linear.recording.file.nuisance, posterior.levels(levels))
+            likelihood = likelihood.on(linear.with_levels(rig, posterior.scales(levels)))
+        result = search_causes(likelihood, self._inputs, effects)
+        return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
+
+    def _posterior_with(self, causes: Sequence[Cause]) -> LevelPosterior:
+        """The posterior of the levels with causes in the model."""
+        if not causes:
+            return self._without_causes
+        columns = [self._likelihood.columns(cause.contributions) * cause.prior_deviations for cause in causes]
+        return LevelPosterior(self._likelihood.linear, included=np.concatenate(columns, axis=2))
+
+    def _no_more_than_disturbances(self, causes: Sequence[Cause]) -> list[Effect]:
+        """Effects that act like a disturbance and are not larger than twice what this may well be, given the causes."""
+        if not any(cause.effect.declared(ANY_LEVEL) for cause in causes):
+            return []
+        posterior = self._posterior_with(causes)
         x = posterior.most_likely(scatter=False)
-        gain = posterior.log_density(x) - posterior.log_density(np.zeros_like(x))
-        if gain < WORTH_SEARCHING or any(known.size and np.max(np.abs(known - x)) < ALIKE for known, _ in tried):
-            continue
-        of_none = without_causes.log_density(x) - without_causes.log_density(np.zeros_like(x))
-        scales = without_causes.scales(x)
-        tried.append((x, _search_at(linear.with_levels(posterior.levels(x), scales), catalogue, of_none)))
-    best = max((search for _, search in tried), key=lambda search: search.log_posterior)
-    return best, max(search.log_evidence for _, search in tried) - best.log_evidence
-
-
-def _search_at(linear: LinearModel, catalogue: Catalogue, log_evidence: float) -> SearchAtLevels:
-    likelihood = MarginalLikelihood.of(linear)
-    by_drive = periodograms(likelihood)
-    inputs = inputs_of_recording(likelihood, by_drive)
-    effects, not_tested = detectable_effects(inputs, catalogue)
-    result = search_causes(likelihood, inputs, effects)
-    return SearchAtLevels(likelihood, inputs, by_drive, not_tested, result, log_evidence)
-
-
-def _with_causes(search: SearchAtLevels) -> LevelPosterior | None:
-    """The posterior of the levels with the causes in the model; None if there are none."""
-    causes = search.result.causes
-    if not causes:
-        return None
-    columns = [search.likelihood.columns(cause.contributions) * cause.prior_deviations for cause in causes]
-    return LevelPosterior(search.likelihood.linear, included=np.concatenate(columns, axis=2))
+        well_possible = posterior.levels(x + QUANTILE * posterior.standard_deviations(x))
+        levels = scaled_levels(self._likelihood.linear.recording.file.nuisance, well_possible)
+        largest: dict[str, float] = {}
+        for cause in causes:
+            largest[cause.effect.name] = max(largest.get(cause.effect.name, 0.0), abs(size_of(cause)[0]))
+        effects = {cause.effect.name: cause.effect for cause in causes}
+        return [
+            effect
+            for name, effect in effects.items()
+            if largest[name] < MIN_RATIO_TO_DECLARED * effect.declared(levels)
+        ]

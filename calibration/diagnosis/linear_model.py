@@ -6,7 +6,6 @@ that an effect is credited only with what they cannot explain. Rows are readings
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,6 +25,7 @@ from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
+from calibration.recording.header import DisturbanceLevels
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
@@ -76,11 +76,8 @@ class LinearModel(ObservedModel):
         """What a fit of frame, reflectors and geometry leaves of a whitened shift (n, 3)."""
         return project_out(self._q_of_calibration, shift)
 
-    def with_levels(self, factors: Mapping[str, float], scales: Array) -> LinearModel:
-        """The same where a rig's disturbances have other levels: factors on the declared ones by key, scales (b,) on
-        the standard deviations of the columns."""
-        declared = self.recording.file.nuisance
-        levels = declared.model_copy(update={key: getattr(declared, key) * f for key, f in factors.items()})
+    def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearModel:
+        """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
         file = self.recording.file.model_copy(update={"nuisance": levels})
         columns = self.columns * scales
         return replace(

@@ -27,7 +27,7 @@ from calibration.recording.header import DisturbanceLevels
 
 Place = Literal["drive", "strut", "smr", "rig"]
 T = TypeVar("T")
-SizeMeasure = Literal["norm", "sum", "rms", "range"]
+SizeMeasure = Literal["norm", "norm of channels", "sum", "rms", "range"]
 CurvePoint = tuple[int, tuple[float, ...]]  # number of a curve, parameters on it
 
 MIN_RATIO_TO_DECLARED = 2.0
@@ -281,8 +281,8 @@ class Effect:
     in the size's unit: only more than twice as much is the effect. stated_u: standard uncertainty that the machine file
     and the payloads state of what is wrong, in the size's unit: only more than three times as much is the effect.
     curves: families of columns that are not linear in their parameters; they are fitted only where the basis sets have
-    evidence. measured: how the size follows from several main columns: the norm of their coefficients, their sum, or
-    RMS or range over the readings of what they contribute at their channel. differs_by_visit: whether what one stop
+    evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of
+    their RMS at each channel, their sum, or RMS or range over the readings of what they contribute at their channel. differs_by_visit: whether what one stop
     leaves of it the next one may not. textbook: the form that is never left out (`without_forms`); None for an effect
     that is general functions only. order: position in the shipped catalogue and in its lists; a user's effect comes
     after all shipped ones.

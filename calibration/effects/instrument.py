@@ -126,6 +126,7 @@ EFFECTS = (
         others=(_ONSET,),
         untested=_untested_in_short_campaign,
         declared=lambda nuisance: nuisance.drift_m,
+        measured="norm of channels",
         textbook=Textbook("steady", "JCGM 200 (VIM), 4.21: instrumental drift"),
         order=150,
     ),

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import parameter_uncertainty
 from calibration.diagnosis.linear_model import LinearModel
@@ -110,7 +111,7 @@ def summarise_effect(
 def _summarise_place(
     cause: Cause, others: Sequence[Cause], likelihood: MarginalLikelihood, inputs: EffectInputs
 ) -> FoundPlace:
-    value, u_of_fit = _size(cause)
+    value, u_of_fit = size_of(cause)
     signal = _signal(cause, likelihood)
     raw = rms_shift_sigma(likelihood.linear, signal)
     visible = rms_shift_sigma(likelihood.linear, likelihood.linear.after_calibration(signal))
@@ -147,28 +148,3 @@ def _relative_u_of_form(raw: float, visible: float) -> float:
     """
     absorbed = 1.0 - min(visible / raw, 1.0) if raw > 0.0 else 1.0
     return math.hypot(U_OF_FORM, U_OF_ABSORBED * absorbed)
-
-
-def _size(cause: Cause) -> tuple[float, float]:
-    """Size of a cause in its best basis set and its standard uncertainty, from the coefficients as `measured` says."""
-    best, basis_set = cause.best, cause.best.basis_set
-    if basis_set.size:
-        weights = np.array(basis_set.size + (0.0,) * (len(best.coefficients) - len(basis_set.size)))
-        return float(weights @ best.coefficients), float(np.sqrt(weights @ best.covariance @ weights))
-    main = [i for i, relative in enumerate(basis_set.relative) if relative >= 1.0]
-    coefficients, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
-    if len(main) == 1:
-        return float(coefficients[0]), float(np.sqrt(covariance[0, 0]))
-    norm = float(np.linalg.norm(coefficients))
-    u = float(np.sqrt(coefficients @ covariance @ coefficients)) / max(norm, 1e-300)
-    if cause.effect.measured == "norm":
-        return norm, u
-    if cause.effect.measured == "sum":
-        return float(np.sum(coefficients)), float(np.sqrt(np.sum(covariance)))
-    by_channel: dict[str, Array] = {}
-    for i, coefficient in zip(main, coefficients, strict=True):
-        channel, shape = cause.contributions[i][0]
-        by_channel[channel] = by_channel.get(channel, 0.0) + coefficient * shape
-    measures = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel.values()]
-    value = float(np.linalg.norm(measures))
-    return value, u * value / max(norm, 1e-300)

@@ -21,6 +21,7 @@ from calibration.recording.header import DisturbanceLevels
 COLUMNS = {"drift_m": "drift.", "reseat_m": "reseat.", "reversal_m": "reversal.", "temperature_k": "temperature."}
 FACTOR = 3.0  # one standard deviation of the logarithm of a level that is not declared
 FACTOR_DECLARED = 2.0  # of one that is
+MOST_SIGMAS = 5.0  # of the prior
 STEP = 0.05  # of a logarithm, for second derivatives
 FACTOR_OF_READINGS = 1.3  # of the readings' scatter over the stated one
 
@@ -75,7 +76,10 @@ class LevelPosterior:
             value, slope = self._density(x)
             return -value, -slope
 
-        bounds = [(None, None)] * len(self.keys) + [(None, None) if scatter else (0.0, 0.0)]
+        farthest = MOST_SIGMAS * self.prior
+        if not scatter:
+            farthest[-1] = 0.0
+        bounds = np.column_stack([-farthest, farthest])
         return np.asarray(minimize(descending, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=bounds).x)
 
     def levels(self, x: Array) -> Mapping[str, float]:

@@ -12,6 +12,7 @@ from calibration.diagnosis.effect_inputs import inputs_of_recording, periodogram
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.effect_summary import equivalent_effects, summarise_effect
 from calibration.diagnosis.findings.next_measurement import rank_additions
+from calibration.diagnosis.findings.remarks import remarks
 from calibration.diagnosis.findings.variance_shares import spectra, variance_shares
 from calibration.diagnosis.findings.withheld_blocks import (
     GapField,
@@ -37,9 +38,7 @@ from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.recording.recording import Recording
 
 CLUES = 4
-NAMED = 5  # wrong readings
 SAFEGUARDS = 2  # non-parametric alternatives added when noise-free readings are estimated: the catalogue has gaps
-INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
 OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
 
 
@@ -147,7 +146,7 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
         withheld=_withheld(likelihood, before, likelihood_after, after),
         visits=_visit_gaps(linear, field),
         spectra=spectra(likelihood, by_drive),
-        remarks=(*_left_out(linear), *_remarks(search_result, verdict, noise_floor_m)),
+        remarks=remarks(linear, recording.file.nuisance, search_result, verdict, noise_floor_m),
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 
@@ -260,40 +259,3 @@ def _visit_gaps(linear: LinearModel, field: GapField) -> VisitGaps:
         payload_kg=context.payload_kg[first_rows],
         dwell_s=context.dwell_s[first_rows],
     )
-
-
-def _left_out(linear: LinearModel) -> tuple[str, ...]:
-    """The readings that are left out, the first of them by name."""
-    if not linear.wrong.size:
-        return ()
-    uid, smr = (np.asarray(linear.recording[name])[linear.wrong[:NAMED]] for name in ("uid", "smr"))
-    names = ", ".join(f"{name} of {reflector}" for name, reflector in zip(uid, smr, strict=True))
-    others = f" and {linear.wrong.size - NAMED} more" if linear.wrong.size > NAMED else ""
-    return (f"left out, grossly wrong by what all others say: {names}{others}",)
-
-
-def _remarks(search_result: SearchResult, verdict: str, noise_floor_m: float | None) -> tuple[str, ...]:
-    out = []
-    if noise_floor_m is None:
-        out.append(
-            "no target was visited three times alike: the noise floor is what the fullest model leaves of the readings"
-        )
-    is_effect = verdict not in (NONE, UNKNOWN)
-    if is_effect and search_result.excess_log_evidence > INEXACT:
-        strongest = search_result.non_parametric[0]
-        out.append(
-            f"the effect's form is not exact: something at {strongest.channel} that depends on {strongest.coordinate} "
-            f"remains ({search_result.excess_log_evidence:.0f} of log evidence, "
-            f"{search_result.log_evidence:.0f} explained)"
-        )
-    if verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
-        most_alike, strongest = search_result.ranking[0], search_result.non_parametric[0]
-        at = f" at {most_alike.place}" if most_alike.place else ""
-        out.append(
-            f"most like {most_alike.effect.name}{at} ({most_alike.log_evidence:.0f} of log evidence alone), but "
-            f"something at {strongest.channel} that depends on {strongest.coordinate} remains "
-            f"({search_result.excess_log_evidence:.0f} more)"
-        )
-    if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
-        out.append("the most probable single effect is not among those that together explain most")
-    return tuple(out)

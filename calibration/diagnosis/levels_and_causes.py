@@ -24,7 +24,7 @@ from calibration.effects.api import MIN_RATIO_TO_DECLARED, Effect, EffectInputs
 from calibration.recording.header import DisturbanceLevels
 
 WORTH_SEARCHING = 2.0  # log posterior that other levels have over those that were tried
-SHARE_OF_CAUSES = 0.3  # of the log posterior of an explanation by causes, that levels alone must have
+SHARE_OF_CAUSES, SHORT_OF_CAUSES = 0.8, 10.0  # of the log posterior of causes: less for levels alone is too little
 SHARE_OF_EXCESS = 0.5  # of what non-parametric alternatives have more, that levels must have with the causes
 QUANTILE = 1.645  # one-sided, 95 %
 ANY_LEVEL = DisturbanceLevels(drift_m=1.0, reseat_m=1.0, reversal_m=1.0, temperature_k=1.0)
@@ -55,7 +55,7 @@ class SearchAtLevels:
 
 @dataclass(frozen=True)
 class LevelsAndCauses:
-    """The most likely explanation. none_elsewhere: log evidence that `none` has at other levels over that at its own."""
+    """The most likely explanation, and the log evidence that `none` has at other levels over that at these."""
 
     likelihood: MarginalLikelihood
     result: SearchResult
@@ -74,10 +74,11 @@ class SearchOfLevelsAndCauses:
         declared = self._search(np.zeros(len(self._without_causes.prior)), self._effects)
         tried = [declared]
         alone = self._without_causes.most_likely(scatter=False)
-        if self._without_causes.gain(alone) > max(WORTH_SEARCHING, SHARE_OF_CAUSES * declared.log_posterior):
+        least = SHARE_OF_CAUSES * declared.log_posterior - SHORT_OF_CAUSES
+        if self._without_causes.gain(alone) > max(WORTH_SEARCHING, least):
             tried.append(self._search(alone, self._effects))
-        if causes := declared.result.causes:
-            posterior = self._posterior_with(causes)
+        if _may_change(declared.result):
+            posterior = self._posterior_with(declared.result.causes)
             x = posterior.most_likely(scatter=False)
             least = max(WORTH_SEARCHING, SHARE_OF_EXCESS * declared.result.excess_log_evidence)
             if posterior.gain(x) > least and all(np.max(np.abs(x - search.levels)) > ALIKE for search in tried):
@@ -125,3 +126,9 @@ class SearchOfLevelsAndCauses:
             for name, effect in effects.items()
             if largest[name] < MIN_RATIO_TO_DECLARED * effect.declared(levels)
         ]
+
+
+def _may_change(result: SearchResult) -> bool:
+    """Whether other levels could leave out a cause or explain what is left: not where one cause explains all."""
+    left = result.excess_log_evidence > SHARE_OF_EXCESS * excess_threshold(result.log_evidence)
+    return bool(result.causes) and (left or len({cause.effect.name for cause in result.causes}) > 1)

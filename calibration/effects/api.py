@@ -277,15 +277,15 @@ class Effect:
 
     size: its first parameter; others follow. reveals: what in a campaign shows it. confounded: names of effects that
     look alike. forms: builds the basis sets at a place (index among drives, struts or platform reflectors; 0 for the
-    rig). untested: why a campaign cannot show it, or None. declared: how much of it a recording declares as ordinary,
-    in the size's unit: only more than twice as much is the effect. stated_u: standard uncertainty that the machine file
-    and the payloads state of what is wrong, in the size's unit: only more than three times as much is the effect.
-    curves: families of columns that are not linear in their parameters; they are fitted only where the basis sets have
-    evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of
-    their RMS at each channel, their sum, or RMS or range over the readings of what they contribute at their channel. differs_by_visit: whether what one stop
-    leaves of it the next one may not. textbook: the form that is never left out (`without_forms`); None for an effect
-    that is general functions only. order: position in the shipped catalogue and in its lists; a user's effect comes
-    after all shipped ones.
+    rig). untested: why a campaign cannot show it, or None. declared: how much of it levels of disturbances make
+    ordinary, in the size's unit: only more than twice as much is the effect. stated_u: standard uncertainty that the
+    machine file and the payloads state of what is wrong, in the size's unit: only more than three times as much is the
+    effect. curves: families of columns that are not linear in their parameters; fitted only where the basis sets have
+    evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of their RMS
+    at each channel, their sum, or RMS or range over the readings of what they contribute at their channel.
+    differs_by_visit: whether what one stop leaves of it the next one may not. textbook: the form that is never left out
+    (`without_forms`); None for an effect that is general functions only. order: position in the shipped catalogue and
+    in its lists; a user's effect comes after all shipped ones.
     """
 
     name: str

@@ -5,6 +5,7 @@ __all__ = [
     "next_measurement",
     "parameter_uncertainty",
     "proposals",
+    "remarks",
     "variance_shares",
     "withheld_blocks",
 ]

@@ -1,0 +1,79 @@
+"""What a reader of a diagnosis has to know beside its figures, a line each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.diagnosis.level_posterior import COLUMNS
+from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.search import SearchResult
+from calibration.recording.header import DisturbanceLevels
+
+NAMED = 5  # wrong readings
+INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
+MUCH = 2.0  # times the stated level of a disturbance
+
+
+def remarks(
+    linear: LinearModel,
+    stated: DisturbanceLevels,
+    search_result: SearchResult,
+    verdict: str,
+    noise_floor_m: float | None,
+) -> tuple[str, ...]:
+    """Readings that were left out, disturbances stronger than stated, and what limits the verdict."""
+    here = linear.recording.file.nuisance
+    return (
+        *_left_out(linear),
+        *_stronger_disturbances(stated, here),
+        *_of_verdict(search_result, verdict, noise_floor_m),
+    )
+
+
+def _left_out(linear: LinearModel) -> tuple[str, ...]:
+    """The readings that are left out, the first of them by name."""
+    if not linear.wrong.size:
+        return ()
+    uid, smr = (np.asarray(linear.recording[name])[linear.wrong[:NAMED]] for name in ("uid", "smr"))
+    names = ", ".join(f"{name} of {reflector}" for name, reflector in zip(uid, smr, strict=True))
+    others = f" and {linear.wrong.size - NAMED} more" if linear.wrong.size > NAMED else ""
+    return (f"left out, grossly wrong by what all others say: {names}{others}",)
+
+
+def _stronger_disturbances(stated: DisturbanceLevels, here: DisturbanceLevels) -> tuple[str, ...]:
+    """Disturbances that are much stronger than declared, or than the default."""
+    stronger = []
+    for key in COLUMNS:
+        level, expected = getattr(here, key), getattr(stated, key)
+        if level > MUCH * expected:
+            said = "declared" if key in stated.model_fields_set else "the default"
+            stronger.append(f"{key} = {level:.2g} ({said}: {expected:.2g})")
+    return (f"stronger disturbances than stated: {', '.join(stronger)}",) if stronger else ()
+
+
+def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float | None) -> tuple[str, ...]:
+    out = []
+    if noise_floor_m is None:
+        out.append(
+            "no target was visited three times alike: the noise floor is what the fullest model leaves of the readings"
+        )
+    is_effect = verdict not in (NONE, UNKNOWN)
+    if is_effect and search_result.excess_log_evidence > INEXACT:
+        strongest = search_result.non_parametric[0]
+        out.append(
+            f"the effect's form is not exact: something at {strongest.channel} that depends on {strongest.coordinate} "
+            f"remains ({search_result.excess_log_evidence:.0f} of log evidence, "
+            f"{search_result.log_evidence:.0f} explained)"
+        )
+    if verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
+        most_alike, strongest = search_result.ranking[0], search_result.non_parametric[0]
+        at = f" at {most_alike.place}" if most_alike.place else ""
+        out.append(
+            f"most like {most_alike.effect.name}{at} ({most_alike.log_evidence:.0f} of log evidence alone), but "
+            f"something at {strongest.channel} that depends on {strongest.coordinate} remains "
+            f"({search_result.excess_log_evidence:.0f} more)"
+        )
+    if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
+        out.append("the most probable single effect is not among those that together explain most")
+    return tuple(out)

@@ -1,0 +1,74 @@
+"""Disturbances that are stronger than stated, on the mock plant: no effect, and no excuse for one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import levels_and_causes
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
+from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.result import NONE
+from calibration.diagnosis.search import search_causes
+from calibration.effects.catalogue import load_catalogue
+from calibration.recording.header import DeclaredLevels
+from mock_devices.effects import EffectChoice
+from mock_devices.settings import DisturbanceLevels
+from tests.calibration.diagnosis.campaigns import plant, recorded
+
+SMALL = {"drift_m": 2e-6, "reseat_m": 1e-6, "reversal_m": 5e-7, "temperature_k": 0.01}
+STRONGER = {"drift_m": 1.5e-5, "reseat_m": 8e-6}
+LOOKS_LIKE = {"drift_m": "tracker_drift", "reseat_m": "smr_reseat"}
+
+
+def strong(key: str, **declared: float):
+    """A campaign with one strong disturbance, by what it declares."""
+    made = recorded(plant(60, nuisance=DisturbanceLevels(**SMALL | {key: STRONGER[key]})))
+    return replace(made, file=made.file.model_copy(update={"nuisance": DeclaredLevels(**declared)}))
+
+
+@pytest.mark.parametrize("key", STRONGER)
+def test_a_disturbance_that_is_stronger_than_stated_is_no_effect(key):
+    recording = strong(key)
+    likelihood = MarginalLikelihood.of(linearise_recording(recording))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    believed = search_causes(likelihood, inputs, load_catalogue().effects)
+    assert [cause.effect.name for cause in believed.causes] == [LOOKS_LIKE[key]]  # if the levels were believed
+    found = diagnose(recording)
+    assert found.verdict == NONE
+    (said,) = (remark for remark in found.remarks if remark.startswith("stronger disturbances than stated"))
+    assert f"{key} = " in said
+    assert f"(the default: {getattr(DeclaredLevels(), key):.2g})" in said
+
+
+def test_declared_levels_that_are_right_are_not_spoken_of():
+    recording = strong("reseat_m", **SMALL | {"reseat_m": STRONGER["reseat_m"]})
+    assert not any("disturbances" in remark for remark in diagnose(recording).remarks)
+
+
+def test_an_effect_is_found_beside_a_disturbance_stronger_than_stated():
+    effect = EffectChoice("screw_thermal_growth", "left", {"rise_k": 6.0})
+    levels = DisturbanceLevels(**SMALL | {"drift_m": STRONGER["drift_m"]})
+    made = recorded(plant(60, effect, nuisance=levels))
+    found = diagnose(replace(made, file=made.file.model_copy(update={"nuisance": DeclaredLevels()})))
+    assert [effect.effect for effect in found.effects] == ["screw_thermal_growth"]
+
+
+def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(monkeypatch):
+    """Levels as stated explain it worse than an effect of that kind, which is too small to be told from them."""
+    recording = strong("drift_m")
+    likelihood = MarginalLikelihood.of(linearise_recording(recording))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    search = SearchOfLevelsAndCauses(likelihood, inputs, load_catalogue().effects)
+    monkeypatch.setattr(levels_and_causes, "WORTH_SEARCHING", np.inf)
+    sizes = []
+    monkeypatch.setattr(levels_and_causes, "size_of", lambda cause: (sizes.append(cause.effect.name), (0.0, 0.0))[1])
+    found = search.most_likely()
+    assert sizes == ["tracker_drift"]
+    assert found.result.causes == ()
+    assert found.likelihood.linear.recording.file.nuisance.drift_m > 2.0 * DeclaredLevels().drift_m

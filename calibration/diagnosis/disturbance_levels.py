@@ -49,7 +49,7 @@ def estimate_levels(recording: Recording) -> EstimatedLevels:
     file = recording.file.model_copy(update={"nuisance": default})
     linear = linearise_recording(replace(recording, file=file))
     posterior = LevelPosterior(linear, tuple(prior))
-    best = posterior.most_likely(scatter=True)
+    best = posterior.most_likely()
     deviation = posterior.standard_deviations(best)
     levels = [
         EstimatedLevel(

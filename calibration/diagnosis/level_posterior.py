@@ -21,7 +21,8 @@ from calibration.recording.header import DisturbanceLevels
 COLUMNS = {"drift_m": "drift.", "reseat_m": "reseat.", "reversal_m": "reversal.", "temperature_k": "temperature."}
 FACTOR = 3.0  # one standard deviation of the logarithm of a level that is not declared
 FACTOR_DECLARED = 2.0  # of one that is
-MOST_SIGMAS = 5.0  # of the prior
+MOST_SIGMAS = 5.0  # of the prior: farther levels are not looked at
+QUANTILE = 1.645  # 95 %, one-sided
 STEP = 0.05  # of a logarithm, for second derivatives
 FACTOR_OF_READINGS = 1.3  # of the readings' scatter over the stated one
 
@@ -69,17 +70,23 @@ class LevelPosterior:
         covariance = np.linalg.inv(-0.5 * (second + second.T))
         return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
-    def most_likely(self, *, scatter: bool) -> Array:
-        """The logarithms (k + 1,) of highest density; scatter: whether that of the readings is free, else as stated."""
+    def most_likely(self) -> Array:
+        """The logarithms (k + 1,) of highest density."""
+        farthest = MOST_SIGMAS * self.prior
+        return self._most_likely(-farthest, farthest)
 
+    def most_likely_ordinary(self) -> Array:
+        """The same with no level above the 95 % point of its prior, and readings that scatter as stated."""
+        lowest, highest = -MOST_SIGMAS * self.prior, QUANTILE * self.prior
+        lowest[-1] = highest[-1] = 0.0
+        return self._most_likely(lowest, highest)
+
+    def _most_likely(self, lowest: Array, highest: Array) -> Array:
         def descending(x: Array) -> tuple[float, Array]:
             value, slope = self._density(x)
             return -value, -slope
 
-        farthest = MOST_SIGMAS * self.prior
-        if not scatter:
-            farthest[-1] = 0.0
-        bounds = np.column_stack([-farthest, farthest])
+        bounds = np.column_stack([lowest, highest])
         return np.asarray(minimize(descending, np.zeros(len(bounds)), jac=True, method="L-BFGS-B", bounds=bounds).x)
 
     def levels(self, x: Array) -> Mapping[str, float]:

@@ -8,7 +8,7 @@ most likely with its levels. What acts like a disturbance and is not larger than
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.level_posterior import LevelPosterior, scaled_levels
+from calibration.diagnosis.level_posterior import QUANTILE, LevelPosterior, scaled_levels
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.search import SearchResult, excess_threshold, search_causes
 from calibration.diagnosis.settings import VERDICT
@@ -26,7 +26,6 @@ from calibration.recording.header import DisturbanceLevels
 WORTH_SEARCHING = 2.0  # log posterior that other levels have over those that were tried
 SHARE_OF_CAUSES, SHORT_OF_CAUSES = 0.8, 10.0  # of the log posterior of causes: less for levels alone is too little
 SHARE_OF_EXCESS = 0.5  # of what non-parametric alternatives have more, that levels must have with the causes
-QUANTILE = 1.645  # one-sided, 95 %
 ANY_LEVEL = DisturbanceLevels(drift_m=1.0, reseat_m=1.0, reversal_m=1.0, temperature_k=1.0)
 ALIKE = 0.2  # of logarithms of levels: nearer ones say the same
 
@@ -73,13 +72,14 @@ class SearchOfLevelsAndCauses:
         """The explanation that is most likely with its levels."""
         declared = self._search(np.zeros(len(self._without_causes.prior)), self._effects)
         tried = [declared]
-        alone = self._without_causes.most_likely(scatter=False)
+        alone = self._without_causes.most_likely_ordinary()
         least = SHARE_OF_CAUSES * declared.log_posterior - SHORT_OF_CAUSES
-        if self._without_causes.gain(alone) > max(WORTH_SEARCHING, least):
+        beyond = self._beyond_disturbances(declared.result.causes)
+        if not beyond and self._without_causes.gain(alone) > max(WORTH_SEARCHING, least):
             tried.append(self._search(alone, self._effects))
         if _may_change(declared.result):
             posterior = self._posterior_with(declared.result.causes)
-            x = posterior.most_likely(scatter=False)
+            x = posterior.most_likely_ordinary()
             least = max(WORTH_SEARCHING, SHARE_OF_EXCESS * declared.result.excess_log_evidence)
             if posterior.gain(x) > least and all(np.max(np.abs(x - search.levels)) > ALIKE for search in tried):
                 tried.append(self._search(x, self._effects))
@@ -87,7 +87,7 @@ class SearchOfLevelsAndCauses:
         while ordinary := self._no_more_than_disturbances(best.result.causes):
             effects = tuple(effect for effect in effects if effect not in ordinary)
             remaining = [cause for cause in best.result.causes if cause.effect not in ordinary]
-            best = self._search(self._posterior_with(remaining).most_likely(scatter=False), effects)
+            best = self._search(self._posterior_with(remaining).most_likely_ordinary(), effects)
             tried.append(best)
         most_of_none = max(search.log_evidence for search in tried)
         return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence)
@@ -109,23 +109,25 @@ class SearchOfLevelsAndCauses:
         columns = [self._likelihood.columns(cause.contributions) * cause.prior_deviations for cause in causes]
         return LevelPosterior(self._likelihood.linear, included=np.concatenate(columns, axis=2))
 
+    def _beyond_disturbances(self, causes: Sequence[Cause]) -> bool:
+        """Whether an effect that acts like a disturbance is larger than twice what this may well be a priori."""
+        likely = self._without_causes.levels(QUANTILE * self._without_causes.prior)
+        return any(cause.effect.declared(ANY_LEVEL) for cause in causes if not self._within(cause, likely))
+
     def _no_more_than_disturbances(self, causes: Sequence[Cause]) -> list[Effect]:
-        """Effects that act like a disturbance and are not larger than twice what this may well be, given the causes."""
+        """Effects that act like a disturbance and are nowhere larger than twice what this may well be beside them."""
         if not any(cause.effect.declared(ANY_LEVEL) for cause in causes):
             return []
         posterior = self._posterior_with(causes)
-        x = posterior.most_likely(scatter=False)
-        well_possible = posterior.levels(x + QUANTILE * posterior.standard_deviations(x))
-        levels = scaled_levels(self._likelihood.linear.recording.file.nuisance, well_possible)
-        largest: dict[str, float] = {}
-        for cause in causes:
-            largest[cause.effect.name] = max(largest.get(cause.effect.name, 0.0), abs(size_of(cause)[0]))
-        effects = {cause.effect.name: cause.effect for cause in causes}
-        return [
-            effect
-            for name, effect in effects.items()
-            if largest[name] < MIN_RATIO_TO_DECLARED * effect.declared(levels)
-        ]
+        x = posterior.most_likely_ordinary()
+        likely = posterior.levels(x + QUANTILE * posterior.standard_deviations(x))
+        larger = [cause.effect for cause in causes if not self._within(cause, likely)]
+        return [cause.effect for cause in causes if cause.effect not in larger]
+
+    def _within(self, cause: Cause, levels: Mapping[str, float]) -> bool:
+        """Whether a cause is no larger than twice what its disturbance makes at a factor on each stated level."""
+        stated = self._likelihood.linear.recording.file.nuisance
+        return abs(size_of(cause)[0]) < MIN_RATIO_TO_DECLARED * cause.effect.declared(scaled_levels(stated, levels))
 
 
 def _may_change(result: SearchResult) -> bool:

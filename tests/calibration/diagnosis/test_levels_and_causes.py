@@ -52,11 +52,11 @@ def test_declared_levels_that_are_right_are_not_spoken_of():
 
 
 def test_an_effect_is_found_beside_a_disturbance_stronger_than_stated():
-    effect = EffectChoice("screw_thermal_growth", "left", {"rise_k": 6.0})
+    effect = EffectChoice("screw_periodic_error", 4e-5, "right")
     levels = DisturbanceLevels(**SMALL | {"drift_m": STRONGER["drift_m"]})
     made = recorded(plant(60, effect, nuisance=levels))
     found = diagnose(replace(made, file=made.file.model_copy(update={"nuisance": DeclaredLevels()})))
-    assert [effect.effect for effect in found.effects] == ["screw_thermal_growth"]
+    assert [effect.effect for effect in found.effects] == ["screw_periodic_error"]
 
 
 def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(monkeypatch):
@@ -69,6 +69,6 @@ def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(m
     sizes = []
     monkeypatch.setattr(levels_and_causes, "size_of", lambda cause: (sizes.append(cause.effect.name), (0.0, 0.0))[1])
     found = search.most_likely()
-    assert sizes == ["tracker_drift"]
+    assert set(sizes) == {"tracker_drift"}
     assert found.result.causes == ()
     assert found.likelihood.linear.recording.file.nuisance.drift_m > 2.0 * DeclaredLevels().drift_m

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import BasisSetEvidence
-from calibration.diagnosis.findings.effect_summary import _relative_u_of_form, _size
+from calibration.diagnosis.findings.effect_summary import _relative_u_of_form
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet
 from calibration.effects.catalogue import Catalogue, load_catalogue
@@ -103,6 +104,6 @@ def test_a_basis_set_may_say_how_its_coefficients_add_up_to_the_size():
     basis_set = BasisSet((0, 1, 2), (1.0, 1.0, 0.3), size=(2.0, -1.0))
     covariance = 1e-12 * np.array([[4.0, 1.0, 2.0], [1.0, 9.0, 3.0], [2.0, 3.0, 25.0]])
     best = BasisSetEvidence(basis_set, 50.0, 1e-5, np.array([3e-5, 1e-5, 7e-5]), covariance)
-    value, u = _size(Cause(effect, 50.0, {"left": 1.0}, "left", best, ()))
+    value, u = size_of(Cause(effect, 50.0, {"left": 1.0}, "left", best, ()))
     assert value == pytest.approx(5e-5)
     assert u == pytest.approx(1e-6 * np.sqrt(4.0 * 4.0 + 9.0 - 2.0 * 2.0 * 1.0))

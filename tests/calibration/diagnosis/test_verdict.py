@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import ranking, search
-from calibration.diagnosis.diagnose import _remarks
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
+from calibration.diagnosis.findings.remarks import _of_verdict
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import presence_probability, probabilities
 from calibration.effects.catalogue import load_catalogue
@@ -292,7 +292,7 @@ def test_three_times_what_is_stated_is_the_smallest_size():
 def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(excess, verdict, said):
     result = found(Evidence("backlash", 100.0), excess=excess)
     result.non_parametric = [SimpleNamespace(channel="travel.left", coordinate="time")]
-    remarks = _remarks(result, verdict, noise_floor_m=5e-6)
+    remarks = _of_verdict(result, verdict, noise_floor_m=5e-6)
     assert len(remarks) == said
     assert all("travel.left" in remark and "time" in remark for remark in remarks)
 

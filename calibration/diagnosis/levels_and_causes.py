@@ -8,15 +8,14 @@ most likely with its levels. What acts like a disturbance and is not larger than
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.level_posterior import QUANTILE, LevelPosterior, scaled_levels
+from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, LevelPosterior, scaled_levels
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.search import SearchResult, excess_threshold, search_causes
 from calibration.diagnosis.settings import VERDICT
@@ -26,6 +25,7 @@ from calibration.recording.header import DisturbanceLevels
 WORTH_SEARCHING = 2.0  # log posterior that other levels have over those that were tried
 SHARE_OF_CAUSES, SHORT_OF_CAUSES = 0.8, 10.0  # of the log posterior of causes: less for levels alone is too little
 SHARE_OF_EXCESS = 0.5  # of what non-parametric alternatives have more, that levels must have with the causes
+NO_LEVELS = DisturbanceLevels()
 ANY_LEVEL = DisturbanceLevels(drift_m=1.0, reseat_m=1.0, reversal_m=1.0, temperature_k=1.0)
 ALIKE = 0.2  # of logarithms of levels: nearer ones say the same
 
@@ -111,23 +111,37 @@ class SearchOfLevelsAndCauses:
 
     def _beyond_disturbances(self, causes: Sequence[Cause]) -> bool:
         """Whether an effect that acts like a disturbance is larger than twice what this may well be a priori."""
-        likely = self._without_causes.levels(QUANTILE * self._without_causes.prior)
-        return any(cause.effect.declared(ANY_LEVEL) for cause in causes if not self._within(cause, likely))
+        likely = QUANTILE * self._without_causes.prior
+        return any(self._ratio(effect, causes, likely) > MIN_RATIO_TO_DECLARED for effect in _like_disturbances(causes))
 
     def _no_more_than_disturbances(self, causes: Sequence[Cause]) -> list[Effect]:
-        """Effects that act like a disturbance and are nowhere larger than twice what this may well be beside them."""
-        if not any(cause.effect.declared(ANY_LEVEL) for cause in causes):
+        """Effects that act like a disturbance and are no larger than twice what this may well be beside them."""
+        if not (alike := _like_disturbances(causes)):
             return []
         posterior = self._posterior_with(causes)
         x = posterior.most_likely_ordinary()
-        likely = posterior.levels(x + QUANTILE * posterior.standard_deviations(x))
-        larger = [cause.effect for cause in causes if not self._within(cause, likely)]
-        return [cause.effect for cause in causes if cause.effect not in larger]
+        likely = x + QUANTILE * posterior.standard_deviations(x)
+        return [effect for effect in alike if self._ratio(effect, causes, likely) < MIN_RATIO_TO_DECLARED]
 
-    def _within(self, cause: Cause, levels: Mapping[str, float]) -> bool:
-        """Whether a cause is no larger than twice what its disturbance makes at a factor on each stated level."""
-        stated = self._likelihood.linear.recording.file.nuisance
-        return abs(size_of(cause)[0]) < MIN_RATIO_TO_DECLARED * cause.effect.declared(scaled_levels(stated, levels))
+    def _ratio(self, effect: Effect, causes: Sequence[Cause], levels: Array) -> float:
+        """RMS over the readings of what an effect does at all its places, over that of its disturbances at levels.
+
+        Both as the calibration leaves them: of what it absorbs the readings say nothing.
+        """
+        likelihood = self._likelihood
+        parts = [cause for cause in causes if cause.effect is effect]
+        does = np.sum([likelihood.columns(part.contributions) @ part.best.coefficients for part in parts], axis=0)
+        linear, scales = likelihood.linear, self._without_causes.scales(levels)
+        like = [prefix for key, prefix in COLUMNS.items() if effect.declared(NO_LEVELS.model_copy(update={key: 1.0}))]
+        of_disturbance = [i for i, name in enumerate(linear.names) if name.startswith(tuple(like))]
+        disturbance = linear.after_calibration(linear.columns[:, :, of_disturbance] * scales[of_disturbance])
+        expected = float(np.sum(disturbance**2))
+        return float(np.sqrt(np.sum(linear.after_calibration(does) ** 2) / expected)) if expected > 0.0 else np.inf
+
+
+def _like_disturbances(causes: Sequence[Cause]) -> list[Effect]:
+    """Effects that act like a disturbance."""
+    return list({cause.effect.name: cause.effect for cause in causes if cause.effect.declared(ANY_LEVEL)}.values())
 
 
 def _may_change(result: SearchResult) -> bool:

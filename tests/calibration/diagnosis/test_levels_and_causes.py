@@ -60,15 +60,21 @@ def test_an_effect_is_found_beside_a_disturbance_stronger_than_stated():
 
 
 def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(monkeypatch):
-    """Levels as stated explain it worse than an effect of that kind, which is too small to be told from them."""
+    """Where no other levels were tried, an effect of that kind explains most, and is too small to be told from them."""
     recording = strong("drift_m")
     likelihood = MarginalLikelihood.of(linearise_recording(recording))
     inputs = inputs_of_recording(likelihood, periodograms(likelihood))
     search = SearchOfLevelsAndCauses(likelihood, inputs, load_catalogue().effects)
     monkeypatch.setattr(levels_and_causes, "WORTH_SEARCHING", np.inf)
-    sizes = []
-    monkeypatch.setattr(levels_and_causes, "size_of", lambda cause: (sizes.append(cause.effect.name), (0.0, 0.0))[1])
     found = search.most_likely()
-    assert set(sizes) == {"tracker_drift"}
     assert found.result.causes == ()
     assert found.likelihood.linear.recording.file.nuisance.drift_m > 2.0 * DeclaredLevels().drift_m
+
+
+def test_what_is_far_beyond_a_disturbance_is_an_effect_where_levels_could_explain_it():
+    """One drive of two: their levels would be likely enough, the size is not."""
+    nothing_declared = DeclaredLevels()
+    for size_m, verdict in ((1.0e-5, NONE), (4.0e-5, "backlash")):
+        made = recorded(plant(100, EffectChoice("backlash", size_m, "right"), nuisance=DisturbanceLevels(**SMALL)))
+        found = diagnose(replace(made, file=made.file.model_copy(update={"nuisance": nothing_declared})))
+        assert found.verdict == verdict

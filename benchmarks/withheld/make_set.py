@@ -19,8 +19,9 @@ import numpy as np
 
 from benchmarks.withheld.cases import FULL, drawn_order, plan
 from benchmarks.withheld.designs import Designs
-from benchmarks.withheld.making import make_case, platform_rows
+from benchmarks.withheld.making import make_case
 from benchmarks.withheld.mimics import MimicLibraries
+from benchmarks.withheld.sizes import platform_rows
 from mock_devices.recordings.files import write_recording
 
 

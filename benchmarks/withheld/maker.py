@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 from benchmarks.withheld.cases import BATCH, Slot, drawn_order, plan
 from benchmarks.withheld.designs import COUNTS, FEW, Designs
 from benchmarks.withheld.left_out_forms import FormComparison, LeftOut
-from benchmarks.withheld.making import Case, make_case, platform_rows
+from benchmarks.withheld.making import Case, make_case
 from benchmarks.withheld.mimics import MimicLibraries
 from benchmarks.withheld.scorer import WHOLE
 from benchmarks.withheld.second_round import longer_recordings
+from benchmarks.withheld.sizes import platform_rows
 from mock_devices.recordings.files import write_recording
 
 SHORT = 300  # cases

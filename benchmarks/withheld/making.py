@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from benchmarks.withheld.cases import DECLARED, PROFILES, Slot
 from benchmarks.withheld.designs import MACHINE, Designs, Drawn
 from benchmarks.withheld.gross_readings import with_gross_readings
+from benchmarks.withheld.sizes import noise_free, raw_of
 from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, draw
 from mock_devices.plant.structure import NoEquilibrium
-from mock_devices.recordings.columns import points
 from mock_devices.recordings.effect_size import SizeScale
 from mock_devices.recordings.maker import MockRecording, SimulatedCampaign
 
@@ -220,28 +220,3 @@ def _without(slot: Slot, rng: np.random.Generator) -> tuple[str, ...]:
         others = [name for name in CATALOGUE if name not in slot.effects]
         return (str(rng.choice(others)),)
     return ()
-
-
-def raw_of(bench: SimulatedCampaign, change_m: Array, *, turned: bool = False) -> float:
-    """Raw size of a change (r, 3) of the readings, given in the machine's axes if `turned`."""
-    moved = change_m if turned else change_m @ bench.view.rotation
-    rows = platform_rows(bench)
-    place = bench.points_m([])[rows]
-    sigma_m = bench.settings.instrument.angle_sd_rad * np.linalg.norm(place, axis=1)
-    return float(np.sqrt(np.mean((moved[rows, :2] / sigma_m[:, None]) ** 2)))
-
-
-def platform_rows(bench: SimulatedCampaign) -> NDArray[np.intp]:
-    """Rows of the platform's reflectors."""
-    on_platform = np.array([smr.on == "platform" for smr in bench.nominal.smrs])
-    return np.flatnonzero(on_platform[bench.timeline.smr])
-
-
-def noise_free(bench: SimulatedCampaign) -> Array:
-    """What the station would read without noise (r, 3), its frame: its range's constant, scale and ppm included."""
-    sight, _, _ = bench.sight()
-    rows, k = np.arange(len(bench.timeline)), bench.timeline.smr
-    air = bench._air()
-    raw = sight.distance_m[rows, k] * bench.view.range_scale + bench.view.range_constant_m
-    distance = raw * (1.0 + (air["ppm"] - air["ppm_true"]) * 1.0e-6)
-    return points(sight.hz_rad[rows, k], sight.v_rad[rows, k], distance)

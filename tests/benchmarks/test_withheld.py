@@ -17,12 +17,13 @@ from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
 from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.left_out_forms import FormComparison, shares_of_sets
 from benchmarks.withheld.maker import Maker
-from benchmarks.withheld.making import _as_declared, make_case, platform_rows
+from benchmarks.withheld.making import _as_declared, make_case
 from benchmarks.withheld.mimics import Mimics
 from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
+from benchmarks.withheld.sizes import platform_rows
 from calibration.diagnosis.evidence import InformationAndScore
 from calibration.effects.api import BasisSets
 from calibration.recording.folder import read_folder

@@ -1,0 +1,1 @@
+"""Test cases of drawn structure, without a named formula (docs/explanation/structures.md)."""

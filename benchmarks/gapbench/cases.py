@@ -7,15 +7,13 @@ final variants).
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.structures.structure import KNOWN_CASE, NULL_CASE, OUTSIDE_CASE, Generator
+from benchmarks.structures.structure import KNOWN_CASE, MOST_DRAWS, NULL_CASE, OUTSIDE_CASE, Generator, NoCase
 from benchmarks.withheld.cases import RIGHT, Slot, plan
 from benchmarks.withheld.designs import FEW, Designs
 from benchmarks.withheld.making import make_case
@@ -23,6 +21,7 @@ from benchmarks.withheld.sealed_diagnoser import FILES
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.maker import MockRecording
 
+AHEAD = 101  # slots
 NAMED = (KNOWN_CASE, OUTSIDE_CASE, KNOWN_CASE, NULL_CASE)  # turns of the cases with named effects
 KINDS = {"effect": KNOWN_CASE, "outside": OUTSIDE_CASE, "null": NULL_CASE}
 
@@ -63,14 +62,14 @@ class CaseSet:
     def _named(self, key: str, number: int) -> BenchCase:
         turn = NAMED[number % len(NAMED)]
         slots = self._slots[turn]
-        for draw in count():
+        before = sum(NAMED[n % len(NAMED)] == turn for n in range(number))
+        for draw in range(MOST_DRAWS):  # on some designs an effect cannot be seen: the slots far ahead are tried then
             rng = np.random.default_rng([self._seed, number, draw])
-            slot = slots[
-                (number // len(NAMED) * NAMED.count(turn) + NAMED[: number % len(NAMED)].count(turn)) % len(slots)
-            ]
-            case = make_case(slot, rng, self._designs, final=False)
+            case = make_case(slots[(before + AHEAD * draw) % len(slots)], rng, self._designs, final=False)
             if turn == NULL_CASE or case.truth["eligible"]:
                 break
+        else:
+            raise NoCase(f"gapbench: no slot gave case {key} with an effect that can be seen; take another seed")
         names = [f["effect"] for f in case.truth["effects"]] if turn == KNOWN_CASE else []
         truth = {"key": key, "kind": turn, "names": names, "raw": case.truth["raw"], "profile": case.truth["profile"]}
         return BenchCase(key, texts_of(case.recording), truth)
@@ -93,8 +92,3 @@ def _slots(seed: int) -> dict[str, list[Slot]]:
         if slot.declared == RIGHT and not slot.decoy and (not slot.raw or min(slot.raw) >= 3.0):
             out[KINDS[slot.kind]].append(slot)
     return out
-
-
-def all_cases(cases: CaseSet) -> Iterator[BenchCase]:
-    """Every case of a set, made when it is asked for."""
-    return (cases.case(number) for number in range(cases.count))

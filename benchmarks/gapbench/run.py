@@ -22,6 +22,7 @@ from benchmarks.gapbench.program import Entry, Trial, entry_of
 from benchmarks.gapbench.score import Row, printed, row_of
 from benchmarks.gapbench.train import OTHER_SEED, train
 from benchmarks.results_file import ROOT, code_digest
+from benchmarks.structures.run import MAKING_CODE
 from benchmarks.structures.structure import NoCase
 from benchmarks.withheld.designs import MACHINE
 from benchmarks.withheld.jail import UNSEALED
@@ -29,7 +30,7 @@ from benchmarks.withheld.sealed_diagnoser import NotSealed
 from tests.kept_results import KeptResults, key_of, until_stopped
 
 OUT = ROOT / "runs" / "gapbench"
-CODE = ("mock_devices", "benchmarks/structures", "benchmarks/withheld", "benchmarks/gapbench/cases.py")
+CODE = (*MAKING_CODE, "benchmarks/withheld/making.py", "benchmarks/gapbench/cases.py")
 
 
 def main(arguments: list[str] | None = None) -> int:

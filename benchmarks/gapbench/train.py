@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.gapbench.features import features_of
 from benchmarks.results_file import code_digest
-from benchmarks.structures.run import CODE as CODE_OF_CASES
+from benchmarks.structures.run import MAKING_CODE
 from benchmarks.structures.structure import KNOWN_CASE, NULL_CASE, Generator
 from benchmarks.withheld.scorer import NONE, UNKNOWN
 from calibration.machine.description import load_machine
@@ -26,7 +26,7 @@ from tests.kept_results import KeptResults, key_of
 OTHER_SEED = 1_000_000  # and above: beyond any seed of cases that are scored
 SAME_DESIGNS = 60  # cases on the designs of one seed
 TREES = 600
-CODE = (*CODE_OF_CASES, "benchmarks/gapbench/features.py")
+CODE = ("calibration", *MAKING_CODE, "benchmarks/gapbench/features.py")
 
 
 def train(cases: int, folder: Path, machine: Path) -> Path:

@@ -68,8 +68,9 @@ def _examples(cases: int, folder: Path, machine: Path) -> tuple[np.ndarray, list
     return np.array([row["features"] for row in rows]), [row["label"] for row in rows]
 
 
-def _fitted(features: np.ndarray, labels: list[str]) -> object:
+def _fitted(features: np.ndarray, labels: list[str], trees: int = TREES) -> object:
     from sklearn.ensemble import ExtraTreesClassifier  # noqa: PLC0415 - installed with the extra `gapbench`
 
-    trees = ExtraTreesClassifier(TREES, min_samples_leaf=2, max_features=0.2, class_weight="balanced", random_state=1)
-    return trees.fit(features, labels)
+    return ExtraTreesClassifier(
+        trees, min_samples_leaf=2, max_features=0.2, class_weight="balanced", random_state=1
+    ).fit(features, labels)

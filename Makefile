@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld independent bench faults kill-sweep deliberate-errors mutants peers latency overhead setups kuka clean
+.PHONY: demo test lint demo-check rig-study outliers withheld independent structures gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups kuka clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -82,6 +82,18 @@ independent: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) \
 		$(if $(GROSS),--gross) $(if $(FINAL),--final)
 
+# The diagnosis on structures without a named formula (docs/explanation/structures.md): N cases (100), SEED (1). Stopped, it
+# goes on; a larger N adds cases.
+structures: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.structures.run $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED))
+
+# Programs beside one another on recordings whose cause is known (docs/how-to/enter-gapbench.md): ours, greedy BIC, a
+# classifier of scikit-learn that is trained first, and PROGRAM="NAME=COMMAND {folder}". SEED=1; N=10 cases of drawn
+# structure for a first look. Stopped, it goes on.
+gapbench: $(VENV)/gapbench.stamp
+	$(BIN)/python -m benchmarks.gapbench.run $(if $(N),--structures $(N)) $(if $(SEED),--seed $(SEED)) \
+		$(if $(PROGRAM),--program "$(PROGRAM)")
+
 # The diagnosis of one drive alone on six measured recordings of a robot (docs/explanation/axis.md), if they lie in
 # ../shared/real-data/kuka-kr300 or DATA=FOLDER. Stopped, it begins anew: it takes one or two minutes.
 kuka: $(VENV)/run.stamp
@@ -101,6 +113,10 @@ $(VENV)/run.stamp: pyproject.toml
 
 $(VENV)/dev.stamp: $(VENV)/run.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+$(VENV)/gapbench.stamp: $(VENV)/dev.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[gapbench]'
 	touch $@
 
 $(VENV)/bench.stamp: $(VENV)/run.stamp

@@ -59,7 +59,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         share("right when p > 0.99", [is_right(r) for r in rows if r["p"] > SURE]),
         *(
             share(f"known, {key} {value}: named right", [is_right(r) for r in known if r[key] == value])
-            for key in ("memory", "raw")
+            for key in ("coordinate", "memory", "raw")
             for value in sorted({r[key] for r in known})
         ),
         share("diagnoses that failed", [bool(r["error"]) for r in rows]),

@@ -203,7 +203,8 @@ def case(key, kind, names=(), **more):
 
 def said(verdict, p=0.9, **ranking):
     return {
-        "seconds": 1.0, "diagnosis": {"verdict": verdict, "ranking": {verdict: p, **ranking}, "effects": [], "clues": []}
+        "seconds": 1.0,
+        "diagnosis": {"verdict": verdict, "ranking": {verdict: p, **ranking}, "effects": [], "clues": []},
     }  # fmt: skip
 
 

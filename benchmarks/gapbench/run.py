@@ -20,7 +20,7 @@ from benchmarks.gapbench import entries
 from benchmarks.gapbench.cases import CaseSet
 from benchmarks.gapbench.program import Entry, Trial, entry_of
 from benchmarks.gapbench.score import Row, printed, row_of
-from benchmarks.gapbench.train import OTHER_SEED, train
+from benchmarks.gapbench.train import OTHER_SEED, NotInstalled, train
 from benchmarks.results_file import ROOT, code_digest
 from benchmarks.structures.run import MAKING_CODE
 from benchmarks.structures.structure import NoCase
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _options(arguments)
     try:
         print(printed(compare(options)))
-    except (NotSealed, NoCase) as error:
+    except (NotSealed, NotInstalled, NoCase) as error:
         print(f"gapbench: {error}", file=sys.stderr)
         return 2
     return 0

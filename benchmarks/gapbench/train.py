@@ -8,6 +8,7 @@ from __future__ import annotations
 import pickle
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,16 @@ TREES = 600
 CODE = ("calibration", *MAKING_CODE, "benchmarks/gapbench/features.py")
 
 
+class NotInstalled(RuntimeError):
+    """scikit-learn is missing; one line."""
+
+
 def train(cases: int, folder: Path, machine: Path) -> Path:
-    """The file of a classifier trained on so many cases, made if it is not there yet."""
+    """The file of a classifier trained on so many cases, made if it is not there yet. Raises NotInstalled."""
+    if find_spec("sklearn") is None:
+        raise NotInstalled(
+            "scikit-learn is not installed; pip install -e '.[gapbench]', or leave classifier out with --entries"
+        )
     file = folder / f"classifier-{key_of(code_digest(*CODE, 'benchmarks/gapbench/train.py'), cases)}.pickle"
     if not file.exists():
         features, labels = _examples(cases, folder, machine)

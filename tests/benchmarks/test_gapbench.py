@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import sys
 from types import SimpleNamespace
 
@@ -232,22 +233,51 @@ def test_a_staged_program_holds_nothing_of_the_makers(tmp_path):
 # --- the shipped programs
 
 
-def test_shipped_programs_print_answers(monkeypatch, capsys, tmp_path):
+def test_shipped_programs_print_answers(monkeypatch, capsys):
     monkeypatch.setattr(ours, "diagnose", stand_in.diagnose)
     assert ours.main(str(RECORDING)) == 0
     assert read_answer(capsys.readouterr().out).shrink == 0.5
     monkeypatch.setattr(greedy_bic, "simple_answers", lambda recording: {"greedy_bic": "latency"})
     assert greedy_bic.main(str(RECORDING)) == 0
     assert read_answer(capsys.readouterr().out) == Answer("latency", {"latency": 1.0}, None)
+
+
+def test_the_classifier_prints_the_probabilities_of_its_trees(monkeypatch, capsys, tmp_path):
+    pytest.importorskip("sklearn", reason="of the extra 'gapbench'")
     features = [[k, -k] for k in range(8)]
     fitted = train._fitted(np.array(features), ["none"] * 4 + ["backlash"] * 4, trees=9)
-    monkeypatch.setattr(classifier.pickle, "loads", lambda data: fitted)
+    (tmp_path / "model").write_bytes(pickle.dumps(fitted))
     monkeypatch.setattr(classifier, "features_of", lambda recording: np.array([7.0, -7.0]))
-    (tmp_path / "model").touch()
     assert classifier.main(str(tmp_path / "model"), str(RECORDING)) == 0
     answer = read_answer(capsys.readouterr().out)
     assert answer.verdict == "backlash"
     assert answer.ranking["backlash"] > 0.5
+
+
+def test_a_classifier_is_trained_once_on_cases_of_other_seeds(monkeypatch, tmp_path, capsys):
+    asked = []
+
+    def generator(seed):
+        truths = {
+            k: {"kind": "known", "names": ["latency"]} if k % 2 else {"kind": "null", "names": []} for k in range(3)
+        }
+        return SimpleNamespace(case=lambda k: asked.append((seed, k)) or SimpleNamespace(truth=truths[k], recording=k))
+
+    monkeypatch.setattr(train, "find_spec", lambda name: name)
+    monkeypatch.setattr(train, "SAME_DESIGNS", 2)
+    monkeypatch.setattr(train, "Generator", generator)
+    monkeypatch.setattr(train, "as_read", lambda recording, machine: recording)
+    monkeypatch.setattr(train, "features_of", lambda recording: np.array([recording, 1.0]))
+    monkeypatch.setattr(train, "_fitted", lambda features, labels: (features.tolist(), labels))
+    file = train.train(3, tmp_path, RECORDING)
+    assert asked == [(train.OTHER_SEED, 0), (train.OTHER_SEED, 1), (train.OTHER_SEED + 1, 2)]
+    assert pickle.loads(file.read_bytes()) == ([[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]], ["none", "latency", "none"])
+    assert train.train(3, tmp_path, RECORDING) == file
+    assert train.train(2, tmp_path, RECORDING) != file
+    assert len(asked) == 3
+    monkeypatch.setattr(train, "find_spec", lambda name: None)
+    assert run.main(["--unsealed", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("gapbench: scikit-learn is not installed; pip install")
 
 
 def test_features_are_finite_and_tell_an_error_from_none():

@@ -384,6 +384,8 @@ def test_programs_are_run_on_the_same_cases_and_go_on_when_stopped(tmp_path, mon
             made.append(number)
             return BenchCase(self.key(number), {"recording.toml": "a rig"}, truth(self.key(number), "null"))
 
+    started, real_run = [], Trial.run
+    monkeypatch.setattr(Trial, "run", lambda self, of, files: started.append(of.name) or real_run(self, of, files))
     monkeypatch.setattr(run, "CaseSet", Cases)
     (tmp_path / "answer").write_text(SURE_OF_NONE)
     good = f"good=/bin/sh -c 'cat {tmp_path}/answer # {{folder}}'"
@@ -392,6 +394,7 @@ def test_programs_are_run_on_the_same_cases_and_go_on_when_stopped(tmp_path, mon
     assert capsys.readouterr().err.splitlines()[-1] == "stopped; the same command goes on from here"
     assert run.main([*arguments, "--program", "bad=/bin/sh -c 'cat {folder}/*'"]) == 0
     assert made == [0, 0, 1]  # the first again for the other program
+    assert started == ["good", "bad", "good", "bad"]
     out = capsys.readouterr().out
     (line,) = [text for text in out.splitlines() if text.startswith("all answers right")]
     assert line.index("100 % (34 to 100, n 2)") < line.index("0 % (0 to 66, n 2)")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import compileall
 import hashlib
 import os
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from py_compile import PycInvalidationMode
 
 from benchmarks.gapbench.program import PYTHON, Entry
 from benchmarks.results_file import ROOT
@@ -47,6 +49,10 @@ def staged(folder: Path, more: dict[str, Path]) -> Path:
                 target = Path(begun) / "staged" / name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, target)
+            # A program may not write where it is: without this it would be compiled anew for every recording.
+            compileall.compile_dir(
+                Path(begun) / "staged", quiet=2, invalidation_mode=PycInvalidationMode.UNCHECKED_HASH
+            )
             os.rename(Path(begun) / "staged", home)
     return home
 

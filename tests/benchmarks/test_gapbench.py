@@ -215,12 +215,15 @@ def test_names_are_those_of_the_shipped_programs_and_differ(capsys):
         assert said in capsys.readouterr().err
 
 
-def test_a_staged_program_holds_nothing_of_the_makers(tmp_path):
+def test_a_staged_program_holds_nothing_of_the_makers(tmp_path, monkeypatch):
+    compiled = []
+    monkeypatch.setattr(entries.compileall, "compile_dir", lambda folder, **_: compiled.append(folder))
     (tmp_path / "model").write_bytes(b"trees")
     home = entries.staged(tmp_path / "programs", {entries.MODEL: tmp_path / "model"})
     held = {str(file.relative_to(home)) for file in home.rglob("*") if file.is_file()}
     assert {entries.MODEL, "calibration/__init__.py", "calibration/machine/data/planar4.toml"} <= held
     assert {f"benchmarks/gapbench/programs/{name}.py" for name in entries.NAMES} <= held
+    assert len(compiled) == 1
     others = [name for name in held if not name.startswith("calibration/") and name.endswith(".py")]
     assert not [
         name for name in others if any(word in name for word in ("structures", "making", "maker", "truth", "cases"))

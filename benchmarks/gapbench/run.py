@@ -91,7 +91,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--show", type=Path, action="append", default=[], help="what programs see besides; again for more"
     )
-    parser.add_argument("--limit-s", type=float, default=120.0, help="time for one recording")
+    parser.add_argument("--limit-s", type=float, default=120.0, help="time on its core for one recording")
     parser.add_argument("--training", type=int, default=420, help="cases that the classifier is trained on")
     parser.add_argument("--fresh", action="store_true", help="forget all answers of this seed")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")

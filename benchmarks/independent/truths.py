@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.independent.final_runs import FinalRun
 from benchmarks.independent.recordings import NoRecordings, is_even
 
-_TABLE, _ARRAYS = "truth/truth.json", "truth/{}.npz"
+TABLE, ARRAYS = "truth/truth.json", "truth/{}.npz"
 
 
 class OddTruth(RuntimeError):
@@ -43,14 +43,14 @@ def read_truths(archive: Path, names: Collection[str], final_run: FinalRun | Non
         raise OddTruth(f"{odd[0]} is of the odd half: only a final run scores it (--final)")
     entries: dict[str, Any] = {}
     arrays: dict[str, Any] = {}
-    wanted = {_ARRAYS.format(name): name for name in names}
+    wanted = {ARRAYS.format(name): name for name in names}
     with tarfile.open(archive) as tar:
         for member in tar:
             path = member.name.removeprefix("./")
-            stream = tar.extractfile(member) if path == _TABLE or path in wanted else None
+            stream = tar.extractfile(member) if path == TABLE or path in wanted else None
             if stream is None:
                 continue
-            if path == _TABLE:
+            if path == TABLE:
                 entries = {name: entry for name, entry in json.load(stream).items() if name in names}
             else:
                 with np.load(io.BytesIO(stream.read()), allow_pickle=False) as file:

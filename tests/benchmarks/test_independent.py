@@ -6,7 +6,6 @@ import hashlib
 import io
 import json
 import shutil
-import tarfile
 from functools import partial
 from pathlib import Path
 
@@ -16,10 +15,11 @@ import pytest
 from benchmarks.independent import final_runs, run
 from benchmarks.independent.final_runs import MOST, NoFinalRun
 from benchmarks.independent.gross import plant_in
+from benchmarks.independent.pack import packed_arrays, write_archive
 from benchmarks.independent.recordings import FILES, NoRecordings, copy_recordings, names_of
 from benchmarks.independent.scorer import score
 from benchmarks.independent.table import figures, misjudged
-from benchmarks.independent.truths import OddTruth, Truth, read_truths
+from benchmarks.independent.truths import ARRAYS, TABLE, OddTruth, Truth, read_truths
 from benchmarks.withheld import sealing, table
 from benchmarks.withheld.scorer import Tampered
 from benchmarks.withheld.statistics import excess_calibration_error
@@ -62,21 +62,14 @@ def entry(kind="single", *effects):
 
 def archive_in(folder, entries):
     """An archive with four recordings and their truths."""
-    arrays = io.BytesIO()
-    np.savez(arrays, clean_m=np.zeros((6, 3)), platform=np.array([True, True, True, True, False, False]))
-    files = {"./truth/truth.json": json.dumps(entries).encode()}
+    arrays = {"clean_m": np.zeros((6, 3)), "platform": np.array([True, True, True, True, False, False])}
+    files = {TABLE: json.dumps(entries).encode()}
     for name in entries:
-        files[f"./{name}/notes.txt"] = b"what it is"
-        files[f"./{name}/truth.json"] = b"{}"
-        files |= {f"./{name}/{file}": HEADER.encode() for file in FILES}
-        files[f"./truth/{name}.npz"] = b"spoiled" if entries[name] == "spoiled" else arrays.getvalue()
-    folder.mkdir(exist_ok=True)
-    with tarfile.open(folder / "recordings.tar.xz", "w:xz") as tar:
-        for name, data in files.items():
-            member = tarfile.TarInfo(name)
-            member.size = len(data)
-            tar.addfile(member, io.BytesIO(data))
-    return folder / "recordings.tar.xz"
+        files[f"{name}/notes.txt"] = b"what it is"
+        files[f"{name}/truth.json"] = b"{}"
+        files |= {f"{name}/{file}": HEADER.encode() for file in FILES}
+        files[ARRAYS.format(name)] = b"spoiled" if entries[name] == "spoiled" else packed_arrays(arrays)
+    return write_archive(folder, files)
 
 
 @pytest.fixture
@@ -130,9 +123,10 @@ def test_only_the_scorer_of_a_run_reads_truths():
             text = file.read_text(encoding="utf-8")
             if "independent.truths" in text or "read_truths" in text or "truth/" + "truth" in text:
                 readers.add(str(file.relative_to(ROOT)))
-    here = {f"benchmarks/independent/{name}.py" for name in ("run", "scorer", "truths")}
+    here = {f"benchmarks/independent/{name}.py" for name in ("pack", "run", "scorer", "truths")}
     assert readers == here | {"tests/benchmarks/test_independent.py"}
-    assert "read_truths" not in (ROOT / "benchmarks/independent/scorer.py").read_text(encoding="utf-8")
+    for name in ("pack", "scorer"):
+        assert "read_truths" not in (ROOT / f"benchmarks/independent/{name}.py").read_text(encoding="utf-8")
     assert (ROOT / "benchmarks/independent/run.py").read_text(encoding="utf-8").count("read_truths(") == 1
 
 

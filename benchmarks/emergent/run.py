@@ -1,0 +1,120 @@
+"""Checks the diagnosis on a plant in MuJoCo in which errors emerge: one table (docs/explanation/emergent.md).
+
+    python -m benchmarks.emergent.run [--n N] [--processes 2] [--out runs/emergent] [--unsealed]
+
+Makes the cases that are missing, packs them in the form of the other simulator's recordings, and has
+`benchmarks.independent.run` diagnose and score them. A finished case is kept as long as the plant's code is the same:
+stopped at any time, the same command goes on. What is scored with which catalogue is a line of log.jsonl, written
+before. Exit status 1 if a goal is missed, 2 if a process failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import as_completed
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import mujoco  # type: ignore[import-untyped]
+
+from benchmarks.emergent.cases import SEED, Plan, plan
+from benchmarks.emergent.making import make_case
+from benchmarks.independent import run as independent
+from benchmarks.independent.pack import pack
+from benchmarks.independent.recordings import digest_of
+from benchmarks.results_file import ROOT, code_digest
+from benchmarks.side_by_side import side_by_side
+from benchmarks.withheld.score_rows import Row, called, overall_right
+from tests.kept_results import until_stopped
+
+HERE = Path(__file__).parent
+LOG = HERE / "log.jsonl"
+OUT = ROOT / "runs" / "emergent"
+PLANT = tuple(f"benchmarks/emergent/{file.name}" for file in sorted(HERE.glob("*.py")) if file.name != "run.py")
+CATALOGUE = ("calibration/effects",)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Make what is missing, log what is about to be scored, score."""
+    options = _options(arguments)
+    plans = plan()
+    chosen = plans[: options.n or None]  # they are mixed: the first ones are a fair sample
+    plant = f"{code_digest(*PLANT)}-mujoco-{mujoco.__version__}"
+    folder = options.out / plant
+    make_all(chosen, folder / "cases", options.processes)
+    data = folder / f"{len(chosen)}-of-{len(plans)}"
+    archive = pack(folder / "cases", data, [one.name for one in chosen])
+    append_once(options.log, plant, len(chosen))
+    given = ["--data", str(data), "--out", str(folder / "scores"), "--jobs", str(options.processes)]
+    status = independent.main([*given, *(["--unsealed"] if options.unsealed else [])])
+    details = folder / "scores" / f"{independent.code_digest('')}-{digest_of(archive)}" / "even" / "results.json"
+    if status != 2:
+        print("", *by_cause(json.loads(details.read_text(encoding="utf-8"))["rows"], chosen), sep="\n")
+    return status
+
+
+def make_all(chosen: Sequence[Plan], cases: Path, processes: int) -> None:
+    """Make the cases that are not there; each is whole or not there."""
+    missing = [one for one in chosen if not (cases / one.name).exists()]
+    for part in cases.glob("*.part"):
+        shutil.rmtree(part)
+    started = time.monotonic()
+    with side_by_side(make_case, [(one, cases) for one in missing], processes) as running:
+        for done, future in enumerate(as_completed(running), 1):
+            name, passed = future.result(), (time.monotonic() - started) / 60.0
+            left = passed / done * (len(missing) - done)
+            print(
+                f"{name} made; {done} of {len(missing)}; {passed:.1f} min, {left:.1f} left", file=sys.stderr, flush=True
+            )
+
+
+def append_once(log: Path, plant: str, n: int) -> None:
+    """A line for each catalogue and plant that is scored together, on disk before anything is scored."""
+    line = {"catalogue": code_digest(*CATALOGUE), "calibration": code_digest("calibration"), "plant": plant, "n": n}
+    former = [json.loads(text) for text in log.read_text(encoding="utf-8").splitlines()] if log.exists() else []
+    if any(line.items() <= entry.items() for entry in former):
+        return
+    entry = {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "seed": SEED, **line}
+    with log.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def by_cause(rows: Sequence[Row], chosen: Sequence[Plan]) -> list[str]:
+    """A line for each cause in the plant's words: the catalogue has one name for several of them."""
+    causes = {one.name: one.causes[0] for one in chosen if len(one.causes) == 1}
+    out = ["cause          counted  right  called an effect  of any size  called an effect"]
+    for cause in dict.fromkeys(causes.values()):
+        of: list[dict[str, Any]] = [row for row in rows if causes.get(row["key"]) == cause]
+        large = [row for row in of if row["eligible"]]
+        out.append(
+            f"{cause:14s} {len(large):7d} {sum(map(overall_right, large)):6d} {sum(map(called, large)):17d} "
+            f"{len(of):12d} {sum(map(called, of)):17d}"
+        )
+    return out
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--n", type=int, default=0, help="so many cases only, for a first look")
+    parser.add_argument("--processes", type=int, default=2, help="cases made, and diagnosed, side by side")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")
+    parser.add_argument("--unsealed", action="store_true", help="development where the system can shut no process in")
+    parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.n < 0 or options.processes < 1:
+        parser.error("--n must not be negative, --processes not below 1")
+    options.out = options.out.resolve()
+    return options
+
+
+if __name__ == "__main__":
+    sys.exit(until_stopped(main))

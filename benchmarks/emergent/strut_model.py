@@ -20,7 +20,7 @@ from benchmarks.emergent.drive_model import CARRIAGE_KG, SOLIMP, SOLREF, STEP_S
 
 Array = NDArray[np.float64]
 
-PIN_KG = 8.0
+PIN_KG = 8.0  # without weight, as the struts
 STEPS_AT_ONCE, MOST_STEPS = 20, 20_000
 STILL_M_PER_S = 2e-9
 STRUTS, SLIDERS = 4, 2
@@ -152,9 +152,8 @@ def _xml(machine: Machine, parts: StrutParts, payload: int) -> str:
                 f'<joint name="pin{i}{n}" type="slide" axis="{axis}" damping="{damping}"/>'
                 for n, axis in (("x", "1 0 0"), ("y", "0 1 0"))
             )
-            bodies.append(
-                f'<body>{slides}<inertial pos="0 0 0" mass="{PIN_KG}" diaginertia="1 1 1"/><site name="pin{i}"/></body>'
-            )
+            inertial = f'<inertial pos="0 0 0" mass="{PIN_KG}" diaginertia="1 1 1"/>'
+            bodies.append(f'<body gravcomp="1">{slides}{inertial}<site name="pin{i}"/></body>')
             tendons.append(_bore(machine, parts, i))
         tendons.append(
             f'<spatial stiffness="{k}" damping="{k / fastest}" springlength="{float(machine.length_m[i])}">'

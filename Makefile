@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld independent structures gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups kuka clean
+.PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups kuka clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -93,6 +93,11 @@ structures: $(VENV)/dev.stamp
 gapbench: $(VENV)/gapbench.stamp
 	$(BIN)/python -m benchmarks.gapbench.run $(if $(N),--structures $(N)) $(if $(SEED),--seed $(SEED)) \
 		$(if $(PROGRAM),--program "$(PROGRAM)")
+
+# The diagnosis on a plant in MuJoCo in which errors emerge (docs/explanation/emergent.md): 200 cases, an hour or two on two
+# cores. N=20 for a first look, PROCESSES=4. What is scored with which catalogue is a line in the log. Stopped, it goes on.
+emergent: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.emergent.run $(if $(N),--n $(N)) $(if $(PROCESSES),--processes $(PROCESSES))
 
 # The diagnosis of one drive alone on six measured recordings of a robot (docs/explanation/axis.md), if they lie in
 # ../shared/real-data/kuka-kr300 or DATA=FOLDER. Stopped, it begins anew: it takes one or two minutes.

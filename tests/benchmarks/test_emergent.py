@@ -190,7 +190,7 @@ def test_a_repaired_part_differs_from_a_faulty_one(cause):
 def test_a_case_made_twice_is_the_same_and_can_be_read(tmp_path):
     play = next(case for case in plan() if case.causes == ("play",))
     for folder in ("one", "two"):
-        make_case(play, tmp_path / folder, every=35)
+        make_case(play, tmp_path / folder, every=45)
     one, two = (
         {file.name: file.read_bytes() for file in (tmp_path / folder / play.name).iterdir()}
         for folder in ("one", "two")

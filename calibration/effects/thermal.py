@@ -25,6 +25,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
     "base": ("column", "base", "frame", "tower", "bed"),
     "drives": ("screw", "spindle", "nut"),
 }
+CURVE_TERMS, CURVE_WEIGHT = 4, 0.3  # what grows with a temperature may do so along any smooth curve
 LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
@@ -95,7 +96,11 @@ def _add_thermal_sets(
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
     for following, tau in _followed(inputs, part):
-        sets.add_set(through(following, "following"), rest, share=0.1, tau_s=max(tau, _TAU.low))
+        column = through(following, "following")
+        sets.add_set(column, rest, share=0.1, tau_s=max(tau, _TAU.low))
+        sets.add_set(
+            (*column, *through(cosine_basis(following, CURVE_TERMS))), weight=CURVE_WEIGHT, tau_s=max(tau, _TAU.low)
+        )
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -155,6 +160,11 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         bend = sets.add((travel, span * alpha * warmer[:, None] * np.stack([0.5 * u**2, 0.5 * u**3], axis=1)))
         sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
         sets.add_set(high, tau_s=max(tau, _TAU.low))
+    # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
+    for course in (inputs.context.t_s, *(following for following, _ in _followed(inputs, "drives"))):
+        curves = alpha * cosine_basis(course, CURVE_TERMS)
+        ends = [(travel, curves * (x - end)[:, None]) for end in (0.0, span)]
+        sets.add_set([c for channel_shapes in ends for c in sets.add(channel_shapes)], weight=CURVE_WEIGHT)
     return sets
 
 

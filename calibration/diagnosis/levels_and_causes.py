@@ -27,6 +27,7 @@ SHARE_OF_CAUSES, SHORT_OF_CAUSES = 0.8, 10.0  # of the log posterior of causes: 
 SHARE_OF_EXCESS = 0.5  # of what non-parametric alternatives have more, that levels must have with the causes
 NO_LEVELS = DisturbanceLevels()
 ANY_LEVEL = DisturbanceLevels(drift_m=1.0, reseat_m=1.0, reversal_m=1.0, temperature_k=1.0)
+TOLD_BY_FORM = 20.0  # log posterior over what levels explain, at which an effect is told from them whatever its size
 ALIKE = 0.2  # of logarithms of levels: nearer ones say the same
 
 
@@ -87,8 +88,11 @@ class SearchOfLevelsAndCauses:
         while ordinary := self._no_more_than_disturbances(best.result.causes):
             effects = tuple(effect for effect in effects if effect not in ordinary)
             remaining = [cause for cause in best.result.causes if cause.effect not in ordinary]
-            best = self._search(self._posterior_with(remaining).most_likely_ordinary(), effects)
-            tried.append(best)
+            other = self._search(self._posterior_with(remaining).most_likely_ordinary(), effects)
+            if best.log_posterior - other.log_posterior > TOLD_BY_FORM:
+                break
+            tried.append(other)
+            best = other
         most_of_none = max(search.log_evidence for search in tried)
         return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence)
 
@@ -120,7 +124,7 @@ class SearchOfLevelsAndCauses:
             return []
         posterior = self._posterior_with(causes)
         x = posterior.most_likely_ordinary()
-        likely = x + QUANTILE * posterior.standard_deviations(x)
+        likely = np.minimum(x + QUANTILE * posterior.standard_deviations(x), QUANTILE * posterior.prior)
         return [effect for effect in alike if self._ratio(effect, causes, likely) < MIN_RATIO_TO_DECLARED]
 
     def _ratio(self, effect: Effect, causes: Sequence[Cause], levels: Array) -> float:

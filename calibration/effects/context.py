@@ -308,6 +308,12 @@ class CombinedContext(ReadingContext):
             self.campaign.thermal_lag_k(sensor, tau_s), self.other.thermal_lag_k(sensor, tau_s)
         )
 
+    def part_temperature_k(self, sensor: str, tau_s: float) -> Array:
+        """Change (n,) since the campaign's start, of a part that follows a sensor with a time constant."""
+        change = super().part_temperature_k(sensor, tau_s)
+        of_campaign = change[: len(self.campaign.context)]
+        return np.clip(change, of_campaign.min(), of_campaign.max())
+
     def refractivity_change(self, delay_s: float) -> Array:
         """Refractivity (n,) of the recorded air less that of delay_s before."""
         campaign, other = self.campaign.context, self.other.context

@@ -1,7 +1,8 @@
 """Coordinates of the tool measured in the machine's frame: the full pose, x and y only, or the height alone.
 
 An instrument whose frame is not known to the machine adds six unknowns; a subset of coordinates is compared after
-that motion. An offset common to all readings (where a touch probe triggers) is a further unknown.
+that motion. An offset common to all readings (where a touch probe triggers) is a further unknown, and so is a bed that
+is touched and is no plane but a bowl.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from calibration.machine.description import COORDINATES, Machine
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
 
+BOWL = "bed.bowl"
+HEIGHT = COORDINATES.index("z")
+
 
 @dataclass(frozen=True)
 class ToolCoordinates:
@@ -27,7 +31,9 @@ class ToolCoordinates:
 
     visit (r,); value (r, 6) in m and rad, rotation vectors, what is not measured is ignored; sigma (r, k) standard
     deviations of independent errors. own_frame: the instrument's frame is unknown. offset_u (k,): standard
-    uncertainty of an offset common to all readings, zero where there is none.
+    uncertainty of an offset common to all readings, zero where there is none. bowl_u_m: standard
+    uncertainty of how much higher a touched bed is bowl_radius_m off the machine's axis than on it, growing with the
+    square of the distance.
     """
 
     visit: NDArray[np.intp]
@@ -36,6 +42,8 @@ class ToolCoordinates:
     sigma: Array
     own_frame: bool = False
     offset_u: tuple[float, ...] = ()
+    bowl_u_m: float = 0.0
+    bowl_radius_m: float = 1.0
 
     @classmethod
     def of(cls, visits: Visits, coordinates: tuple[int, ...], value: Array, sigma: Array) -> ToolCoordinates:
@@ -56,7 +64,7 @@ class ToolCoordinates:
         return self.own_frame
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
-        """The instrument's frame and the offsets, where there are any."""
+        """The instrument's frame, the offsets and the bowl, where there are any."""
         out = []
         if self.own_frame:
             free = [3, 4, 5, 0, 1, 2] if not machine.planar else [5, 0, 1]
@@ -65,6 +73,8 @@ class ToolCoordinates:
         for c, u in zip(self.coordinates, self.offset_u, strict=False):
             if u > 0.0:
                 out.append(Unknown(f"offset.{COORDINATES[c]}", "rad" if c > 2 else "m", u))
+        if self.bowl_u_m > 0.0:
+            out.append(Unknown(BOWL, "m", self.bowl_u_m))
         return tuple(out)
 
     def visit_indices(self) -> NDArray[np.intp]:
@@ -92,6 +102,7 @@ class ToolCoordinates:
         for column, name in enumerate(names):
             if name.startswith("frame."):
                 increment[[3, 4, 5, 0, 1, 2][COORDINATES.index(name[6:])]] = instrument_unknowns[column]
+        depth_m = 0.0
         frame = Frame(np.eye(3), np.zeros(3)).with_increment(increment)
         turned = poses.tool_m()[visit] @ frame.rotation.T
         turn = (
@@ -101,6 +112,13 @@ class ToolCoordinates:
         chosen = list(self.coordinates)
         by_own = np.zeros((len(self), self.width, len(names)))
         for column, name in enumerate(names):
+            if name == BOWL:
+                # What is touched is higher than its stated height, and the tool with it.
+                depth_m = instrument_unknowns[column]
+                higher = np.sum(turned[:, :2] ** 2, axis=1) / self.bowl_radius_m**2
+                error[:, HEIGHT] -= higher * depth_m
+                by_own[:, chosen.index(HEIGHT), column] = -higher
+                continue
             c = COORDINATES.index(name.partition(".")[2])
             if name.startswith("offset."):
                 error[:, c] += instrument_unknowns[column]
@@ -114,6 +132,10 @@ class ToolCoordinates:
         if not derivatives:
             return WhitenedResiduals(residual, np.zeros((len(self), self.width, 0)), by_own[:, :, :0])
         by_point = poses.platform_point_derivatives(machine.tool_point_m)
+        if depth_m:
+            steeper = -2.0 * depth_m / self.bowl_radius_m**2 * poses.tool_m()[:, :2]
+            by_point = by_point.copy()
+            by_point[:, HEIGHT] += np.einsum("vc,vcu->vu", steeper, by_point[:, :2])
         by_turn = poses.jacobian[:, 3:]
         if self.own_frame:
             by_point, by_turn = frame.rotation @ by_point, frame.rotation @ by_turn

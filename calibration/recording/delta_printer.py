@@ -16,6 +16,7 @@ from calibration.model.visits import Visits
 from calibration.recording.klipper import TOWERS, DeltaPrinter
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.measurement_header import (
+    BedEntry,
     ColumnEntry,
     DistancesEntry,
     MeasurementFile,
@@ -23,6 +24,8 @@ from calibration.recording.measurement_header import (
     QuantityEntry,
 )
 
+BOWL_U_M = 1e-4  # heated beds and glass on clips bow by as much
+BED_SHARE = 0.8  # of the delta radius: as far out as a printer probes, roughly
 HEIGHT_SD_M = 3e-5  # a probe repeats to 10 to 20 um, a glass bed is flat to some tens of um
 DISTANCE_SD_M = 5e-5  # a calliper on printed edges
 LENGTH_U_M = 5e-5  # zero of the calliper, width of the printed line
@@ -105,6 +108,7 @@ def machine_with_measurements(printer: DeltaPrinter, name: str, source: str) -> 
         source=source,
         unknowns=("strut_length", "base_joint", "axis_tilt", "drive_scale"),
         columns={"z_m": ColumnEntry(sd=HEIGHT_SD_M)},
+        bed=BedEntry(bowl_u_m=BOWL_U_M, radius_m=BED_SHARE * printer.radius_m),
         distances=DistancesEntry(sd_m=DISTANCE_SD_M, length_u_m=LENGTH_U_M, scale_u=SCALE_U) if distances else None,
         former=PreviousFitEntry(
             parameters=9 if distances else 6,

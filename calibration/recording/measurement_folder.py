@@ -66,7 +66,10 @@ class MeasuredMachine:
             value = np.nan_to_num(self.coordinates[rows])
             sigma = np.tile([e.sd for e in entries], (len(rows), 1))
             offset = tuple(e.offset_u for e in entries) if instrument_unknowns else ()
-            out.append(ToolCoordinates(rows, tuple(chosen), value, sigma, self.file.own_frame, offset))
+            touched = ToolCoordinates(rows, tuple(chosen), value, sigma, self.file.own_frame, offset)
+            if (bed := self.file.bed) is not None and instrument_unknowns:
+                touched = replace(touched, bowl_u_m=bed.bowl_u_m, bowl_radius_m=bed.radius_m)
+            out.append(touched)
         distances = self.file.distances
         if distances is not None:
             pairs = self.pairs.astype(np.intp)

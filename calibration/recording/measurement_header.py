@@ -33,6 +33,14 @@ class ColumnEntry(Section):
     offset_u: NotNegative = 0.0
 
 
+class BedEntry(Section):
+    """A bed that was touched and may be a bowl: standard uncertainty of how much higher it is at a radius off the
+    machine's axis than on it."""
+
+    bowl_u_m: Positive
+    radius_m: Positive
+
+
 class DistancesEntry(Section):
     """Distances: standard deviation of a reading; standard uncertainties of what all have in common.
 
@@ -73,6 +81,7 @@ class MeasurementFile(Section):
     unknowns: tuple[Kind, ...] | None = Field(default=None, min_length=1)
     own_frame: bool = False
     columns: dict[Column, ColumnEntry] = Field(default_factory=dict)
+    bed: BedEntry | None = None
     distances: DistancesEntry | None = None
     former: PreviousFitEntry | None = None
     quantities: tuple[QuantityEntry, ...] = ()
@@ -81,6 +90,10 @@ class MeasurementFile(Section):
     def _fits_together(self) -> Self:
         if not self.columns and self.distances is None:
             raise ValueError("neither [columns] nor [distances]: say what was measured")
+        if self.bed is not None and "z_m" not in self.columns:
+            raise ValueError("[bed] without [columns.z_m]: a bed is touched at heights")
+        if self.bed is not None and self.own_frame:
+            raise ValueError("[bed] with own_frame: a bed is touched by the machine itself, in its own frame")
         names = [q.name for q in self.quantities]
         if len(set(names)) != len(names):
             raise ValueError("two quantities have the same name")

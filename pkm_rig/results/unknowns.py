@@ -15,6 +15,7 @@ KIND_NAMES = {
     "ball": "place of the ball",
     "frame": "frame of the instrument",
     "offset.z": "offset of the heights",
+    "bed.bowl": "a bed that is a bowl",
 }
 
 

@@ -44,7 +44,7 @@ def pose_of(model, truth, visits):
     return np.concatenate([prediction.tool_m(), rotation_vector(prediction.equilibrium.rotation)], axis=1)
 
 
-def readings_of(kind, model, visits, value):
+def readings_of(kind, model, visits, value):  # noqa: PLR0911  one kind, one return
     dof = tuple(model.machine.dof.tolist())
     sigma = np.tile(np.where(model.machine.dof < 3, SIGMA_M, SIGMA_RAD), (len(visits), 1))
     every = np.arange(len(visits))
@@ -55,6 +55,8 @@ def readings_of(kind, model, visits, value):
             return ToolCoordinates(every, dof, value, sigma, own_frame=True)
         case "height":
             return ToolCoordinates(every, (2,), value, sigma[:, :1], offset_u=(1e-3,))
+        case "bowl":
+            return ToolCoordinates(every, (0, 2), value, sigma[:, :2], bowl_u_m=1e-3, bowl_radius_m=0.2)
         case "x and y":
             return ToolCoordinates(every, (0, 1), value, sigma[:, :2])
         case "ball bar":
@@ -67,13 +69,13 @@ def readings_of(kind, model, visits, value):
             return Distances(pairs[0], pairs[1], length, sigma[:-1, 0], length_u_m=1e-4, scale_u=1e-3)
 
 
-KINDS = ("full pose", "own frame", "height", "x and y", "ball bar", "calliper")
+KINDS = ("full pose", "own frame", "height", "bowl", "x and y", "ball bar", "calliper")
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["planar4", "delta6", "prs3"])
 def test_derivatives_agree_with_differences(kind, name):
-    if name == "planar4" and kind == "height":
+    if name == "planar4" and kind in ("height", "bowl"):
         pytest.skip("a planar machine has no height")
     model, visits, truth, rng = rig(name, 4)
     readings = readings_of(kind, model, visits, pose_of(model, truth, visits))

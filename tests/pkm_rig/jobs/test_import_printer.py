@@ -156,7 +156,7 @@ def test_published_printers(identified, path):
     assert identification["aliased"]
     if not rows.distances:
         assert former["leave_one_out"]["z_rms_m"] > 5.0 * former["residual"]["z_rms_m"]
-        assert sorted(identification["alike"][0]) == ["axis_tilt", "drive_scale", "strut_length"]
+        assert sorted(identification["alike"][0]) == ["axis_tilt", "bed.bowl", "drive_scale", "strut_length"]
         assert any("sag and play" in remark for remark in identification["remarks"])
 
 

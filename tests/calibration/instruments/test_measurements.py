@@ -178,3 +178,17 @@ def test_monte_carlo_agrees_with_linear_propagation(name):
     free = model.machine.dof
     np.testing.assert_allclose(drawn[:, free], linear[:, free], rtol=0.35)
     assert np.mean(drawn[:, free] / linear[:, free]) == pytest.approx(1.0, abs=0.12)
+
+
+def test_a_bowl_of_the_bed_is_found_with_its_sign():
+    """A bed that is 0.4 mm higher 0.2 m off the axis: touched there, the tool stands higher than the height says."""
+    model, visits, truth, rng = rig("prs3", 80, seed=9)
+    pose, depth_m = pose_of(model, truth, visits), 4e-4
+    stated = pose.copy()
+    stated[:, 2] -= depth_m * np.sum(pose[:, :2] ** 2, axis=1) / 0.2**2
+    sigma = np.full((len(visits), 3), SIGMA_M)
+    touched = ToolCoordinates(np.arange(len(visits)), (0, 1, 2), stated, sigma, bowl_u_m=1e-3, bowl_radius_m=0.2)
+    fit = identify(model, visits, [with_noise(touched, rng)])
+    value, u = fit.value("bed.bowl")
+    assert u < 2e-4
+    assert abs(value - depth_m) < 4.0 * u

@@ -8,6 +8,7 @@ __all__ = [
     "effects",
     "identification",
     "instruments",
+    "intervals",
     "machine",
     "model",
     "recording",

@@ -1,0 +1,6 @@
+"""Calibration intervals (ILAC-G24 / OIML D 10): when to calibrate again, from stored facts of a machine's life.
+
+Every function is pure: it takes facts and a time and returns a result with its reasons in words. None reads a clock.
+"""
+
+__all__ = ["facts"]

@@ -5,7 +5,7 @@ loss of a joint, settling the integral action of the controller; what a station 
 are along the axis, in m, from the target of the visit; forces in N, positive upwards.
 
 The integration step is 0.1 ms. Contacts have a time constant of two steps and friction is solved without slip: with
-MuJoCo's defaults a play of 15 um stands open by 125 um, and friction creeps and forgets within a second.
+MuJoCo's defaults a play of 15 um stands open by 350 to 500 um, and friction creeps and forgets within a second.
 """
 
 from __future__ import annotations

@@ -115,18 +115,18 @@ class BasisSets:
         *,
         share: float = FLEXIBLE_SHARE,
         weight: float = 1.0,
-        sign: float = 1.0,
+        size: float | tuple[float, ...] = 1.0,
         **parameters: float,
     ) -> None:
         """A basis set of the main columns, and a second one with flexible columns of `share` times the size.
 
-        sign: of the size for a positive coefficient of the first column.
+        size: weights with which the first coefficients add up to the size; -1.0 where its sign is not the first one's.
         """
-        size = () if sign == 1.0 else (sign,)
-        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=size))
+        weights = size if isinstance(size, tuple) else () if size == 1.0 else (size,)
+        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=weights))
         if flexible:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
-            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=size))
+            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights))
 
     def without_forms(self, names: Collection[str]) -> BasisSets:
         """The same columns; basis sets without those of some forms, and without sets that are made of them."""

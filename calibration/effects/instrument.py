@@ -63,9 +63,9 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
             )
         )
         slowly = sets.add((channel, angle_per_gradient * warming[:, None] * powers))
-        sets.add_set(uniform, varying, share=0.5, sign=towards_warm)
+        sets.add_set(uniform, varying, share=0.5, size=towards_warm)
         sets.add_set(varying)
-        sets.add_set(warm, (*uniform, *slowly), share=0.5, sign=towards_warm)
+        sets.add_set(warm, (*uniform, *slowly), share=0.5, size=towards_warm)
     _add_range_scale(sets, inputs.context)
     return sets
 
@@ -81,7 +81,7 @@ def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:
     for error in (since_begin, *(context.refractivity_change(delay_s) for delay_s in INDEX_DELAYS_S)):
         if np.ptp(error) > LEAST_INDEX_CHANGE:
             scaled = sets.add(("light.range", PER_KELVIN * error / np.ptp(error)), form="late_air")
-            sets.add_set(scaled, other, share=0.2, sign=-1.0)
+            sets.add_set(scaled, other, share=0.2, size=-1.0)
     sets.add_set(other)
 
 

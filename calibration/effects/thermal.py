@@ -96,11 +96,10 @@ def _add_thermal_sets(
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
     for following, tau in _followed(inputs, part):
-        column = through(following, "following")
-        sets.add_set(column, rest, share=0.1, tau_s=max(tau, _TAU.low))
-        sets.add_set(
-            (*column, *through(cosine_basis(following, CURVE_TERMS))), weight=CURVE_WEIGHT, tau_s=max(tau, _TAU.low)
-        )
+        column, tau_s = through(following, "following"), max(tau, _TAU.low)
+        sets.add_set(column, rest, share=0.1, tau_s=tau_s)
+        curve = through(cosine_basis(following, CURVE_TERMS))
+        sets.add_set((*column, *curve), weight=CURVE_WEIGHT, size=(1.0,), tau_s=tau_s)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -160,11 +159,12 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         bend = sets.add((travel, span * alpha * warmer[:, None] * np.stack([0.5 * u**2, 0.5 * u**3], axis=1)))
         sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
         sets.add_set(high, tau_s=max(tau, _TAU.low))
-    # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
-    for course in (inputs.context.t_s, *(following for following, _ in _followed(inputs, "drives"))):
-        curves = alpha * cosine_basis(course, CURVE_TERMS)
-        ends = [(travel, curves * (x - end)[:, None]) for end in (0.0, span)]
-        sets.add_set([c for channel_shapes in ends for c in sets.add(channel_shapes)], weight=CURVE_WEIGHT)
+    # Whatever its course over time or a temperature, and wherever the point of the screw that stays: how much warmer it
+    # is at the end of the course is the sum of what either end alone would say.
+    for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "drives"))):
+        along = np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
+        low, high = (sets.add((travel, alpha * along * (x - end)[:, None])) for end in (0.0, span))
+        sets.add_set((low[0], high[0], *low[1:], *high[1:]), weight=CURVE_WEIGHT, size=(1.0, 1.0))
     return sets
 
 

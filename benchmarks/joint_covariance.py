@@ -1,21 +1,26 @@
 """Whether well-decided combinations of parameters lie where the fit says: simulation, and Markov chains on five cases.
 
-    python -m benchmarks.joint_covariance [--rigs 12] [--chains 5] [--steps 20000]
+    python -m benchmarks.joint_covariance [--rigs 12] [--chains 5] [--steps 20000] [--out DIR]
 
 Machines with errors drawn from the priors are measured by tool coordinates and fitted. For the directions that the
 readings decide, the mean square of the error over the stated standard deviation is 1 if the covariance is right: it is
 printed for the covariance at the minimum and for the joint one. Then, on five fits, a Metropolis chain on the exact
 posterior tells the variance in the same directions (Gelman, Bayesian Data Analysis, ch. 12), which is compared with
-both. Progress goes to standard error; Ctrl-C ends it with what is done.
+both. Progress goes to standard error. What is done is kept in --out: stopped, the same command goes on.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.results_file import code_digest
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector
@@ -28,6 +33,7 @@ from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
+from tests.kept_results import KeptResults, key_of, until_stopped
 
 MACHINES = ("planar4", "rrr4", "gough8", "delta8", "stewart6", "delta6", "prs3", "rrr3")
 CHAINS = (("planar4", 1), ("planar4", 2), ("rrr4", 1), ("gough8", 1), ("rrr3", 1))
@@ -89,42 +95,66 @@ def chain_variances(fit: Fit, joint: Array, steps: int, seed: int) -> tuple[Arra
     return of_chain, values[values < DECIDED], np.sum(vectors * (joint / scale @ vectors), axis=0)
 
 
+def rig_errors(name: str, seed: int) -> dict[str, Any]:
+    """Errors over both stated deviations, of one machine with drawn errors."""
+    fit, truth = fitted(name, seed)
+    covariances = {"linear": fit.covariance, "joint": joint_covariance(fit)}
+    return {key: error_in_directions(fit, truth, cov, DECIDED).tolist() for key, cov in covariances.items()}
+
+
+def chain_ratios(name: str, seed: int, steps: int) -> dict[str, Any]:
+    """The chain's variances over both that are stated."""
+    fit, _ = fitted(name, seed)
+    of_chain, linear, joint = chain_variances(fit, joint_covariance(fit), steps, seed)
+    return {"linear": (of_chain / linear).tolist(), "joint": (of_chain / joint).tolist()}
+
+
+def printed_machine(name: str, rows: list[dict[str, Any]]) -> str:
+    """One line of the table: all rigs of a machine."""
+    a, b = (np.concatenate([row[key] for row in rows]) for key in ("linear", "joint"))
+    return (
+        f"{name:10}  {len(b):10d}  {np.mean(a**2):31.2f}  {np.mean(b**2):5.2f}  "
+        f"{np.max(np.abs(a)):25.1f}  {np.max(np.abs(b)):5.1f}"
+    )
+
+
+def printed_chain(name: str, seed: int, row: dict[str, Any]) -> str:
+    """One line for one chain."""
+    linear, joint = row["linear"], row["joint"]
+    return (
+        f"chain {name} {seed}: variance over linear {np.median(linear):.2f} (median), {np.max(linear):.1f} (largest); "
+        f"over joint {np.median(joint):.2f}, {np.max(joint):.1f}"
+    )
+
+
 def main() -> int:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=12)
     parser.add_argument("--chains", type=int, default=len(CHAINS))
     parser.add_argument("--steps", type=int, default=20000)
+    parser.add_argument("--out", type=Path, default=Path("runs/joint-covariance"))
     options = parser.parse_args()
-    try:
+    kept = KeptResults(options.out / "results.jsonl")
+    code = code_digest("calibration")
+
+    def result(*case: str | int, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        key = key_of(code, *case)
+        if key not in kept:
+            print(*case, file=sys.stderr)
+            kept.add({"key": key} | make())
+        return kept[key]
+
+    if options.rigs:
         print("machine     directions  mean square over stated: linear  joint; largest deviation: linear  joint")
-        for name in MACHINES if options.rigs else ():
-            linear, joint = [], []
-            for seed in range(options.rigs):
-                fit, truth = fitted(name, seed)
-                linear.append(error_in_directions(fit, truth, fit.covariance, DECIDED))
-                joint.append(error_in_directions(fit, truth, joint_covariance(fit), DECIDED))
-            a, b = np.concatenate(linear), np.concatenate(joint)
-            print(
-                f"{name:10}  {len(b):10d}  {np.mean(a**2):31.2f}  {np.mean(b**2):5.2f}  "
-                f"{np.max(np.abs(a)):25.1f}  {np.max(np.abs(b)):5.1f}",
-                flush=True,
-            )
-        for name, seed in CHAINS[: options.chains]:
-            print(f"{name}, rig {seed}: {options.steps} steps", file=sys.stderr)
-            fit, _ = fitted(name, seed)
-            of_chain, linear_stated, joint_stated = chain_variances(fit, joint_covariance(fit), options.steps, seed)
-            print(
-                f"chain {name} {seed}: variance over linear {np.median(of_chain / linear_stated):.2f} (median), "
-                f"{np.max(of_chain / linear_stated):.1f} (largest); over joint "
-                f"{np.median(of_chain / joint_stated):.2f}, {np.max(of_chain / joint_stated):.1f}",
-                flush=True,
-            )
-    except KeyboardInterrupt:
-        print("joint covariance: stopped", file=sys.stderr)
-        return 130
+        for name in MACHINES:
+            rows = [result(name, seed, make=partial(rig_errors, name, seed)) for seed in range(options.rigs)]
+            print(printed_machine(name, rows), flush=True)
+    for name, seed in CHAINS[: options.chains]:
+        chain = partial(chain_ratios, name, seed, options.steps)
+        print(printed_chain(name, seed, result("chain", name, seed, options.steps, make=chain)), flush=True)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

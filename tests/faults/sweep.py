@@ -31,7 +31,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/faults"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--only", nargs="*", default=list(FAULTS), metavar="NAME")
+    parser.add_argument("--only", nargs="*", default=list(FAULTS), choices=tuple(FAULTS), metavar="NAME")
     parser.add_argument("--fresh", action="store_true", help="forget former results")
     parser.add_argument("--minutes", type=float, default=60.0, help="end after so long; call again to go on")
     given = parser.parse_args()

@@ -63,6 +63,12 @@ def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float
     return rises, lags
 
 
+def _rise_along(course: Array, along: Array) -> tuple[float, ...]:
+    """By how much straight lines through functions (n, k) of a course (n,) rise over it: a curve's ends say little."""
+    unit = course - np.mean(course)
+    return tuple(float(rise) for rise in np.ptp(course) * (unit @ along) / max(float(unit @ unit), 1e-300))
+
+
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
     return None if np.ptp(inputs.context.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
 
@@ -98,8 +104,8 @@ def _add_thermal_sets(
     for following, tau in _followed(inputs, part):
         column, tau_s = through(following, "following"), max(tau, _TAU.low)
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
-        curve = through(cosine_basis(following, CURVE_TERMS))
-        sets.add_set((*column, *curve), weight=CURVE_WEIGHT, size=(1.0,), tau_s=tau_s)
+        along = np.column_stack([following, cosine_basis(following, CURVE_TERMS)])
+        sets.add_set(through(along), weight=CURVE_WEIGHT, size=_rise_along(following, along), tau_s=tau_s)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -159,12 +165,11 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         bend = sets.add((travel, span * alpha * warmer[:, None] * np.stack([0.5 * u**2, 0.5 * u**3], axis=1)))
         sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
         sets.add_set(high, tau_s=max(tau, _TAU.low))
-    # Whatever its course over time or a temperature, and wherever the point of the screw that stays: how much warmer it
-    # is at the end of the course is the sum of what either end alone would say.
+    # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
     for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "drives"))):
         along = np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
-        low, high = (sets.add((travel, alpha * along * (x - end)[:, None])) for end in (0.0, span))
-        sets.add_set((low[0], high[0], *low[1:], *high[1:]), weight=CURVE_WEIGHT, size=(1.0, 1.0))
+        ends = [column for end in (0.0, span) for column in sets.add((travel, alpha * along * (x - end)[:, None]))]
+        sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * _rise_along(course, along))
     return sets
 
 

@@ -1,0 +1,73 @@
+"""Parts that warm along a course which no formula of the catalogue has: over time, or over a recorded temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.effects.api import BasisSet, BasisSets
+from calibration.effects.catalogue import load_catalogue
+from calibration.effects.context import context_of_recording
+from tests.calibration.diagnosis.campaigns import plant, recorded
+from tests.calibration.effects.test_context import SWING, inputs_of
+
+RISE_K = 8.0
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    recording = recorded(plant(60, temperature_programme=SWING))
+    return inputs_of(recording.machine, context_of_recording(recording))
+
+
+def nearest(built: BasisSets, channel: str, wanted: np.ndarray) -> tuple[BasisSet, np.ndarray, float]:
+    """The set whose main columns come nearest to what a channel does (n,): set, coefficients, share that is left."""
+
+    def fitted(basis_set: BasisSet) -> tuple[BasisSet, np.ndarray, float]:
+        columns = [dict(built.contributions[c]).get(channel, np.zeros_like(wanted)) for c in basis_set.main]
+        coefficients, *_ = np.linalg.lstsq(np.column_stack(columns), wanted)
+        left = wanted - np.column_stack(columns) @ coefficients
+        return basis_set, coefficients, float(np.linalg.norm(left) / np.linalg.norm(wanted))
+
+    return min((fitted(basis_set) for basis_set in built.sets if basis_set.size), key=lambda found: found[2])
+
+
+def size(basis_set: BasisSet, coefficients: np.ndarray) -> float:
+    assert len(basis_set.size) == len(coefficients)
+    return float(np.dot(basis_set.size, coefficients))
+
+
+def rise_k(course: np.ndarray) -> float:
+    """Of a straight line (ordinary least squares) through the curve."""
+    return float(np.polyfit(course, RISE_K * bent(course), 1)[0])
+
+
+def bent(x: np.ndarray) -> np.ndarray:
+    """A curve (n,) over [0, 1] that rises from 0 to 1 by way of 0.65 and 0.35."""
+    return x + 0.4 * np.sin(2.0 * np.pi * x)
+
+
+@pytest.mark.parametrize("held", [0.0, 0.5, 1.0])
+def test_a_screw_may_warm_along_any_course_of_time_about_any_point_of_it(inputs, held):
+    context, machine = inputs.context, inputs.machine
+    x, span = context.drives[:, 0] - machine.travel[0, 0], float(np.ptp(machine.travel[0]))
+    t = context.elapsed_s / np.ptp(context.elapsed_s)
+    wanted = machine.expansion_per_k["drives"] * RISE_K * bent(t) * (x - held * span)
+    found = nearest(load_catalogue().effect("screw_thermal_growth").forms(inputs, 0), "travel.left", wanted)
+    assert found[2] < 0.1
+    assert size(*found[:2]) == pytest.approx(rise_k(t), rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["column_thermal_growth", "link_thermal_growth"])
+def test_a_part_may_follow_a_temperature_along_a_curve(inputs, name):
+    context, machine = inputs.context, inputs.machine
+    part, channel = {"column_thermal_growth": ("base", "travel.left"), "link_thermal_growth": ("struts", "")}[name]
+    follows = context.temperatures_c[machine.sensors[part]]
+    course = (follows - follows.min()) / np.ptp(follows)
+    grown = {"base": inputs.height_m(0), "struts": machine.nominal.length_m[0]}[part]
+    wanted = machine.expansion_per_k[part] * RISE_K * bent(course) * grown
+    found = nearest(
+        load_catalogue().effect(name).forms(inputs, 0), channel or f"length.{machine.strut_names[0]}", wanted
+    )
+    assert found[2] < 0.25
+    assert size(*found[:2]) == pytest.approx(rise_k(course), rel=0.1)

@@ -63,10 +63,15 @@ def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float
     return rises, lags
 
 
-def _rise_along(course: Array, along: Array) -> tuple[float, ...]:
-    """By how much straight lines through functions (n, k) of a course (n,) rise over it: a curve's ends say little."""
-    unit = course - np.mean(course)
-    return tuple(float(rise) for rise in np.ptp(course) * (unit @ along) / max(float(unit @ unit), 1e-300))
+def _curve(course: Array) -> Array:
+    """A straight line and cosines (n, 1 + CURVE_TERMS) over the range of a course (n,)."""
+    return np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
+
+
+def _rises() -> tuple[float, ...]:
+    """By how much straight lines through the columns of a curve rise over its course: its ends say little."""
+    even = np.linspace(-0.5, 0.5, 1001)
+    return tuple(float(rise) for rise in even @ _curve(even) / (even @ even))
 
 
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
@@ -104,8 +109,7 @@ def _add_thermal_sets(
     for following, tau in _followed(inputs, part):
         column, tau_s = through(following, "following"), max(tau, _TAU.low)
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
-        along = np.column_stack([following, cosine_basis(following, CURVE_TERMS)])
-        sets.add_set(through(along), weight=CURVE_WEIGHT, size=_rise_along(following, along), tau_s=tau_s)
+        sets.add_set(through(_curve(following)), weight=CURVE_WEIGHT, size=_rises(), tau_s=tau_s)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -167,9 +171,9 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(high, tau_s=max(tau, _TAU.low))
     # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
     for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "drives"))):
-        along = np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
-        ends = [column for end in (0.0, span) for column in sets.add((travel, alpha * along * (x - end)[:, None]))]
-        sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * _rise_along(course, along))
+        curves = alpha * _curve(course)
+        ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
+        sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * _rises())
     return sets
 
 

@@ -138,8 +138,10 @@ class CheckFact:
     point over the workspace that the check infers, noise removed. watched: names of the watched changes of the machine,
     each a parameter or a structure of several ("drive_offset.left"), change (w,): how much each has changed since
     that calibration, if it alone has changed, change_u (w,): its standard uncertainty, station set up anew, both in
-    the unit of the change. temperature_c: mean temperature of the machine's parts. poses: how many were used.
-    duration_s: rig time.
+    the unit of the change. reference_u (w,): standard uncertainty that comes from the calibration itself and is common
+    to all its checks. error_per_change (w,): position error of the tool point, RMS over the workspace, for a change of
+    one unit (m per unit). `check_estimate.estimate_check` computes all of them. temperature_c: mean temperature of the
+    machine's parts. poses: how many were used. duration_s: rig time.
     """
 
     id: str
@@ -150,6 +152,8 @@ class CheckFact:
     watched: tuple[str, ...]
     change: tuple[float, ...]
     change_u: tuple[float, ...]
+    reference_u: tuple[float, ...]
+    error_per_change: tuple[float, ...]
     temperature_c: float
     poses: int
     operating_h: float
@@ -166,10 +170,13 @@ class CheckFact:
         )
         _unique(where, self.watched)
         w = len(self.watched)
-        if len(self.change) != w or len(self.change_u) != w:
-            raise InputError(f"{where}: needs {w} changes with their uncertainty, one for each that is watched")
+        columns = (self.change, self.change_u, self.reference_u, self.error_per_change)
+        if any(len(column) != w for column in columns):
+            raise InputError(f"{where}: needs {w} changes with their uncertainties, one for each that is watched")
         if not np.all(np.isfinite(self.change)) or not all(math.isfinite(u) and u > 0.0 for u in self.change_u):
             raise InputError(f"{where}: changes must be finite and their uncertainties above zero")
+        if not all(math.isfinite(v) and v >= 0.0 for v in (*self.reference_u, *self.error_per_change)):
+            raise InputError(f"{where}: reference_u and error_per_change must be finite and not below zero")
         if self.poses < 1:
             raise InputError(f"{where}: used {self.poses} poses: a check needs at least one")
 

@@ -30,6 +30,8 @@ from tests.calibration.intervals.facts_for_tests import DAY_S, START_S, calibrat
         (lambda: check(change=(1.0,)), "needs 2 changes"),
         (lambda: check(change_u=(1e-6, 0.0)), "above zero"),
         (lambda: check(change=(math.nan, 0.0)), "finite"),
+        (lambda: check(reference_u=(math.nan, 0.0)), "not below zero"),
+        (lambda: check(error_per_change=(-1.0, 0.0)), "not below zero"),
         (lambda: check(poses=0), "at least one"),
         (lambda: EventFact(START_S, "flood"), "'flood'"),
         (lambda: Postponement(2.0, 1.0, "A", "b"), "ends before"),

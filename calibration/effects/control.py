@@ -62,16 +62,21 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
 
 
 def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
-    """The slider settles with a delay that grows with its approach speed."""
+    """The slider settles with a delay that grows with its approach speed, or is friction's, which has none.
+
+    Against friction only the controller's integral action brings it on, from whatever speed (Armstrong-Hélouvry,
+    Dupont, Canudas de Wit, Automatica 30 (1994) 1083).
+    """
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
     rest = cosine_basis(np.log(context.dwell_s + 0.3), 6, constant=True)
-    for speed in _speeds(inputs):
+    whatever_speed = np.where(context.moving, 0.0, 1.0)
+    for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):
         behind = -context.direction[:, drive] * speed
         any_way = sets.add((travel, behind[:, None] * rest))
         for tau in DWELL_TIMES_S:
-            lagging = sets.add((travel, behind * np.exp(-context.dwell_s / tau)), form="exponential")
+            lagging = sets.add((travel, behind * np.exp(-context.dwell_s / tau)), form=form)
             sets.add_set(lagging, any_way, share=0.4, tau_s=tau)
-        for tau in DWELL_TIMES_S[1::2]:
+        for tau in DWELL_TIMES_S[1::2] if form == "exponential" else ():
             t = context.dwell_s / tau
             ringing = np.stack([np.exp(-0.5 * t) * np.cos(w * t) for w in (1.5, 2.5, 4.0)], axis=1)
             oscillating = sets.add((travel, behind[:, None] * ringing), form="ringing")

@@ -12,7 +12,7 @@ from calibration.diagnosis.findings.effect_summary import _relative_u_of_form
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from tests.calibration.diagnosis.campaigns import STATED, Arrivals, simulated
+from tests.calibration.diagnosis.campaigns import STATED, Arrivals, changed, simulated
 
 LEFT = np.array([1.0, 0.0])
 
@@ -43,6 +43,11 @@ def bow(a: Arrivals) -> np.ndarray:
 def creep(a: Arrivals) -> np.ndarray:
     late = np.exp(-a.dwell_s / 4.0) * a.speed_m_per_s / 0.5
     return -2e-4 * a.sides * late[:, None] * LEFT
+
+
+def integral_action(a: Arrivals) -> np.ndarray:
+    """What friction holds back until the controller's integral has grown: from every speed the same."""
+    return -6e-5 * a.sides * np.exp(-a.dwell_s / 4.0)[:, None] * LEFT
 
 
 @pytest.mark.parametrize(
@@ -107,3 +112,14 @@ def test_a_basis_set_may_say_how_its_coefficients_add_up_to_the_size():
     value, u = size_of(Cause(effect, 50.0, {"left": 1.0}, "left", best, ()))
     assert value == pytest.approx(5e-5)
     assert u == pytest.approx(1e-6 * np.sqrt(4.0 * 4.0 + 9.0 - 2.0 * 2.0 * 1.0))
+
+
+def test_settling_against_friction_is_named_among_all_effects_from_whatever_speed():
+    recording = simulated("planar4", 90, integral_action)
+    visit = recording.columns["visit"].astype(int)
+    speed = np.random.default_rng(3).choice([0.02, 0.05, 0.3, 0.5], 90)[visit]
+    found = diagnose(changed(recording, speed_m_per_s=speed))
+    assert found.verdict == "servo_settling"
+    (place,) = found.effects[0].places
+    assert place.place == "left"
+    assert abs(place.size.value - 6e-5) < 2.0 * place.size.u

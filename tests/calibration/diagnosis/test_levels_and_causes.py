@@ -66,6 +66,10 @@ def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(m
     inputs = inputs_of_recording(likelihood, periodograms(likelihood))
     search = SearchOfLevelsAndCauses(likelihood, inputs, load_catalogue().effects)
     monkeypatch.setattr(levels_and_causes, "WORTH_SEARCHING", np.inf)
+    monkeypatch.setattr(levels_and_causes, "TOLD_BY_FORM", -np.inf)  # an effect however little its form says
+    assert [cause.effect.name for cause in search.most_likely().result.causes] == ["tracker_drift"]
+    monkeypatch.undo()
+    monkeypatch.setattr(levels_and_causes, "WORTH_SEARCHING", np.inf)
     found = search.most_likely()
     assert found.result.causes == ()
     assert found.likelihood.linear.recording.file.nuisance.drift_m > 2.0 * DeclaredLevels().drift_m
@@ -78,3 +82,20 @@ def test_what_is_far_beyond_a_disturbance_is_an_effect_where_levels_could_explai
         made = recorded(plant(100, EffectChoice("backlash", size_m, "right"), nuisance=DisturbanceLevels(**SMALL)))
         found = diagnose(replace(made, file=made.file.model_copy(update={"nuisance": nothing_declared})))
         assert found.verdict == verdict
+
+
+def test_a_level_is_believed_up_to_what_is_likely_of_it_only(monkeypatch):
+    """However well a level would explain an effect: beyond twice the 95 % point of its prior it is none."""
+    size = EffectChoice("backlash", 4.0e-5, "right")
+    made = recorded(plant(100, size, nuisance=DisturbanceLevels(**SMALL)))
+    recording = replace(made, file=made.file.model_copy(update={"nuisance": DeclaredLevels()}))
+    likelihood = MarginalLikelihood.of(linearise_recording(recording))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    search = SearchOfLevelsAndCauses(likelihood, inputs, load_catalogue().effects)
+    of_posterior = levels_and_causes.LevelPosterior.standard_deviations
+
+    def wide(posterior, x):
+        return 100.0 * of_posterior(posterior, x)
+
+    monkeypatch.setattr(levels_and_causes.LevelPosterior, "standard_deviations", wide)
+    assert [cause.effect.name for cause in search.most_likely().result.causes] == ["backlash"]

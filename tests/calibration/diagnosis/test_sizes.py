@@ -114,6 +114,18 @@ def test_a_basis_set_may_say_how_its_coefficients_add_up_to_the_size():
     assert u == pytest.approx(1e-6 * np.sqrt(4.0 * 4.0 + 9.0 - 2.0 * 2.0 * 1.0))
 
 
+def test_a_norm_of_channels_is_that_of_each_channel_s_mean_square():
+    """Two channels with coefficients of RMS 3 and 4: together 5, however many columns each has."""
+    effect = load_catalogue().effect("tracker_drift")
+    contributions = tuple(
+        ((channel, np.ones(4)),) for channel in ("station.rx", "station.rx", "station.y", "station.y")
+    )
+    best = BasisSetEvidence(BasisSet((0, 1, 2, 3), (1.0,) * 4), 50.0, 1.0, np.array([3.0, -3.0, 4.0, 4.0]), np.eye(4))
+    value, u = size_of(Cause(effect, 50.0, {"": 1.0}, "", best, contributions))
+    assert value == pytest.approx(5.0)
+    assert u == pytest.approx(1.0 / np.sqrt(2.0))
+
+
 def test_settling_against_friction_is_named_among_all_effects_from_whatever_speed():
     recording = simulated("planar4", 90, integral_action)
     visit = recording.columns["visit"].astype(int)

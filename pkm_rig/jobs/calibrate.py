@@ -5,6 +5,7 @@ from __future__ import annotations
 from calibration.identification.calibration import identified_summary, identify_recording
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.diagnose import try_diagnosis
+from pkm_rig.jobs.life_record import note_devices, record_identified
 from pkm_rig.jobs.measure import go_on, measure_blocks, open_campaign, reopen_campaign
 from pkm_rig.jobs.setup_tie import tie_to_earlier_setups
 from pkm_rig.jobs.verify import verify_tables
@@ -42,6 +43,7 @@ def calibrate(
     settled = settle_tables(rig, store, notify)
     if resume is not None and settled is not None and settled.campaign == resume and settled.judged:
         return stored_outcome(store, resume)
+    note_devices(rig, store, notify)
     if resume is None:
         campaign, blocks, total = open_campaign(rig, store, notify, verify=True)
     else:
@@ -60,6 +62,7 @@ def calibrate(
         notify("identifying")
         identification = identify_recording(store.recording(campaign))
         store.add_event(campaign, "identified", identified_summary(identification))
+        record_identified(rig, store, campaign, identification)
         runner.devices.progress(0, "diagnosing")
         diagnosis = try_diagnosis(store.recording(campaign))
         store.add_event(campaign, "diagnosed", diagnosis_attempt_json(diagnosis))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from calibration.base.errors import InputError
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
+from pkm_rig.jobs.life_record import note_devices
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.rig.kept_tables import kept_tables
@@ -40,6 +41,7 @@ def measure(
     cannot be tied to those before.
     """
     settle_tables(rig, store, notify)
+    note_devices(rig, store, notify)
     if resume is None:
         campaign, blocks, total = open_campaign(rig, store, notify, verify=False)
     else:

@@ -18,6 +18,7 @@ from pkm_rig.jobs.acceptance import (
     stored_outcome,
 )
 from pkm_rig.jobs.diagnose import try_diagnosis
+from pkm_rig.jobs.life_record import key_of, note_devices, record_identified, verdict_data
 from pkm_rig.jobs.measure import go_on, planned_readings
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.report.diagnosis_text import diagnosis_line
@@ -31,6 +32,8 @@ from pkm_rig.rig.runner import Runner, open_runner
 from pkm_rig.rig.schedule import verification_block
 from pkm_rig.rig.table_change import VERDICT, TableChange, changing_tables
 from pkm_rig.rig.table_recovery import settle_tables
+from pkm_rig.store.append import append_event
+from pkm_rig.store.life import add_life_row
 from pkm_rig.store.store import Store
 
 
@@ -59,6 +62,8 @@ def verify(
     show(0, "diagnosing")
     diagnosis = try_diagnosis(store.recording(campaign))
     notify(diagnosis_line(diagnosis))
+    note_devices(rig, store, notify)
+    record_identified(rig, store, campaign, identification)
     with (
         open_runner(rig, store, campaign, show, "verify", notify) as runner,
         changing_tables(rig, store, "verify", campaign) as change,
@@ -109,7 +114,7 @@ def verify_tables(
         previous_tables=change.description,
         limits_m=settings.accept_below_m,
     )
-    _record_verdict(store, outcome, change)
+    _record_verdict(rig, store, outcome, change)
     if outcome.accepted:
         change.keep()
     else:
@@ -126,24 +131,23 @@ def table_summary(rig: Rig, states: Sequence[CompensationState]) -> dict[str, di
     }
 
 
-def _record_verdict(store: Store, outcome: CampaignOutcome, change: TableChange) -> None:
-    """From here on the tables stay, if they are accepted, whatever happens: the next command would finish it."""
-    store.add_event(
-        outcome.campaign,
-        "accepted" if outcome.accepted else "refused",
-        {
-            VERDICT: change.id,
-            "decision": outcome.decision,
-            "restored": outcome.restored,
-            "noise_floor": outcome.floor.as_dict(),
-            "verified": [
-                {
-                    "payload": v.payload,
-                    "before": v.before.as_dict(),
-                    "after": v.after.as_dict(),
-                    "rule": v.decision.rule,
-                }
-                for v in outcome.verified
-            ],
-        },
-    )
+def _record_verdict(rig: Rig, store: Store, outcome: CampaignOutcome, change: TableChange) -> None:
+    """From here on the tables stay, if they are accepted, whatever happens: the next command would finish it.
+
+    The verdict and its place in the machine's life are one transaction.
+    """
+    verified = [
+        {"payload": v.payload, "before": v.before.as_dict(), "after": v.after.as_dict(), "rule": v.decision.rule}
+        for v in outcome.verified
+    ]
+    event = {
+        VERDICT: change.id,
+        "decision": outcome.decision,
+        "restored": outcome.restored,
+        "noise_floor": outcome.floor.as_dict(),
+        "verified": verified,
+    }
+    own = {"rig": rig.file.rig, "machine": key_of(rig), "kind": outcome.decision, "campaign": outcome.campaign}
+    with store.writing() as connection:
+        append_event(connection, outcome.campaign, "accepted" if outcome.accepted else "refused", event)
+        add_life_row(connection, "calibrations", data=verdict_data(outcome), **own)

@@ -16,6 +16,7 @@ from calibration.recording.header import DeclaredLevels, DisturbanceLevels, Leng
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import MOST_DRIVES, CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
+from pkm_rig.rig.recalibration_sections import CertificateEntry, RecalibrationSettings
 
 PART_SENSORS = ("struts", "columns", "base", "platform")  # of the PLC, beside the air's
 RIG_DRIVES = 2  # each drive interpolates its table over its own position and its one partner's
@@ -73,6 +74,12 @@ class RigFile(Section):
     nuisance: DeclaredLevels = Field(default=DeclaredLevels(), description="Declared levels of disturbances.")
     campaign: CampaignSettings = Field(default=CampaignSettings(), description="What a campaign measures.")
     limits: Limits = Field(default=Limits(), description="When the rig is refused or stopped.")
+    certificates: tuple[CertificateEntry, ...] = Field(
+        default=(), max_length=100, description="Certificates of what is measured with."
+    )
+    recalibration: RecalibrationSettings = Field(
+        default=RecalibrationSettings(), description="When the machine is calibrated again."
+    )
     mock: MockSection | None = Field(default=None, description="Settings of the mock.")
 
     @model_validator(mode="after")
@@ -94,6 +101,11 @@ class RigFile(Section):
             raise ValueError("payloads: the first one must be no payload (mass_kg = 0)")
         if len({d.node_id for d in self.drives}) != len(self.drives):
             raise ValueError("drives: two drives have the same node_id")
+        operating_time = self.recalibration.operating_time
+        if operating_time is not None and operating_time not in {r.name for r in self.plc.readings}:
+            raise ValueError(f"recalibration.operating_time: '{operating_time}' is not in [[plc.readings]]; add it there")
+        if operating_time is not None and not operating_time.endswith("_s"):
+            raise ValueError("recalibration.operating_time: the reading's name ends in _s, it is in seconds")
         if self.can.master_node_id in {d.node_id for d in self.drives}:
             raise ValueError("can: master_node_id is that of a drive")
         return self

@@ -1,14 +1,14 @@
 """The tables as the newest migration leaves them (a test compares the two).
 
 Readings and events of a campaign are numbered in one order of insertion, from 1. `heads` has the last number and the
-last chain value of each campaign; it alone is updated.
+last chain value of each campaign; it alone is updated. The five tables of a machine's life (`life`) outlast campaigns.
 """
 
 from __future__ import annotations
 
 import sqlalchemy as sa
 
-REVISION = "0002"
+REVISION = "0003"
 
 metadata = sa.MetaData()
 
@@ -74,3 +74,25 @@ removed_campaigns = sa.Table(
     sa.Column("why", sa.String, nullable=False),
     sa.Column("archive", sa.String),
 )
+
+
+def _of_life(name: str, *columns: sa.Column[str]) -> sa.Table:
+    """A table of a machine's life: what is looked for in columns of its own, all else in `data`."""
+    return sa.Table(
+        name,
+        metadata,
+        sa.Column("id", sa.Integer, primary_key=True),
+        sa.Column("created", sa.String, nullable=False),
+        sa.Column("rig", sa.String, nullable=False, index=True),
+        sa.Column("machine", sa.String, nullable=False),
+        *columns,
+        sa.Column("kind", sa.String, nullable=False),
+        sa.Column("data", sa.Text, nullable=False),
+    )
+
+
+machines = _of_life("machines")
+instruments = _of_life("instruments", sa.Column("serial", sa.String, nullable=False))
+calibrations = _of_life("calibrations", sa.Column("campaign", sa.String, nullable=False))
+checks = _of_life("checks", sa.Column("campaign", sa.String))
+machine_events = _of_life("machine_events", sa.Column("campaign", sa.String))

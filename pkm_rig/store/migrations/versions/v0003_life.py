@@ -1,0 +1,40 @@
+"""A machine's life over years: machines, instruments, calibrations, checks and events, which outlast campaigns.
+
+What older campaigns say of it is read from their events (`pkm_rig.store.life`); nothing is copied here.
+"""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0003"
+down_revision = "0002"
+
+TABLES = ("machines", "instruments", "calibrations", "checks", "machine_events")
+OWN_COLUMNS = {
+    "instruments": sa.Column("serial", sa.String, nullable=False),
+    "calibrations": sa.Column("campaign", sa.String, nullable=False),
+    "checks": sa.Column("campaign", sa.String),
+    "machine_events": sa.Column("campaign", sa.String),
+}
+
+
+def upgrade() -> None:
+    """Make the five tables; nothing in them is ever changed or deleted."""
+    for table in TABLES:
+        own = [OWN_COLUMNS[table].copy()] if table in OWN_COLUMNS else []
+        op.create_table(
+            table,
+            sa.Column("id", sa.Integer, primary_key=True),
+            sa.Column("created", sa.String, nullable=False),
+            sa.Column("rig", sa.String, nullable=False),
+            sa.Column("machine", sa.String, nullable=False),
+            *own,
+            sa.Column("kind", sa.String, nullable=False),
+            sa.Column("data", sa.Text, nullable=False),
+        )
+        op.create_index(f"ix_{table}_rig", table, ["rig"])
+        for verb in ("UPDATE", "DELETE"):
+            op.execute(
+                f"CREATE TRIGGER keep_{table}_{verb.lower()} BEFORE {verb} ON {table} "
+                "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
+            )

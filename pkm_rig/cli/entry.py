@@ -17,7 +17,15 @@ import typer
 
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError
-from pkm_rig.cli import analysis_commands, mock_command, record_commands, rig_commands, store_commands, table_commands
+from pkm_rig.cli import (
+    analysis_commands,
+    life_commands,
+    mock_command,
+    record_commands,
+    rig_commands,
+    store_commands,
+    table_commands,
+)
 from pkm_rig.cli.terminal_operator import ask_for_pause
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.report.terminal import messages
@@ -46,6 +54,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "identify": analysis_commands.identify,
     "diagnose": analysis_commands.diagnose,
     "compensate": analysis_commands.compensate,
+    "history": life_commands.history,
     "list": store_commands.list_campaigns,
     "show": store_commands.show,
     "report": store_commands.report,

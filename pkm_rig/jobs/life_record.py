@@ -201,12 +201,17 @@ def record_identified(
     )
 
 
-def verdict_data(outcome: CampaignOutcome) -> dict[str, Any]:
-    """What the life keeps of a verdict: the error as found and as left, the tables, effects that were found."""
+def verdict_data(outcome: CampaignOutcome, *, had_tables: bool) -> dict[str, Any]:
+    """What the life keeps of a verdict: the error as found and as left, the tables, effects that were found.
+
+    A verification measures `before` without tables: that is how the machine was found only where none were in use.
+    """
     diagnosis = outcome.diagnosis.diagnosis
+    without = pooled([v.before for v in outcome.verified])
     return {
         "t_utc_s": time.time(),
-        "as_found": pooled([v.before for v in outcome.verified]),
+        "as_found": None if had_tables else without,
+        "without_tables": without,
         "as_left": pooled([v.after for v in outcome.verified]),
         "tables": outcome.written[-1].drives,
         "effects": [] if diagnosis is None else [effect.effect for effect in diagnosis.effects],

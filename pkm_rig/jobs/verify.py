@@ -150,4 +150,4 @@ def _record_verdict(rig: Rig, store: Store, outcome: CampaignOutcome, change: Ta
     own = {"rig": rig.file.rig, "machine": key_of(rig), "kind": outcome.decision, "campaign": outcome.campaign}
     with store.writing() as connection:
         append_event(connection, outcome.campaign, "accepted" if outcome.accepted else "refused", event)
-        add_life_row(connection, "calibrations", data=verdict_data(outcome), **own)
+        add_life_row(connection, "calibrations", data=verdict_data(outcome, had_tables=change.before.on), **own)

@@ -7,6 +7,8 @@ __all__ = [
     "diagnosis_json",
     "diagnosis_pictures",
     "diagnosis_text",
+    "history_pictures",
+    "history_text",
     "homing_text",
     "html",
     "identified_text",

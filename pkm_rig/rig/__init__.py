@@ -13,6 +13,7 @@ __all__ = [
     "operator",
     "plans",
     "plc_connection",
+    "recalibration_sections",
     "rig",
     "rig_checks",
     "rig_lock",

@@ -103,7 +103,9 @@ class RigFile(Section):
             raise ValueError("drives: two drives have the same node_id")
         operating_time = self.recalibration.operating_time
         if operating_time is not None and operating_time not in {r.name for r in self.plc.readings}:
-            raise ValueError(f"recalibration.operating_time: '{operating_time}' is not in [[plc.readings]]; add it there")
+            raise ValueError(
+                f"recalibration.operating_time: '{operating_time}' is not in [[plc.readings]]; add it there"
+            )
         if operating_time is not None and not operating_time.endswith("_s"):
             raise ValueError("recalibration.operating_time: the reading's name ends in _s, it is in seconds")
         if self.can.master_node_id in {d.node_id for d in self.drives}:

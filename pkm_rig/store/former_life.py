@@ -10,6 +10,7 @@ import sqlalchemy as sa
 
 from calibration.base.errors import InputError
 from calibration.machine.description import parse_machine
+from calibration.model.parameters import ParameterSet
 from pkm_rig.errors import StoreError
 from pkm_rig.store.life import ACCEPTED, IDENTIFIED, NOT_DECIDED, REFUSED, LifeRow, life_rows, machine_key
 from pkm_rig.store.schema import calibrations, campaigns, events
@@ -60,9 +61,11 @@ def _from_events(store: Store, rig: str, campaign: str) -> list[LifeRow]:
             text = connection.execute(sa.select(campaigns.c.machine).where(campaigns.c.id == campaign)).scalar_one()
         machine = parse_machine(str(text), f"machine of campaign {campaign}")
         identified = [event for event in stored if event.kind == IDENTIFIED][-1]
-        names = tuple(identified.data["parameters"])
+        names = tuple(identified.data["parameters"])  # JSON has them in alphabetical order
+        in_order = ParameterSet.of(machine).names
+        names = in_order if sorted(in_order) == sorted(names) else names
         key = machine_key(machine, names)
-        rows = [LifeRow(0, identified.created, rig, key, IDENTIFIED, _identified(identified, stored), campaign)]
+        rows = [LifeRow(0, identified.created, rig, key, IDENTIFIED, _identified(identified, stored, names), campaign)]
         verdicts = [event for event in stored if event.kind in (ACCEPTED, REFUSED)]
         if verdicts:
             verdict = verdicts[-1]
@@ -74,18 +77,18 @@ def _from_events(store: Store, rig: str, campaign: str) -> list[LifeRow]:
     return rows
 
 
-def _identified(event: StoredEvent, stored: Sequence[StoredEvent]) -> dict[str, Any]:
-    parameters = event.data["parameters"]
+def _identified(event: StoredEvent, stored: Sequence[StoredEvent], names: Sequence[str]) -> dict[str, Any]:
+    parameters = [event.data["parameters"][name] for name in names]
     settings = next((e.data for e in stored if e.kind == "settings"), {})
     activated = [e.data["temperatures_c"] for e in stored if e.kind == "activated"]
     return {
         "t_utc_s": _utc_s(event.created),
         "extent": "full",
         "instrument": str((settings.get("station") or {}).get("serial", "")),
-        "parameters": list(parameters),
-        "units": [p["unit"] for p in parameters.values()],
-        "values": [p["value"] for p in parameters.values()],
-        "u": [p["u"] for p in parameters.values()],
+        "parameters": list(names),
+        "units": [p["unit"] for p in parameters],
+        "values": [p["value"] for p in parameters],
+        "u": [p["u"] for p in parameters],
         "chi2_per_dof": event.data.get("chi2_per_dof"),
         "temperatures_c": activated[0] if activated else {},
     }
@@ -93,11 +96,12 @@ def _identified(event: StoredEvent, stored: Sequence[StoredEvent]) -> dict[str, 
 
 def _verdict(event: StoredEvent, stored: Sequence[StoredEvent]) -> dict[str, Any]:
     verified = event.data.get("verified") or []
-    diagnosed = next((e.data for e in reversed(stored) if e.kind == "diagnosed"), {})
+    diagnosed: dict[str, Any] = next((e.data for e in reversed(stored) if e.kind == "diagnosed"), {})
     activated = [e.data for e in stored if e.kind == "activated"]
     return {
         "t_utc_s": _utc_s(event.created),
-        "as_found": _pooled([v["before"] for v in verified]),
+        "as_found": None,  # whether tables were in use before was not kept
+        "without_tables": _pooled([v["before"] for v in verified]),
         "as_left": _pooled([v["after"] for v in verified]),
         "tables": activated[-1]["tables"] if activated else {},
         "effects": [effect["effect"] for effect in diagnosed.get("effects") or []],

@@ -43,7 +43,7 @@ def machine_key(machine: Machine, names: tuple[str, ...]) -> str:
     Tolerances, comments and planned loads of the machine file are left out: they change no parameter's meaning.
     """
     stated = machine.file.model_dump(mode="json", exclude={"tolerances", "load_cases"})
-    digest = hashlib.sha256(canonical({"file": stated, "parameters": list(names)}).encode("ascii")).hexdigest()
+    digest = hashlib.sha256(canonical({"file": stated, "parameters": sorted(names)}).encode("ascii")).hexdigest()
     return f"{machine.name}/{digest[:12]}"
 
 

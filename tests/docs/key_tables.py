@@ -11,6 +11,7 @@ import inspect
 import types
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -24,7 +25,7 @@ from pkm_rig.rig.config import RigFile
 from tests.docs.pages import ROOT
 
 FOLDER = ROOT / "docs" / "reference"
-SCALARS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+SCALARS = {float: "number", int: "whole number", str: "text", bool: "true or false", date: "date"}
 HEAD = """Written by `python -m tests.docs.key_tables` from the models that check the file. Units are the last part of a
 key's name. A key without a default must be given; an unknown key is refused."""
 

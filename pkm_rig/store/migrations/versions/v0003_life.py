@@ -9,19 +9,19 @@ from alembic import op
 revision = "0003"
 down_revision = "0002"
 
-TABLES = ("machines", "instruments", "calibrations", "checks", "machine_events")
-OWN_COLUMNS = {
-    "instruments": sa.Column("serial", sa.String, nullable=False),
-    "calibrations": sa.Column("campaign", sa.String, nullable=False),
-    "checks": sa.Column("campaign", sa.String),
-    "machine_events": sa.Column("campaign", sa.String),
+OWN_COLUMN = {  # of each table: its name and whether it may be null
+    "machines": None,
+    "instruments": ("serial", False),
+    "calibrations": ("campaign", False),
+    "checks": ("campaign", True),
+    "machine_events": ("campaign", True),
 }
 
 
 def upgrade() -> None:
     """Make the five tables; nothing in them is ever changed or deleted."""
-    for table in TABLES:
-        own = [OWN_COLUMNS[table].copy()] if table in OWN_COLUMNS else []
+    for table, column in OWN_COLUMN.items():
+        own = [] if column is None else [sa.Column(column[0], sa.String, nullable=column[1])]
         op.create_table(
             table,
             sa.Column("id", sa.Integer, primary_key=True),

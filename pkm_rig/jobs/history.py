@@ -1,0 +1,181 @@
+"""A machine's life as `pkm-rig history` shows it: checks, calibrations, parameters, effects, events, doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.base.errors import InputError
+from pkm_rig.store.former_life import calibration_rows, rigs_with_campaigns
+from pkm_rig.store.life import ACCEPTED, IDENTIFIED, LifeRow, life_rows, rigs_with_a_life
+from pkm_rig.store.life_facts import TOLERANCE_CHANGED, covariance_of, utc_s
+from pkm_rig.store.store import Store
+
+OUT_OF_TOLERANCE, FIT = "out of tolerance", "fit"
+
+
+def rigs_of(store: Store) -> list[str]:
+    """Names of all rigs that the store knows anything of, in alphabetical order."""
+    return sorted({*rigs_with_a_life(store), *rigs_with_campaigns(store)})
+
+
+def chosen_rig(store: Store, name: str | None) -> str:
+    """The rig of that name, or the only one; InputError that lists them."""
+    rigs = rigs_of(store)
+    if name is None and len(rigs) == 1:
+        return rigs[0]
+    if name in rigs:
+        return str(name)
+    there = f"there are {', '.join(rigs)}" if rigs else "nothing was calibrated or checked in it"
+    raise InputError(f"store {store.path}: " + (f"no rig '{name}'; {there}" if name else f"name a rig; {there}"))
+
+
+def history(store: Store, rig: str) -> dict[str, Any]:
+    """The life of a rig's machine as it is now (docs/reference/json.md); what it was before is counted only."""
+    rows = calibration_rows(store, rig)
+    machines = life_rows(store, "machines", rig)
+    key = machines[-1].machine if machines else rows[-1].machine
+    events = life_rows(store, "machine_events", rig, key)
+    checks = [_check(row) for row in life_rows(store, "checks", rig, key)]
+    calibrations = _calibrations([row for row in rows if row.machine == key])
+    tolerances = [
+        {"since": row.created, "position_m": row.data["position_m"]} for row in events if row.kind == TOLERANCE_CHANGED
+    ]
+    former = sorted({row.machine for row in (*machines, *rows)} - {key})
+    return {
+        "rig": rig,
+        "machine": key,
+        "simulated": any(c["simulated"] for c in calibrations) or any(c["simulated"] for c in checks),
+        "former_machines": former,
+        "tolerances": tolerances,
+        "calibrations": calibrations,
+        "checks": checks,
+        "parameters": _parameters(calibrations, rows),
+        "events": [_event(row, events) for row in events],
+        "instruments": [
+            {"created": row.created, "kind": row.kind, "serial": row.serial or None, **row.data}
+            for row in life_rows(store, "instruments", rig)
+        ],
+        "in_doubt": periods_in_doubt(checks, calibrations, tolerances),
+    }
+
+
+def _check(row: LifeRow) -> dict[str, Any]:
+    data = row.data
+    keys = ("id", "calibration", "error", "temperature_c", "poses", "duration_s", "tolerance_m", "reasons", "simulated")
+    return {"created": row.created, "verdict": row.kind, "campaign": row.campaign} | {k: data[k] for k in keys}
+
+
+def _event(row: LifeRow, events: Sequence[LifeRow]) -> dict[str, Any]:
+    first = row.kind == TOLERANCE_CHANGED and row is next(r for r in events if r.kind == TOLERANCE_CHANGED)
+    return {"created": row.created, "kind": "tolerance stated" if first else row.kind, **row.data}
+
+
+def _calibrations(rows: Sequence[LifeRow]) -> list[dict[str, Any]]:
+    """One entry a campaign; of two identifications of one campaign, and of two verdicts, the later one."""
+    identified = {row.campaign: row for row in rows if row.kind == IDENTIFIED}
+    verdicts = {row.campaign: row for row in rows if row.kind != IDENTIFIED}
+    out = []
+    for campaign, row in identified.items():
+        verdict = verdicts.get(campaign)
+        data: Mapping[str, Any] = {} if verdict is None else verdict.data
+        temperatures = list(row.data["temperatures_c"].values())
+        out.append(
+            {
+                "campaign": campaign,
+                "created": row.created if verdict is None else verdict.created,
+                "extent": row.data["extent"],
+                "verdict": "identified" if verdict is None else verdict.kind,
+                "as_found": data.get("as_found"),
+                "without_tables": data.get("without_tables"),
+                "as_left": data.get("as_left"),
+                "temperature_c": float(np.mean(temperatures)) if temperatures else None,
+                "instrument": row.data["instrument"] or None,
+                "effects": list(data.get("effects", ())),
+                "tables": data.get("tables"),
+                "software": row.data.get("software"),
+                "simulated": bool(row.data.get("simulated", False)),
+            }
+        )
+    return sorted(out, key=lambda entry: str(entry["created"]))
+
+
+def _parameters(calibrations: Sequence[Mapping[str, Any]], rows: Sequence[LifeRow]) -> dict[str, Any]:
+    """Each parameter's value and standard uncertainty at each calibration, the oldest first."""
+    identified = {row.campaign: row for row in rows if row.kind == IDENTIFIED}
+    out: dict[str, dict[str, Any]] = {}
+    for entry in calibrations:
+        row = identified[entry["campaign"]]
+        u = np.sqrt(np.diag(np.array(covariance_of(row.data))))
+        for name, unit, value, size in zip(
+            row.data["parameters"], row.data["units"], row.data["values"], u.tolist(), strict=True
+        ):
+            points = out.setdefault(name, {"unit": unit, "points": []})["points"]
+            points.append({"campaign": entry["campaign"], "created": row.created, "value": value, "u": size})
+    return out
+
+
+def periods_in_doubt(
+    checks: Sequence[Mapping[str, Any]],
+    calibrations: Sequence[Mapping[str, Any]],
+    tolerances: Sequence[Mapping[str, Any]],
+) -> list[dict[str, Any]]:
+    """Periods in which work may be out of tolerance: from the last time the machine was known good to a bad finding.
+
+    Known good: a check that is fit, tables that were left within tolerance. A bad finding: a check out of tolerance, or
+    a calibration that found the error above the tolerance (ISO/IEC 17025, 7.10). `since` is null where nothing good is
+    known before.
+    """
+    moments: list[tuple[float, str, bool, str, Any]] = []
+    for check in checks:
+        if check["verdict"] in (FIT, OUT_OF_TOLERANCE, "due"):
+            good = check["verdict"] != OUT_OF_TOLERANCE
+            moments.append((utc_s(check["created"]), check["created"], good, f"check {check['id']}", check["error"]))
+    for entry in calibrations:
+        moments += _moments_of(entry, tolerances)
+    moments.sort(key=lambda moment: moment[0])
+    periods: list[dict[str, Any]] = []
+    last_good: str | None = None
+    bad = False
+    for _, created, good, what, error in moments:
+        if not good and not bad:
+            periods.append({"since": last_good, "until": created, "found_by": what, "error": error})
+        last_good, bad = (created, False) if good else (last_good, True)
+    return periods
+
+
+def _moments_of(
+    entry: Mapping[str, Any], tolerances: Sequence[Mapping[str, Any]]
+) -> list[tuple[float, str, bool, str, Any]]:
+    """What a verified calibration says: how the machine was found, where that was measured, and how it was left."""
+    created, found, left = str(entry["created"]), entry["as_found"], entry["as_left"]
+    limit_m, what = tolerance_at(tolerances, created), f"calibration {entry['campaign']}"
+    moments = []
+    if found is not None and limit_m is not None:
+        moments.append((utc_s(created) - 1.0, created, found["position_m"] <= limit_m, what, found))
+    if left is not None and entry["verdict"] == ACCEPTED:
+        good = limit_m is None or left["position_m"] <= limit_m
+        moments.append((utc_s(created), created, good, what, left))
+    return moments
+
+
+def tolerance_at(tolerances: Sequence[Mapping[str, Any]], created: str) -> float | None:
+    """The tolerance that held then; before the first one that one, None if there was never any."""
+    valid = [t for t in tolerances if utc_s(t["since"]) <= utc_s(created)] or list(tolerances[:1])
+    return float(valid[-1]["position_m"]) if valid else None
+
+
+def largest_changes(parameters: Mapping[str, Any], count: int) -> list[str]:
+    """The parameters that have changed most between two calibrations, in their standard uncertainties."""
+
+    def size(points: Sequence[Mapping[str, float]]) -> float:
+        return max((abs(b["value"] - a["value"]) / np.hypot(a["u"], b["u"]) for a, b in _pairs(points)), default=0.0)
+
+    ranked = sorted(parameters, key=lambda name: -size(parameters[name]["points"]))
+    return ranked[:count]
+
+
+def _pairs(points: Sequence[Mapping[str, float]]) -> list[tuple[Mapping[str, float], Mapping[str, float]]]:
+    return [(a, b) for i, a in enumerate(points) for b in points[i + 1 :] if a["u"] > 0.0 or b["u"] > 0.0]

@@ -62,8 +62,8 @@ def _errors(axes: Axes, life: Mapping[str, Any]) -> None:
     for entry in life["calibrations"]:
         if entry["effects"] and entry["as_left"]:
             axes.annotate(
-                literal(", ".join(entry["effects"])), (_date(entry["created"]), entry["as_left"]["position_m"] * 1e6),
-                xytext=(4, 4), textcoords="offset points", fontsize=7,
+                literal(", ".join(entry["effects"])), (_date(entry["created"]), 0.98),
+                xycoords=("data", "axes fraction"), fontsize=7, va="top",
             )  # fmt: skip
     for period in life["in_doubt"]:
         since = _date(period["since"]) if period["since"] else min(ends)

@@ -164,6 +164,8 @@ def check_fact(row: LifeRow) -> CheckFact:
         watched=tuple(data["watched"]),
         change=tuple(float(v) for v in data["change"]),
         change_u=tuple(float(v) for v in data["change_u"]),
+        reference_u=tuple(float(v) for v in data["reference_u"]),
+        error_per_change=tuple(float(v) for v in data["error_per_change"]),
         temperature_c=float(data["temperature_c"]),
         poses=int(data["poses"]),
         operating_h=float(data["operating_h"]),
@@ -174,6 +176,6 @@ def check_fact(row: LifeRow) -> CheckFact:
 def check_data(fact: CheckFact) -> dict[str, Any]:
     """The same the other way round."""
     data = {name: value for name, value in vars(fact).items() if name != "error"}
-    for name in ("watched", "change", "change_u"):
+    for name in ("watched", "change", "change_u", "reference_u", "error_per_change"):
         data[name] = list(data[name])
     return data | {"error": {"position_m": fact.error.position_m, "u_m": fact.error.u_m}}

@@ -3,4 +3,20 @@
 Every function is pure: it takes facts and a time and returns a result with its reasons in words. None reads a clock.
 """
 
-__all__ = ["facts"]
+__all__ = [
+    "charts",
+    "check_design",
+    "check_estimate",
+    "decision",
+    "drift",
+    "envelope",
+    "extent",
+    "facts",
+    "limits",
+    "prediction",
+    "rules",
+    "sequential",
+    "settings",
+    "validity",
+    "watched",
+]

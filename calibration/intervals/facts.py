@@ -140,7 +140,8 @@ class CheckFact:
     that calibration, if it alone has changed, change_u (w,): its standard uncertainty, station set up anew, both in
     the unit of the change. reference_u (w,): standard uncertainty that comes from the calibration itself and is common
     to all its checks. error_per_change (w,): position error of the tool point, RMS over the workspace, for a change of
-    one unit (m per unit). `check_estimate.estimate_check` computes all of them. temperature_c: mean temperature of the
+    one unit (m per unit). independent: how many independent changes would exceed a limit as often as the watched ones
+    together do (1 to w). `check_estimate.estimate_check` computes all of them. temperature_c: mean temperature of the
     machine's parts. poses: how many were used. duration_s: rig time.
     """
 
@@ -154,6 +155,7 @@ class CheckFact:
     change_u: tuple[float, ...]
     reference_u: tuple[float, ...]
     error_per_change: tuple[float, ...]
+    independent: float
     temperature_c: float
     poses: int
     operating_h: float
@@ -177,6 +179,10 @@ class CheckFact:
             raise InputError(f"{where}: changes must be finite and their uncertainties above zero")
         if not all(math.isfinite(v) and v >= 0.0 for v in (*self.reference_u, *self.error_per_change)):
             raise InputError(f"{where}: reference_u and error_per_change must be finite and not below zero")
+        if not 1.0 <= self.independent <= max(w, 1):
+            raise InputError(
+                f"{where}: independent is {self.independent}: it lies between 1 and the {w} watched changes"
+            )
         if self.poses < 1:
             raise InputError(f"{where}: used {self.poses} poses: a check needs at least one")
 

@@ -56,6 +56,7 @@ def check(number=1, t_utc_s=None, **changes):
         "change_u": (2e-6, 3e-6),
         "reference_u": (5e-7, 1e-6),
         "error_per_change": (0.8, 0.7),
+        "independent": 1.6,
         "temperature_c": 21.0,
         "poses": 8,
         "operating_h": 100.0 + 40.0 * number,

@@ -32,6 +32,7 @@ from tests.calibration.intervals.facts_for_tests import DAY_S, START_S, calibrat
         (lambda: check(change=(math.nan, 0.0)), "finite"),
         (lambda: check(reference_u=(math.nan, 0.0)), "not below zero"),
         (lambda: check(error_per_change=(-1.0, 0.0)), "not below zero"),
+        (lambda: check(independent=2.5), "2 watched changes"),
         (lambda: check(poses=0), "at least one"),
         (lambda: EventFact(START_S, "flood"), "'flood'"),
         (lambda: Postponement(2.0, 1.0, "A", "b"), "ends before"),

@@ -1,0 +1,104 @@
+"""Within which a machine's tables may be exchanged without anybody's approval."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.intervals.facts import CalibrationFact, ErrorFigure
+
+COVERAGE_FACTOR = 2.0
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Largest changes that need no approval: parameter_sigmas, of a parameter in standard uncertainties of former and
+    new calibration and its allowed drift together; table_m, of a table's correction; error_m, of the error as found."""
+
+    parameter_sigmas: float = 6.0
+    table_m: float = 50e-6
+    error_m: float = 50e-6
+
+    def __post_init__(self) -> None:
+        sizes = (self.parameter_sigmas, self.table_m, self.error_m)
+        if not all(math.isfinite(v) and v > 0.0 for v in sizes):
+            raise InputError("envelope: its limits must be finite and above zero")
+
+
+@dataclass(frozen=True)
+class EnvelopeResult:
+    """Whether tables may be exchanged alone; if not, one reason for each limit that is exceeded."""
+
+    allowed: bool
+    reasons: tuple[str, ...]
+
+
+def judge(
+    envelope: Envelope,
+    former: CalibrationFact,
+    new: CalibrationFact,
+    drift_sd: Array,
+    table_change_m: float,
+    found: ErrorFigure,
+) -> EnvelopeResult:
+    """Compare a new calibration with the envelope.
+
+    drift_sd (p,): standard deviation of each parameter's allowed drift since the former one; table_change_m: largest
+    change of a table's correction; found: error with the former tables.
+    """
+    if former.parameter_names != new.parameter_names:
+        return EnvelopeResult(False, ("the parameters have other names: history begins anew",))
+    if not math.isfinite(table_change_m) or not np.all(np.isfinite(drift_sd)):
+        raise InputError("envelope: changes must be finite")
+    change = np.asarray(new.parameters) - np.asarray(former.parameters)
+    variance = np.diag(np.asarray(new.covariance)) + np.diag(np.asarray(former.covariance)) + drift_sd**2
+    size = np.abs(change) / np.sqrt(np.maximum(variance, 1e-300))
+    reasons = []
+    if size.size and size.max() > envelope.parameter_sigmas:
+        worst = int(np.argmax(size))
+        reasons.append(
+            f"{new.parameter_names[worst]} has changed by {change[worst]:.3g}, {size[worst]:.1f} standard deviations; "
+            f"{envelope.parameter_sigmas:g} are allowed"
+        )
+    if abs(table_change_m) > envelope.table_m:
+        reasons.append(
+            f"tables would change by {table_change_m * 1e6:.1f} um; {envelope.table_m * 1e6:.1f} um are allowed"
+        )
+    if found.position_m > envelope.error_m:
+        reasons.append(f"the error was {found.position_m * 1e6:.1f} um; {envelope.error_m * 1e6:.1f} um are allowed")
+    return EnvelopeResult(not reasons, tuple(reasons))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Squared errors of the tool at verification poses with both tables, and whether the new ones stay."""
+
+    fall_m: float
+    u_m: float
+    accepted: bool
+    reason: str
+
+
+def verify(before_m: Array, after_m: Array, u_point_m: float) -> Verification:
+    """Whether new tables are an improvement, from errors (n, k) of the tool's coordinates at the same fresh poses.
+
+    The fall of the RMS error with its standard uncertainty, from independent readings of standard uncertainty
+    u_point_m; accepted if the fall exceeds U = 2 u, as everywhere in this project.
+    """
+    if before_m.shape != after_m.shape or before_m.ndim != 2 or not len(before_m):
+        raise InputError("verification: needs the same poses before and after")
+    if not (np.all(np.isfinite(before_m)) and np.all(np.isfinite(after_m)) and u_point_m > 0.0):
+        raise InputError("verification: errors must be finite, their uncertainty above zero")
+    n, k = before_m.shape
+    before, after = (max(float(np.sum(e**2)) / n - k * u_point_m**2, 0.0) for e in (before_m, after_m))
+    # the mean of n squared errors E^2 of k coordinates has the variance (4 u^2 E^2 + 2 k u^4) / n
+    u_square = math.sqrt(sum(4.0 * u_point_m**2 * s + 2.0 * k * u_point_m**4 for s in (before, after)) / n)
+    fall = math.sqrt(before) - math.sqrt(after)
+    u = u_square / (2.0 * max(0.5 * (math.sqrt(before) + math.sqrt(after)), math.sqrt(u_square)))
+    accepted = before - after > COVERAGE_FACTOR * u_square
+    words = f"fall {fall * 1e6:.1f} um, U = {COVERAGE_FACTOR * u * 1e6:.1f} um (k = 2): "
+    return Verification(fall, u, accepted, words + ("the tables stay" if accepted else "former tables back"))

@@ -1,0 +1,72 @@
+"""What may be activated alone, and what a verification of new tables says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.base.errors import InputError
+from calibration.intervals.envelope import Envelope, judge, verify
+from calibration.intervals.facts import ErrorFigure
+from tests.calibration.intervals.facts_for_tests import DAY_S, START_S, calibration
+
+FOUND = ErrorFigure(12e-6, 1e-6)
+NO_DRIFT = np.zeros(2)
+
+
+def new(**changes):
+    return calibration("c2", START_S + 30 * DAY_S, **changes)
+
+
+def test_small_changes_need_no_approval():
+    result = judge(Envelope(), calibration(), new(parameters=(1.3e-5, 2.5e-5)), NO_DRIFT, 20e-6, FOUND)
+    assert result.allowed
+    assert result.reasons == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "table_m", "found_um", "words"),
+    [
+        ({"parameters": (3e-5, 2e-5)}, 1e-6, 5.0, "drive_scale.left has changed by 2e-05, 14.1"),
+        ({}, -60e-6, 5.0, "tables would change by -60.0 um"),
+        ({}, 1e-6, 80.0, "the error was 80.0 um"),
+        ({"parameter_names": ("a", "b")}, 1e-6, 5.0, "history begins anew"),
+    ],
+)
+def test_each_limit_has_its_reason(changes, table_m, found_um, words):
+    result = judge(Envelope(), calibration(), new(**changes), NO_DRIFT, table_m, ErrorFigure(found_um * 1e-6, 1e-6))
+    assert not result.allowed
+    assert len(result.reasons) == 1
+    assert words in result.reasons[0]
+
+
+def test_allowed_drift_widens_the_limit_of_a_parameter():
+    moved = new(parameters=(3e-5, 2e-5))
+    assert judge(Envelope(), calibration(), moved, np.array([4e-6, 0.0]), 0.0, FOUND).allowed
+
+
+def test_an_improvement_is_verified_and_a_worsening_refused():
+    rng = np.random.default_rng(1)
+    true = rng.standard_normal((12, 2)) * 10e-6
+    good = verify(true + 5e-6 * rng.standard_normal((12, 2)), 5e-6 * rng.standard_normal((12, 2)), 5e-6)
+    assert good.accepted
+    assert good.fall_m == pytest.approx(np.sqrt(np.mean(np.sum(true**2, axis=1))), abs=3.0 * good.u_m)
+    assert not verify(5e-6 * rng.standard_normal((12, 2)), true + 5e-6 * rng.standard_normal((12, 2)), 5e-6).accepted
+
+
+def test_equal_tables_are_rarely_taken_for_an_improvement():
+    rng = np.random.default_rng(2)
+    taken = [
+        verify(5e-6 * rng.standard_normal((12, 2)), 5e-6 * rng.standard_normal((12, 2)), 5e-6).accepted
+        for _ in range(2000)
+    ]
+    assert np.mean(taken) < 0.05
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(InputError, match="above zero"):
+        Envelope(table_m=0.0)
+    with pytest.raises(InputError, match="same poses"):
+        verify(np.zeros((3, 2)), np.zeros((2, 2)), 1e-6)
+    with pytest.raises(InputError, match="finite"):
+        judge(Envelope(), calibration(), new(), NO_DRIFT, np.nan, FOUND)

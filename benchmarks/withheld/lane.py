@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.withheld.answers import proposed_visits
+from benchmarks.withheld.line_process import exchange
 from benchmarks.withheld.noise import replace_all
 from benchmarks.withheld.scorer import fixed_answers, score_batch
 from benchmarks.withheld.sealed_diagnoser import ONE_CORE, NotSealed, answer_folder
@@ -116,17 +117,9 @@ class MakerProcess:
 
     def ask(self, **order: Any) -> dict[str, Any]:
         """One order, one answer."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        try:
-            self._process.stdin.write(json.dumps(order) + "\n")
-            self._process.stdin.flush()
-            line = self._process.stdout.readline()
-        except BrokenPipeError:
-            line = ""
-        if not line:
+        answer = exchange(self._process, order)
+        if answer is None:
             raise RunFailed(f"withheld: the maker ended at '{order['do']}'; see its message above")
-        answer: dict[str, Any] = json.loads(line)
         return answer
 
 

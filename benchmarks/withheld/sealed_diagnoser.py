@@ -29,6 +29,7 @@ from py_compile import PycInvalidationMode
 from typing import IO, Any
 
 from benchmarks.withheld.jail import LANDLOCK, NAMESPACES, UNSEALED
+from benchmarks.withheld.line_process import exchange
 
 ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
@@ -151,17 +152,9 @@ class SealedDiagnoser:
             raise Leak(f"the diagnoser can open {answer['opened'][0]}; nothing is scored")
 
     def _ask(self, **order: Any) -> dict[str, Any]:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        try:
-            self._process.stdin.write(json.dumps(order) + "\n")
-            self._process.stdin.flush()
-            line = self._process.stdout.readline()
-        except BrokenPipeError:
-            line = ""
-        if not line:
+        answer = exchange(self._process, order)
+        if answer is None:
             raise NotSealed("the diagnoser ended; see its log")
-        answer: dict[str, Any] = json.loads(line)
         return answer
 
 

@@ -4,6 +4,7 @@ __all__ = [
     "api",
     "base",
     "basis_functions",
+    "basis_sets",
     "catalogue",
     "columns",
     "context",

@@ -1,0 +1,152 @@
+"""Basis sets: columns that act on the machine through channels, with the priors of their coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from calibration.base.arrays import Array
+from calibration.effects.columns import ColumnsByChannel, Contributions
+from calibration.effects.former_names import former_name
+
+CurvePoint = tuple[int, tuple[float, ...]]  # number of a curve, parameters on it
+FLEXIBLE_SHARE = 0.3  # standard deviation of what a real part adds to the textbook's law, relative to the size
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A column of a basis set, by its position there, times a function of a coordinate, by its number."""
+
+    column: int
+    coordinate: str
+    term: int
+
+
+@dataclass(frozen=True)
+class BasisSet:
+    """One way in which an effect may act: numbers of its columns, standard deviations relative to the size.
+
+    parameters: values of the effect's other parameters in this basis set; weight: its prior against the effect's other
+    basis sets. size: weights with which the first coefficients add up to the size, where that is not what the effect
+    says. For the tangent of a curve, curve: the point at which it was taken. departures: further columns, after the
+    others (`calibration.effects.departures`).
+    """
+
+    columns: tuple[int, ...]
+    relative: tuple[float, ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    weight: float = 1.0
+    curve: CurvePoint | None = None
+    size: tuple[float, ...] = ()
+    departures: tuple[Departure, ...] = ()
+
+    @property
+    def main(self) -> tuple[int, ...]:
+        """Numbers of the columns that are not mere departures: those whose standard deviation is the size itself."""
+        return tuple(c for c, relative in zip(self.columns, self.relative, strict=True) if relative == 1.0)
+
+
+class BasisSets:
+    """The columns and basis sets of an effect at one place. named (k,): the form of each column, empty if it has none.
+
+    A form is a formula with a name, whatever its parameters. Columns without one are general: smooth, rough or periodic
+    functions of a coordinate, which may take any shape.
+    """
+
+    def __init__(self) -> None:
+        self.contributions: list[Contributions] = []
+        self.sets: list[BasisSet] = []
+        self.named: list[str] = []
+
+    def add(self, *contributions: tuple[str, Array], form: str = "") -> list[int]:
+        """Columns that act through one or several channels at once, (n,) or (n, k) each. Returns their numbers.
+
+        form: name of the formula that they are; left out for general functions.
+        """
+        wide = [(channel, shape[:, None] if shape.ndim == 1 else shape) for channel, shape in contributions]
+        first = len(self.contributions)
+        for k in range(wide[0][1].shape[1]):
+            self.contributions.append(tuple((channel, shape[:, k]) for channel, shape in wide))
+        self.named += [form] * wide[0][1].shape[1]
+        return list(range(first, len(self.contributions)))
+
+    @cached_property
+    def by_channel(self) -> ColumnsByChannel:
+        """All columns, once the last has been added."""
+        return ColumnsByChannel.of(self.contributions)
+
+    def add_set(
+        self,
+        main: Sequence[int],
+        flexible: Sequence[int] = (),
+        *,
+        share: float = FLEXIBLE_SHARE,
+        weight: float = 1.0,
+        size: float | tuple[float, ...] = 1.0,
+        **parameters: float,
+    ) -> None:
+        """A basis set of the main columns, and a second one with flexible columns of `share` times the size.
+
+        size: weights with which the first coefficients add up to the size; -1.0 where its sign is not the first one's.
+        """
+        weights = size if isinstance(size, tuple) else () if size == 1.0 else (size,)
+        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=weights))
+        if flexible:
+            relative = (1.0,) * len(main) + (share,) * len(flexible)
+            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights))
+
+    def without_forms(self, names: Collection[str]) -> BasisSets:
+        """The same columns; basis sets without those of some forms, and without sets that are made of them."""
+        out, seen = BasisSets(), set()
+        out.contributions, out.named = self.contributions, self.named
+        for basis_set in self.sets:
+            if any(self.named[c] in names for c in basis_set.main):
+                continue
+            kept = [k for k, c in enumerate(basis_set.columns) if self.named[c] not in names]
+            left = replace(
+                basis_set,
+                columns=tuple(basis_set.columns[k] for k in kept),
+                relative=tuple(basis_set.relative[k] for k in kept),
+            )
+            key = (left.columns, left.relative, tuple(left.parameters.items()))
+            if key not in seen:  # what is left of one may be another
+                out.sets.append(left)
+            seen.add(key)
+        return out
+
+    form = former_name("add_set")
+    forms = former_name("sets")
+    acts = former_name("contributions")
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """Linearisation of a curve at one point: the first column is the value, the others the derivatives (p).
+
+    relative (1 + p,): standard deviations, relative to the size, within which the tangent is a good approximation;
+    units (p,): of the parameters, in which their coefficients over the size count. size: weights with which the first
+    coefficients add up to the size. step: change of the point (p,) for coefficients (1 + p,).
+    """
+
+    contributions: tuple[Contributions, ...]
+    relative: tuple[float, ...]
+    units: tuple[float, ...]
+    size: tuple[float, ...]
+    step: Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A family of columns that is not linear in its parameters (p), fitted iteratively from several starts (m, p).
+
+    The first parameter carries the size. low, high (p,): limits; spread (p,): prior standard deviations about zero,
+    infinite where only the limits are known. form: its name, as that of a column.
+    """
+
+    starts: Array
+    low: Array
+    high: Array
+    spread: Array
+    tangent: Callable[[Array], Tangent]
+    form: str = ""

@@ -166,6 +166,7 @@ def check_fact(row: LifeRow) -> CheckFact:
         change_u=tuple(float(v) for v in data["change_u"]),
         reference_u=tuple(float(v) for v in data["reference_u"]),
         error_per_change=tuple(float(v) for v in data["error_per_change"]),
+        independent=float(data["independent"]),
         temperature_c=float(data["temperature_c"]),
         poses=int(data["poses"]),
         operating_h=float(data["operating_h"]),

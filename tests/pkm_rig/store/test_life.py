@@ -81,6 +81,7 @@ def add_check(store, name, t_utc_s, kind="fit", *, calibration="c1", error_m=9e-
         "change_u": [1e-6, 2e-6],
         "reference_u": [1e-6, 1e-6],
         "error_per_change": [0.7, 0.7],
+        "independent": 1.0,
         "temperature_c": 22.0,
         "poses": 6,
         "operating_h": 20.0,

@@ -12,6 +12,7 @@ __all__ = [
     "envelope",
     "extent",
     "facts",
+    "health",
     "limits",
     "prediction",
     "rules",

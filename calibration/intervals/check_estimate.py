@@ -92,8 +92,12 @@ class CheckDesign:
     @cached_property
     def reference_u(self) -> Array:
         """Standard uncertainty (w,) of each change that comes from the calibration."""
+        return self.reference_u_of(self.reference)
+
+    def reference_u_of(self, reference: Array) -> Array:
+        """The same for another calibration's covariance (p, p)."""
         by_reference = (self.columns.T @ self.free) * (self.change_u**2)[:, None]
-        variance = np.einsum("wp,pq,wq->w", by_reference, self.reference, by_reference)
+        variance = np.einsum("wp,pq,wq->w", by_reference, reference, by_reference)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     @cached_property
@@ -153,20 +157,35 @@ class CheckEstimate:
         return self.change / self.change_u
 
 
-def estimate_check(design: CheckDesign, residual: Array) -> CheckEstimate:
+def estimate_check(design: CheckDesign, residual: Array, known_m: Array | None = None) -> CheckEstimate:
     """What a check's residuals (m,) say: measured minus predicted, divided by their standard deviation.
 
-    The error is that of the most probable joint change, its noise taken out: |J d|^2 less its expectation without
-    any change. Raises InputError for residuals that are not finite.
+    known_m (g,): error of the tool's coordinates over the workspace that is known without measuring, since the tables
+    were made for another temperature. The error is that of the most probable joint change and the known one together,
+    its noise taken out: |known + J d|^2 less what noise adds. Raises InputError for residuals that are not finite.
     """
-    if residual.shape != (len(design.by_parameter),) or not np.all(np.isfinite(residual)):
-        raise InputError(f"check: needs {len(design.by_parameter)} finite residuals")
-    free = design.free_of_station(residual)
+    free = design.free_of_station(_finite_residual(design, residual))
     change = (design.columns.T @ free) * design.change_u**2
     at_tool, noise, covariance = design._error_terms
-    shift = at_tool @ free
+    shift = at_tool @ free if known_m is None else at_tool @ free + known_m
     square = max(float(shift @ shift) - noise, 0.0) / design.points
     variance = 4.0 * float(shift @ covariance @ shift) + 2.0 * float(np.sum(covariance**2))
     smallest = (2.0 * float(np.sum(covariance**2))) ** 0.25
     u = np.sqrt(variance) / (2.0 * max(np.sqrt(square * design.points), smallest)) / np.sqrt(design.points)
     return CheckEstimate(change, design.change_u, ErrorFigure(float(np.sqrt(square)), float(u)))
+
+
+def joint_change(design: CheckDesign, residual: Array) -> tuple[Array, Array]:
+    """Most probable change of all parameters (p,) and its covariance (p, p), the design's prior taken in.
+
+    With the former calibration's grown covariance as the prior this is a partial calibration; with the
+    tolerances' a full one.
+    """
+    gain, covariance = design._posterior
+    return gain @ design.free_of_station(_finite_residual(design, residual)), covariance
+
+
+def _finite_residual(design: CheckDesign, residual: Array) -> Array:
+    if residual.shape != (len(design.by_parameter),) or not np.all(np.isfinite(residual)):
+        raise InputError(f"check: needs {len(design.by_parameter)} finite residuals")
+    return residual

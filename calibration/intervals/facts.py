@@ -142,7 +142,8 @@ class CheckFact:
     to all its checks. error_per_change (w,): position error of the tool point, RMS over the workspace, for a change of
     one unit (m per unit). independent: how many independent changes would exceed a limit as often as the watched ones
     together do (1 to w). `check_estimate.estimate_check` computes all of them. temperature_c: mean temperature of the
-    machine's parts. poses: how many were used. duration_s: rig time.
+    machine's parts. poses: how many were used. duration_s: rig time. known_error_m: the part of the error that is
+    known without measuring, since the tables were made for another temperature.
     """
 
     id: str
@@ -160,6 +161,7 @@ class CheckFact:
     poses: int
     operating_h: float
     duration_s: float = 0.0
+    known_error_m: float = 0.0
 
     def __post_init__(self) -> None:
         where = f"check {self.id}"
@@ -169,6 +171,7 @@ class CheckFact:
             temperature_c=self.temperature_c,
             operating_h=self.operating_h,
             duration_s=self.duration_s,
+            known_error_m=self.known_error_m,
         )
         _unique(where, self.watched)
         w = len(self.watched)

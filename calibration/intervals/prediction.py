@@ -97,13 +97,14 @@ def predict_due(
     level, level_u = track.level()
     watched = int(np.argmax(np.abs(level) / level_u))
     tolerance_m = history.machine.tolerance_m(now_utc_s)
-    allowed = _allowed(calibration, checks[-1], watched, tolerance_m)
+    allowed = _allowed(calibration, checks[-1], watched, tolerance_m, 0.0)
     components = _components(checks, calibration, watched, allowed, drift, settings)
     ahead_weeks = np.linspace(0.0, settings.horizon_s, 731) / WEEK_S
     warmer_k = forecast_temperature(history, now_utc_s + ahead_weeks * WEEK_S) - calibration.temperature_c
+    ahead = _allowed(calibration, checks[-1], watched, tolerance_m, _known_per_k(checks, calibration) * warmer_k)
     walk = (drift.walk_per_sqrt_week * _unit(checks[0], watched, drift)) ** 2
     age_weeks = (now_utc_s - checks[-1].t_utc_s) / WEEK_S
-    mixture = _probability_left(components, ahead_weeks + age_weeks, warmer_k, allowed, walk)
+    mixture = _probability_left(components, ahead_weeks + age_weeks, warmer_k, ahead, walk)
     return _dated(checks[-1].watched[watched], now_utc_s, ahead_weeks * WEEK_S, mixture, settings)
 
 
@@ -128,13 +129,27 @@ def forecast_temperature(history: MachineHistory, t_utc_s: Array) -> Array:
     return np.asarray(mean + cosine * np.cos(ahead) + sine * np.sin(ahead))
 
 
-def _allowed(calibration: CalibrationFact, check: CheckFact, watched: int, tolerance_m: float) -> float:
-    """How far a change may go until the error, with what the calibration left, reaches the tolerance."""
+def _allowed(
+    calibration: CalibrationFact, check: CheckFact, watched: int, tolerance_m: float, known_m: Array | float
+) -> Array:
+    """How far a change may go until the error reaches the tolerance (n,).
+
+    What the calibration left and what is known of temperature (n,) are taken off as squares: different fields over the
+    workspace. A quarter of the tolerance is always left.
+    """
     per_change = check.error_per_change[watched]
     if per_change <= 0.0:
         raise InputError(f"prediction: {check.watched[watched]} has no effect on the tool: watch others")
     left_m = calibration.as_left.position_m if calibration.as_left else 0.0
-    return math.sqrt(max(tolerance_m**2 - left_m**2, (0.25 * tolerance_m) ** 2)) / per_change
+    square = tolerance_m**2 - left_m**2 - np.square(known_m)
+    return np.asarray(np.sqrt(np.maximum(square, (0.25 * tolerance_m) ** 2)) / per_change)
+
+
+def _known_per_k(checks: tuple[CheckFact, ...], calibration: CalibrationFact) -> float:
+    """Known error a kelvin away from the calibration's temperature: least squares through zero."""
+    warmer = np.array([c.temperature_c - calibration.temperature_c for c in checks])
+    known = np.array([c.known_error_m for c in checks])
+    return float(np.abs(warmer) @ known / max(float(warmer @ warmer), 1e-6))
 
 
 def _unit(check: CheckFact, watched: int, drift: DriftSettings) -> float:
@@ -145,7 +160,7 @@ def _components(
     checks: tuple[CheckFact, ...],
     calibration: CalibrationFact,
     watched: int,
-    allowed: float,
+    allowed: Array,
     drift: DriftSettings,
     settings: PredictionSettings,
 ) -> list[_Component]:
@@ -154,7 +169,7 @@ def _components(
     chosen = sorted({start[int(i)] for i in np.linspace(0, len(start) - 1, min(settings.beginnings, len(start)))})
     found = [_filter(checks, calibration, watched, None, 0.0, drift)]
     found[0] = _weighted(found[0], 1.0 - settings.trend)
-    slope = allowed / settings.fastest_weeks
+    slope = float(allowed) / settings.fastest_weeks
     for begin_utc_s in chosen:
         one = _filter(checks, calibration, watched, begin_utc_s, slope, drift)
         found.append(_weighted(one, settings.trend / len(chosen)))
@@ -194,7 +209,7 @@ def _filter(
 
 
 def _probability_left(
-    components: list[_Component], weeks: Array, warmer_k: Array, allowed: float, walk: float
+    components: list[_Component], weeks: Array, warmer_k: Array, allowed: Array, walk: float
 ) -> _Mixture:
     """All hypotheses together, so many weeks (n,) after the last check."""
     log_weight = np.array([c.log_weight for c in components])
@@ -210,7 +225,7 @@ def _probability_left(
         by_then = np.minimum(np.maximum.accumulate(beyond) * (1.0 if part.wears else 2.0), 1.0)
         total += share * by_then
         level += float(share * part.mean[0])
-    return _Mixture(total, float(weight[[c.wears for c in components]].sum()), abs(level) / allowed)
+    return _Mixture(total, float(weight[[c.wears for c in components]].sum()), abs(level) / float(allowed[0]))
 
 
 def _dated(

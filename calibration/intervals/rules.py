@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.intervals.decision import decide
-from calibration.intervals.drift import expect, follow
 from calibration.intervals.extent import Measurement, what_to_measure
 from calibration.intervals.facts import CheckFact, MachineHistory
-from calibration.intervals.limits import bounds_of_check, chart_scale
+from calibration.intervals.health import health_test
 from calibration.intervals.prediction import DuePrediction, predict_due
 from calibration.intervals.sequential import BoundedLooks
 from calibration.intervals.settings import IntervalSettings
@@ -106,15 +105,6 @@ def event(history: MachineHistory, settings: IntervalSettings, now_utc_s: float)
     return RuleResult("event", "due", words)
 
 
-def looks_of(history: MachineHistory, settings: IntervalSettings, check: CheckFact) -> BoundedLooks:
-    """Limits of the looks of a check, made or to be made: from U and the history before it."""
-    expected = expect(history, settings.drift, check)
-    unit = np.asarray(check.change_u) * np.sqrt(check.poses / settings.drift.full_poses)
-    track = follow(_until(history, check), settings.drift)
-    scale = chart_scale(track).scale
-    return bounds_of_check(settings.check, settings.drift, expected.variance, unit, check.independent, scale)
-
-
 def check_limit(history: MachineHistory, settings: IntervalSettings, now_utc_s: float) -> RuleResult:
     """Due when the last check found a change beyond its limit, or cannot be shown to conform; out if it does not."""
     checks = history.checks_since_calibration()
@@ -126,10 +116,10 @@ def check_limit(history: MachineHistory, settings: IntervalSettings, now_utc_s: 
         return RuleResult("check", "out of tolerance", decision.reason)
     if decision.verdict == "undecided":
         return RuleResult("check", "due", decision.reason)
-    expected = expect(history, settings.drift, last)
-    size = expected.standardised(np.asarray(last.change), np.asarray(last.change_u))
+    test = health_test(history, settings, last)
+    size = test.standardised(np.asarray(last.change), np.asarray(last.change_u))
     worst = int(np.argmax(np.abs(size)))
-    limit = _limit(looks_of(history, settings, last), settings, last)
+    limit = _limit(test.looks, settings, last)
     words = f"{last.watched[worst]} off by {size[worst]:+.1f} standard deviations, limit {limit:.1f}; {decision.reason}"
     same_instrument = _same_instrument(history, last)
     beyond = abs(size[worst]) > limit and same_instrument
@@ -192,10 +182,6 @@ def _due(
     dates = [*full, *([prediction.due_utc_s] if prediction and prediction.due_utc_s is not None else [])]
     finite = [d for d in dates if np.isfinite(d)]
     return min(finite, default=None)
-
-
-def _until(history: MachineHistory, check: CheckFact) -> MachineHistory:
-    return replace(history, checks=tuple(c for c in history.checks if c.t_utc_s < check.t_utc_s and c.id != check.id))
 
 
 def _limit(looks: BoundedLooks, settings: IntervalSettings, check: CheckFact) -> float:

@@ -171,6 +171,7 @@ def check_fact(row: LifeRow) -> CheckFact:
         poses=int(data["poses"]),
         operating_h=float(data["operating_h"]),
         duration_s=float(data["duration_s"]),
+        known_error_m=float(data.get("known_error_m", 0.0)),
     )
 
 

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from calibration.base.errors import InputError
 from calibration.intervals.check_design import CheckReadings, check_design, choose_poses
-from calibration.intervals.check_estimate import estimate_check
+from calibration.intervals.check_estimate import estimate_check, joint_change
 from calibration.intervals.watched import smr_response, station_nuisance, tool_response, watched_changes
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives
@@ -193,3 +193,24 @@ def test_what_a_check_cannot_tell_is_said(design):
     blind = replace(design, by_parameter=design.by_parameter * 0.0)
     with pytest.raises(InputError, match="do not show"):
         estimate_check(blind, np.zeros(len(design.by_parameter)))
+
+
+def test_what_is_known_of_the_temperature_is_part_of_the_error(design):
+    known = np.full(len(design.workspace), 10e-6)
+    errors = [
+        estimate_check(design, np.random.default_rng(seed).standard_normal(len(design.by_parameter)), known).error
+        for seed in range(40)
+    ]
+    assert np.mean([e.position_m for e in errors]) == pytest.approx(10e-6 * np.sqrt(3.0), abs=1.5e-6)
+
+
+def test_a_joint_change_is_the_normal_posterior(design):
+    rng = np.random.default_rng(9)
+    used = np.flatnonzero(np.diag(design.prior))
+    residual = rng.standard_normal(len(design.by_parameter))
+    found, covariance = joint_change(design, residual)
+    free, prior = design.free[:, used], design.prior[np.ix_(used, used)]
+    information = free.T @ free + np.linalg.inv(prior)
+    direct = np.linalg.solve(information, free.T @ design.free_of_station(residual))
+    assert found[used] == pytest.approx(direct, rel=1e-6, abs=1e-12)
+    assert covariance[np.ix_(used, used)] == pytest.approx(np.linalg.inv(information), rel=1e-5, abs=1e-16)

@@ -11,6 +11,7 @@ from calibration.base.errors import InputError
 from calibration.intervals import rules
 from calibration.intervals.extent import what_to_measure
 from calibration.intervals.facts import ErrorFigure, EventFact, Postponement, Tolerance
+from calibration.intervals.health import health_test
 from calibration.intervals.settings import IntervalSettings
 from calibration.intervals.validity import comparable, require_certificate
 from tests.calibration.intervals.facts_for_tests import (
@@ -124,7 +125,7 @@ def test_the_worst_state_counts_and_reasons_are_given():
 
 
 def test_the_next_check_s_limits_are_known_before_it():
-    looks = rules.looks_of(quiet(), SETTINGS, check(9, poses=12))
+    looks = health_test(quiet(), SETTINGS, check(9, poses=12)).looks
     assert list(looks.upper) == sorted(looks.upper, reverse=True)
     assert looks.miss < 0.12
 

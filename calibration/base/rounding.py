@@ -1,7 +1,8 @@
 """Results as text: value and uncertainty rounded together, by the GUM (JCGM 100:2008, 7.2.6).
 
 The uncertainty has two significant digits and the value ends at the same decimal place. An uncertainty is rounded up
-(10.47 to 11) unless rounding down takes away next to nothing (28.05 to 28). Never an exponent: 123456 is 130000.
+(10.47 to 11) and never down: where the GUM lets 28.05 be 28, it is 29 here, so that no result looks better than it is.
+Never an exponent: 123456 is 130000.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 
 SIGNIFICANT_DIGITS = 2
-NEGLIGIBLE = Decimal("0.1")  # of the last digit kept: what rounding down may take off an uncertainty
+ROUND_OFF = Decimal("1e-9")  # of the last digit kept: 0.30000000000000004 is 0.30
 _EXACT = Context(prec=1100)  # digits between the largest and the smallest float
 
 
@@ -40,7 +41,7 @@ def _round_uncertainty(exact: Decimal) -> tuple[Decimal, Decimal]:
     """An uncertainty > 0 to two significant digits, and the decimal place that it ends at."""
     quantum = Decimal((0, (1,), exact.adjusted() + 1 - SIGNIFICANT_DIGITS))
     lower = exact.quantize(quantum, ROUND_FLOOR, _EXACT)
-    if _EXACT.subtract(exact, lower) < NEGLIGIBLE * quantum:
+    if _EXACT.subtract(exact, lower) < ROUND_OFF * quantum:
         return lower, quantum
     upper = exact.quantize(quantum, ROUND_CEILING, _EXACT)
     if upper.adjusted() > exact.adjusted():  # 99.6 becomes 100, whose second digit is the one of tens

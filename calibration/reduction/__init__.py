@@ -1,6 +1,7 @@
 """From stored readings to poses of the platform: drift, report frame, pose filter, and figures of measured error."""
 
 __all__ = [
+    "budget",
     "common_points",
     "data_checks",
     "drift_filter",
@@ -16,5 +17,6 @@ __all__ = [
     "reduction",
     "report_frame",
     "setups",
+    "standard_figures",
     "station_drift",
 ]

@@ -53,8 +53,8 @@ def figures(
     moves, turns = free_axes(machine)
     square = np.sum(position_m[:, moves] ** 2, axis=1)
     angle = np.sum(rotation_rad[:, turns] ** 2, axis=1)
-    rms, u_rms = _rms(square)
-    turn, u_turn = _rms(angle)
+    rms, u_rms = rms_and_u(square)
+    turn, u_turn = rms_and_u(angle)
     return Figures(
         position_rms_m=rms,
         position_max_m=float(np.sqrt(square.max())),
@@ -65,7 +65,8 @@ def figures(
     )
 
 
-def _rms(square: Array) -> tuple[float, float]:
+def rms_and_u(square: Array) -> tuple[float, float]:
+    """Root of the mean of squares (n,) and its standard uncertainty from their scatter."""
     mean = float(np.mean(square))
     u_mean = float(np.std(square, ddof=1) / np.sqrt(len(square))) if len(square) > 1 else mean
     rms = float(np.sqrt(mean))

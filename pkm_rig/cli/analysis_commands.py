@@ -98,6 +98,10 @@ def poses(
     machine: Annotated[str | None, typer.Option(help="a machine instead: shipped name or path; full poses")] = None,
     count: Annotated[int, typer.Option(help="how many poses to measure under each load")] = 40,
     criterion: Annotated[str, typer.Option(help="I: least predicted variance; D: largest information")] = "I",
+    virtual_axis: Annotated[
+        str | None, typer.Option("--virtual-axis", help="x, y or z: instead, the visits of ISO 230-2 along it")
+    ] = None,
+    iso9283: Annotated[bool, typer.Option("--iso9283", help="instead, the visits of 30 cycles of ISO 9283")] = False,
     json: JsonOption = False,
 ) -> None:
     """Choose the most informative poses, compare them with a grid, and list what they would leave undetermined."""
@@ -107,6 +111,9 @@ def poses(
     from pkm_rig.report.terminal import print_either
     from pkm_rig.rig.config import load_rig
 
+    if virtual_axis is not None or iso9283:
+        _standard_poses(rig, virtual_axis, json, iso9283=iso9283)
+        return
     if machine is not None and rig is None:
         path = Path(machine) if machine.endswith(".toml") else shipped_machine(machine)
         planner = Planner.of_machine(load_machine(path))
@@ -115,6 +122,27 @@ def poses(
     else:
         raise InputError("poses: give --rig or --machine, and not both")
     print_either(json, planner.plan(parse_count(count), parse_criterion(criterion)), print_plan)
+
+
+def _standard_poses(rig: Path | None, virtual_axis: str | None, json: bool, *, iso9283: bool) -> None:
+    """The visits that the formulae of a standard need, as a campaign file."""
+    from pkm_rig.jobs.campaign_file import standard_campaign_text
+    from pkm_rig.report.terminal import print_json
+    from pkm_rig.rig.config import load_rig
+    from pkm_rig.rig.standard_visits import axis_visits, pose_visits
+
+    if rig is None or (virtual_axis is not None and iso9283):
+        raise InputError("poses: --virtual-axis and --iso9283 need --rig, and each is a campaign of its own")
+    file, described = load_rig(rig)
+    if virtual_axis is None:
+        section = pose_visits(described)
+    else:
+        section = axis_visits(described, file.campaign, virtual_axis)
+    if json:
+        visits = [visit.model_dump(mode="json") for visit in section.visits]
+        print_json({"machine": described.name, "made_for": section.made_for, "visits": visits})
+    else:
+        print(standard_campaign_text(section, described), end="")
 
 
 def compensate(

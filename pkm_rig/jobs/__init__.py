@@ -19,8 +19,10 @@ __all__ = [
     "measured_machine",
     "next_command",
     "planning",
+    "report",
     "session",
     "setup_tie",
+    "standard_figures",
     "tables",
     "verify",
 ]

@@ -38,6 +38,16 @@ def campaign_text(
     return head + to_toml(CampaignFile(campaign=VisitsSection(visits=visits)))
 
 
+def standard_campaign_text(section: VisitsSection, machine: Machine) -> str:
+    """The visits that the formulae of a standard need, as TOML, with how they are measured as comments."""
+    lines = [
+        f"{len(section.visits)} visits of machine {machine.name}, for the formulae of {section.made_for}",
+        "pkm-rig measure --rig RIG.toml --campaign THIS-FILE     compensation is off meanwhile",
+        "pkm-rig report CAMPAIGN                                  states their figures",
+    ]
+    return "".join(f"# {line}\n" for line in lines) + to_toml(CampaignFile(campaign=section))
+
+
 def write_campaign_files(
     candidates: list[CampaignAddition],
     machine: Machine,

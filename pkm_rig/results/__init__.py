@@ -1,3 +1,3 @@
 """Results of the jobs, as the reports show them."""
 
-__all__ = ["callbacks", "diagnosis_attempt", "outcome", "unknowns"]
+__all__ = ["callbacks", "diagnosis_attempt", "outcome", "report_source", "standard_results", "unknowns"]

@@ -3,6 +3,7 @@
 __all__ = [
     "campaign_sections",
     "capabilities",
+    "certificate_section",
     "clock",
     "config",
     "connection",
@@ -20,6 +21,7 @@ __all__ = [
     "runner",
     "schedule",
     "session_record",
+    "standard_visits",
     "standstill",
     "station_air",
     "supervision",

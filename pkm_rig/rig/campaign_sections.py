@@ -12,6 +12,7 @@ from calibration.compensation.grid import GRID_MARGIN_M
 Speed = Annotated[float, Field(gt=0.0, le=2.0)]
 Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
 Limit = Annotated[float, Field(gt=0.0)]
+MadeFor = Literal["ISO 230-2 x", "ISO 230-2 y", "ISO 230-2 z", "ISO 9283"]
 PayloadNumber = Annotated[int, Field(ge=0)]
 MOST_VISITS, MOST_DRIVES = 2000, 12
 
@@ -51,6 +52,11 @@ class CampaignSettings(Section):
     )
     visits: tuple[VisitEntry, ...] = Field(
         default=(), max_length=MOST_VISITS, description="Visits one by one, in this order, in place of poses."
+    )
+    made_for: MadeFor | None = Field(
+        default=None,
+        description="Standard whose formulae the visits were made for, by `pkm-rig poses`; the report then states their "
+        "figures.",
     )
     loaded_payload: int = Field(ge=1, default=2, description="Payload of the loaded block, by number.")
     readings_per_smr: int = Field(ge=1, le=20, default=1, description="Measurements averaged to a reading.")
@@ -105,6 +111,9 @@ class VisitsSection(Section):
 
     visits: tuple[VisitEntry, ...] = Field(
         min_length=1, max_length=MOST_VISITS, description="Visits, made in this order."
+    )
+    made_for: MadeFor | None = Field(
+        default=None, description="Standard whose formulae they were made for (`pkm-rig poses --virtual-axis`)."
     )
 
 

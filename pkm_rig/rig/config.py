@@ -15,6 +15,7 @@ from calibration.recording.columns import check_extra_columns
 from calibration.recording.header import DeclaredLevels, DisturbanceLevels, LengthEntry, Name
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import MOST_DRIVES, CampaignFile, CampaignSettings, Limits
+from pkm_rig.rig.certificate_section import CertificateSection
 from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
 from pkm_rig.rig.recalibration_sections import CertificateEntry, RecalibrationSettings
 
@@ -80,6 +81,7 @@ class RigFile(Section):
     recalibration: RecalibrationSettings = Field(
         default=RecalibrationSettings(), description="When the machine is calibrated again."
     )
+    certificate: CertificateSection | None = Field(default=None, description="For reports and certificates.")
     mock: MockSection | None = Field(default=None, description="Settings of the mock.")
 
     @model_validator(mode="after")
@@ -115,11 +117,12 @@ class RigFile(Section):
 
 def with_visits(rig: RigFile, path: Path) -> RigFile:
     """The rig file with the visits of a campaign file for its own poses; InputError if it lacks their payload."""
-    visits = read_toml(path, CampaignFile).campaign.visits
+    section = read_toml(path, CampaignFile).campaign
+    visits = section.visits
     most = max(visit.payload for visit in visits)
     if most >= len(rig.payloads):
         raise InputError(f"{path}: payload {most} is not in the rig file's [[payloads]]; add it there")
-    campaign = rig.campaign.model_copy(update={"visits": visits, "targets": ()})
+    campaign = rig.campaign.model_copy(update={"visits": visits, "made_for": section.made_for, "targets": ()})
     return rig.model_copy(update={"campaign": campaign})
 
 

@@ -17,5 +17,6 @@ __all__ = [
     "schema",
     "sessions",
     "store",
+    "stored_machine",
     "stored_rows",
 ]

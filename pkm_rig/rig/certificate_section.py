@@ -1,0 +1,89 @@
+"""Section of the rig file that says who calibrates what for whom, and with which certified instruments."""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from calibration.base.toml_file import Label, Section
+
+
+def _check_email(text: str) -> str:
+    name, _, host = text.partition("@")
+    if not name or "." not in host or any(c.isspace() for c in text) or len(text) > 200:
+        raise ValueError("an address of e-mail has the form name@host.example")
+    return text
+
+
+Email = Annotated[str, AfterValidator(_check_email)]
+
+
+class PartyEntry(Section):
+    """A person or an organisation, with its address."""
+
+    name: Label = Field(description="Name.")
+    email: Email | None = Field(default=None, description="Address of e-mail.")
+    street: Label | None = Field(default=None, description="Street and number.")
+    postcode: Label | None = Field(default=None, description="Postal code.")
+    city: Label | None = Field(default=None, description="City.")
+    country: str | None = Field(
+        default=None, pattern="^[A-Z]{2}$", description="Country, two letters of ISO 3166-1, as in `DE`."
+    )
+
+
+class CalibratedItem(Section):
+    """The machine that is calibrated, as its plate names it."""
+
+    manufacturer: Label | None = Field(default=None, description="Make.")
+    model: Label | None = Field(default=None, description="Model.")
+    serial: Label | None = Field(default=None, description="Serial number.")
+    place: Label | None = Field(default=None, description="Where it stands: hall, cell.")
+
+
+class InstrumentEntry(Section):
+    """An instrument that the campaign measures with, and its certificate."""
+
+    role: Literal["station", "length", "temperature", "pressure", "humidity", "mass", "other"] = Field(
+        description="What it is: the station, the certified length between nests, a sensor, the payload's mass."
+    )
+    name: Label = Field(description="Make and model.")
+    serial: Label | None = Field(
+        default=None, description="Serial number; a station that answers with another one is not this instrument."
+    )
+    certificate: Label | None = Field(default=None, description="Number of its calibration certificate.")
+    laboratory: Label | None = Field(default=None, description="Who issued that certificate.")
+    calibrated: date | None = Field(default=None, description="Day of its calibration, as in `2026-03-01`.")
+    due: date | None = Field(default=None, description="Last day on which the certificate is relied upon.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> InstrumentEntry:
+        if self.calibrated is not None and self.due is not None and self.due < self.calibrated:
+            raise ValueError(f"certificate.instruments: {self.name}: due before it was calibrated")
+        return self
+
+
+class CertificateSection(Section):
+    """Who calibrates what, for whom, and with which instruments: for reports and certificates."""
+
+    laboratory: PartyEntry | None = Field(default=None, description="Who calibrates.")
+    customer: PartyEntry | None = Field(default=None, description="For whom.")
+    machine: CalibratedItem = Field(default=CalibratedItem(), description="The machine.")
+    instruments: tuple[InstrumentEntry, ...] = Field(
+        default=(), max_length=20, description="Instruments with their certificates."
+    )
+    operator: Label | None = Field(default=None, description="Who is responsible for the result.")
+    procedure: Label | None = Field(default=None, description="Number or name of the calibration procedure.")
+    location: Literal["laboratory", "customer"] = Field(
+        default="customer", description="Where it is calibrated: in the laboratory, or where the customer has it."
+    )
+    prefix: str = Field(
+        default="PKM", pattern="^[A-Za-z0-9][A-Za-z0-9.-]{0,19}$", description="What numbers of certificates begin with."
+    )
+    accreditation: Label | None = Field(
+        default=None,
+        description="Body and number of an accreditation that covers this procedure; without it certificates say that "
+        "they are not accredited.",
+    )
+    language: Literal["en", "de"] = Field(default="en", description="Language of headings, verdict and fields.")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calibration.compensation.error_map import error_map
 from pkm_rig.jobs.acceptance import stored_outcome
-from pkm_rig.report import pictures
+from pkm_rig.report.maps import error_fields, error_maps
 from pkm_rig.store.store import open_store
 
 
@@ -22,8 +22,9 @@ def main() -> None:
     options = parser.parse_args()
     with open_store(options.out) as store:
         outcome = stored_outcome(store, options.campaign)
-    maps = error_map(outcome.calibration, outcome.written[-1].table)
-    figure = pictures.error_maps(maps, "Predicted error of the tool point, 200 kg payload")
+    written = outcome.written[-1]
+    fields = error_fields(error_map(outcome.calibration, written.table), outcome.reduction, written.payload)
+    figure = error_maps(fields, "Errors of the tool point, 200 kg payload")
     target = Path(__file__).parent.parent / "docs" / "images" / "error-map.png"
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=90, bbox_inches="tight", metadata={"Software": None})

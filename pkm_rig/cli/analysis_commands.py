@@ -134,10 +134,7 @@ def _standard_poses(rig: Path | None, virtual_axis: str | None, json: bool, *, i
     if rig is None or (virtual_axis is not None and iso9283):
         raise InputError("poses: --virtual-axis and --iso9283 need --rig, and each is a campaign of its own")
     file, described = load_rig(rig)
-    if virtual_axis is None:
-        section = pose_visits(described)
-    else:
-        section = axis_visits(described, file.campaign, virtual_axis)
+    section = pose_visits(described) if virtual_axis is None else axis_visits(described, file.campaign, virtual_axis)
     if json:
         visits = [visit.model_dump(mode="json") for visit in section.visits]
         print_json({"machine": described.name, "made_for": section.made_for, "visits": visits})

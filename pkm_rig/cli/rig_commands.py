@@ -127,7 +127,10 @@ def measure(
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
         campaign = measure(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
         simulated, stores_tables = store.header(campaign).simulated, bool(connected_rig.banks)
-    if stores_tables:
+        made_for = connected_rig.file.campaign.made_for
+    if made_for is not None:
+        next_command = command_line("report", campaign, "--out", out)
+    elif stores_tables:
         next_command = command_line("verify", campaign, "--rig", rig_word(rig), "--out", out)
     else:
         next_command = command_line("identify", campaign, "--out", out)
@@ -242,15 +245,16 @@ def _require_campaign(resume: str | None, out: Path, *, new_setup: bool) -> None
 def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
     """Write the report and print the outcome; raises StoreError without a report, CampaignRefused without tables."""
     from pkm_rig.jobs.next_command import command_line
-    from pkm_rig.report.html import report_path, write_report
+    from pkm_rig.jobs.report import write_outcome_report
+    from pkm_rig.report.html import report_path
     from pkm_rig.report.outcome_json import outcome_json
     from pkm_rig.report.outcome_text import print_outcome
     from pkm_rig.report.terminal import print_json
 
-    path: Path | None = report_path(outcome, out)
+    path: Path | None = report_path(outcome.campaign, out)
     failure = None
     try:
-        write_report(outcome, report_path(outcome, out))
+        write_outcome_report(outcome, out)
     except OSError as error:  # the result stands, whatever becomes of its report
         path, failure = None, error
     if json:

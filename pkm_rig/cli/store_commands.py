@@ -78,22 +78,36 @@ def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: 
         results.print(line, soft_wrap=True, markup=False)
 
 
-def report(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
-    """Write the report of a verified campaign anew."""
-    from pkm_rig.jobs.acceptance import stored_outcome
+def report(
+    campaign: StoredCampaignArgument,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="as PDF too, in A4 (needs the extra [pdf])")] = False,
+    language: Annotated[
+        str | None, typer.Option("--language", help="en or de: headings, verdict and fields; else the rig file's")
+    ] = None,
+) -> None:
+    """Write the report of a campaign anew, whatever the campaign came to."""
+    from pkm_rig.jobs.report import parse_language, report_source
     from pkm_rig.report.html import report_path, write_report
-    from pkm_rig.report.outcome_json import outcome_json
+    from pkm_rig.report.pdf import require_pdf, write_pdf
     from pkm_rig.report.terminal import print_result
     from pkm_rig.store.store import open_existing_store
 
+    chosen = None if language is None else parse_language(language)
+    if pdf:
+        require_pdf()
     with open_existing_store(out) as store:
-        outcome = stored_outcome(store, campaign)
+        source = report_source(store, campaign)
     try:
-        path = report_path(outcome, out)
-        write_report(outcome, path)
+        path = report_path(campaign, out)
+        written = write_report(source, path, chosen)
+        if pdf:
+            write_pdf(written.html, path.with_suffix(".pdf"))
     except OSError as error:
         raise InputError(f"report: {error}; choose another --out") from error
-    print_result(json, outcome_json(outcome, path), f"report: {path}")
+    result = written.data | {"pdf": str(path.with_suffix(".pdf")) if pdf else None}
+    print_result(json, result, f"report: {path.with_suffix('.pdf') if pdf else path}")
 
 
 def export_campaign(

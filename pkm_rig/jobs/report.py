@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
@@ -13,12 +14,16 @@ from calibration.reduction.reduction import reduce
 from pkm_rig.jobs.acceptance import last_verification_attempt, stored_limits_m, stored_outcome
 from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.standard_figures import standard_result
+from pkm_rig.report.html import report_path, write_report
+from pkm_rig.report.words import Language
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.report_source import DriveTables, ReportSource
 from pkm_rig.rig.certificate_section import CertificateSection
+from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.recalibration_sections import CertificateEntry
 from pkm_rig.rig.table_change import BEGUN, ENDS, GIVEN_UP, KEPT, TRIAL
 from pkm_rig.store.campaign_state import campaign_state
-from pkm_rig.store.store import Store
+from pkm_rig.store.store import Store, open_existing_store
 from pkm_rig.store.stored_machine import stored_machine
 from pkm_rig.store.stored_rows import StoredEvent, StoredTableChange
 
@@ -29,12 +34,12 @@ def report_source(
     store: Store,
     campaign: str,
     outcome: CampaignOutcome | None = None,
-    certificate: CertificateSection | None = None,
+    rig_file: RigFile | None = None,
 ) -> ReportSource:
     """All of a campaign that a report shows. `outcome`: the verification's, where it is known already.
 
-    `certificate` in place of that of the rig file that the campaign was measured with. InputError for an unknown
-    campaign, StoreError for a damaged one; what cannot be computed is said in the source.
+    `rig_file`: its sections on certificates in place of those that the campaign was measured with. InputError for an
+    unknown campaign, StoreError for a damaged one; what cannot be computed is said in the source.
     """
     header, events = store.header(campaign), store.events(campaign)
     settings: Mapping[str, Any] = next((e.data for e in events if e.kind == "settings"), {})
@@ -48,12 +53,14 @@ def report_source(
         "step": step,
         "why": _why(events) if state in ("refused", "interrupted", "failed") else "",
         "answered": {key: settings[key] for key in ("station", "drives")} if "drives" in settings else None,
-        "certificate": certificate or _stored_certificate(settings),
+        **_certificate_sections(settings, rig_file),
         "tables": _drive_tables([c for c in store.table_changes() if c.campaign == campaign]),
         "limits_m": stored_limits_m(store, campaign),
     }
-    if outcome is None and {e.kind for e in events} & {"accepted", "refused"} and any(
-        e.kind == "activated" for e in events
+    if (
+        outcome is None
+        and {e.kind for e in events} & {"accepted", "refused"}
+        and any(e.kind == "activated" for e in events)
     ):
         outcome = stored_outcome(store, campaign)
     if outcome is not None:
@@ -68,6 +75,20 @@ def report_source(
     if not store.has_readings(campaign):
         return ReportSource(**known, not_reduced="nothing was measured", not_identified="nothing was measured")
     return ReportSource(**known | _measured(store, campaign, settings))
+
+
+def write_outcome_report(outcome: CampaignOutcome, out: Path) -> None:
+    """Write the report of a campaign that has just been verified. Raises OSError."""
+    with open_existing_store(out) as store:
+        source = report_source(store, outcome.campaign, outcome)
+    write_report(source, report_path(outcome.campaign, out))
+
+
+def parse_language(name: str) -> Language:
+    """A language of reports and certificates; InputError if there is none such."""
+    if name not in get_args(Language):
+        raise InputError(f"--language {name}: not known; use {' or '.join(get_args(Language))}")
+    return name  # type: ignore[return-value]
 
 
 def _measured(store: Store, campaign: str, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -93,13 +114,19 @@ def _measured(store: Store, campaign: str, settings: Mapping[str, Any]) -> dict[
     return found | {"diagnosis": try_diagnosis(recording)}
 
 
-def _stored_certificate(settings: Mapping[str, Any]) -> CertificateSection | None:
-    """The section of the rig file that the campaign was measured with; campaigns of earlier versions have none."""
-    section = settings.get("rig_file", {}).get("certificate")
+def _certificate_sections(settings: Mapping[str, Any], rig_file: RigFile | None) -> dict[str, Any]:
+    """The sections of the rig file that the campaign was measured with, or of another; earlier versions had none."""
+    if rig_file is not None:
+        return {"certificate": rig_file.certificate, "certificates": rig_file.certificates}
+    stored = settings.get("rig_file", {})
+    section = stored.get("certificate")
     try:
-        return None if section is None else CertificateSection.model_validate(section)
+        return {
+            "certificate": None if section is None else CertificateSection.model_validate(section),
+            "certificates": tuple(CertificateEntry.model_validate(e) for e in stored.get("certificates", ())),
+        }
     except ValidationError as error:
-        raise InputError(f"the stored section [certificate] is not valid: {error.errors()[0]['msg']}") from error
+        raise InputError(f"stored sections on certificates are not valid: {error.errors()[0]['msg']}") from error
 
 
 def _why(events: Sequence[StoredEvent]) -> str:

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from calibration.base.arrays import Array
 from calibration.diagnosis.result import Diagnosis, VisitGaps
 from calibration.machine.description import Machine
+from pkm_rig.report.maps import Field, error_maps
 from pkm_rig.report.notation import literal
-from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, round_scale, save_png
+from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, SERIES, legend_above, round_scale, save_png
 
 PANELS, BINS, LEAST_IN_BIN, LEAST_SHARE = 4, 12, 3, 0.02
 MAX_VALUES_AS_TICKS = 4  # values of a coordinate that are written out at the axis
 CLEAR_PEAK = 4.0  # times the power of noise, and of the rest of the spectrum: a peak above is marked with its period
-ARROW_SHARE = 0.09  # of the map's width, of an arrow as long as the scale
 
 
 class Coordinate(NamedTuple):
@@ -72,31 +72,15 @@ def plane(machine: Machine) -> tuple[int, int]:
 def error_map(diagnosis: Diagnosis, machine: Machine) -> Figure:
     """The platform's gap at every visit over the workspace, before and after with one arrow scale."""
     visits, axes_of = diagnosis.visits, plane(machine)
-    names = "xyz"
-    spans = np.ptp(visits.tool_m[:, axes_of], axis=0)
     largest = float(np.percentile(np.linalg.norm(visits.before_m[:, axes_of], axis=1), 95.0))
-    key_m = round_scale(largest)
-    panels = series(visits)
-    figure = Figure(figsize=(5.0 * len(panels) + 0.5, 4.6))
-    for place, (gaps, name, colour) in enumerate(panels, start=1):
-        axes = figure.add_subplot(1, len(panels), place)
-        arrows = axes.quiver(
-            *visits.tool_m[:, axes_of].T, *gaps[:, axes_of].T,
-            color=colour, angles="xy", scale_units="xy", width=0.003,
-            scale=key_m / (ARROW_SHARE * max(float(spans.max()), 1e-3)),
-        )  # fmt: skip
-        axes.quiverkey(arrows, 0.84, 1.04, key_m, f"{key_m * 1e6:g} µm", labelpos="E")
-        rms = float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
-        axes.set_title(f"{name}: {rms * 1e6:.1f} µm RMS", loc="left", fontsize=10)
-        axes.set_xlabel(f"{names[axes_of[0]]} / m")
-        axes.set_ylabel(f"{names[axes_of[1]]} / m")
-        axes.set_aspect("equal")
-        axes.margins(0.14)
-    figure.suptitle(
-        f"Measured minus model, noise taken off, an arrow a visit\nverdict: {literal(diagnosis.verdict)}", fontsize=11
-    )
-    figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
-    return figure
+    fields = [
+        Field(
+            name, visits.tool_m[:, axes_of], gaps[:, axes_of], colour, float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
+        )
+        for gaps, name, colour in series(visits)
+    ]
+    title = f"Measured minus model, noise taken off, an arrow a visit; verdict: {diagnosis.verdict}"
+    return error_maps(fields, title, key_m=round_scale(largest), names=("xyz"[axes_of[0]], "xyz"[axes_of[1]]))
 
 
 def coordinates(diagnosis: Diagnosis, machine: Machine) -> Figure:
@@ -118,9 +102,9 @@ def coordinates(diagnosis: Diagnosis, machine: Machine) -> Figure:
             axes.set_xticks(distinct, [f"{value:g}" for value in distinct])
             axes.margins(x=0.2)
         axes.set_xlabel(literal(coordinate.label))
-        axes.set_ylabel(f"gap along {_direction_text(along)} / µm", fontsize=9)
-        axes.set_title(literal(coordinate.share), loc="left", fontsize=9)
-        axes.legend(frameon=False, fontsize=8)
+        axes.set_ylabel(f"gap along {_direction_text(along)} / µm")
+        axes.set_title(literal(coordinate.share), loc="right", fontsize=9)
+        legend_above(axes)
     figure.suptitle("Gap against its strongest coordinates", fontsize=11)
     figure.tight_layout()
     return figure
@@ -180,7 +164,7 @@ def time_line(diagnosis: Diagnosis, machine: Machine) -> Figure:
         _shade_loads(axes, hours, visits.payload_kg[order])
         axes.set_ylabel(f"gap in {'xyz'[axis]} / µm")
         if place == 1:
-            axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
+            legend_above(axes)
     axes.set_xlabel("rig time / h")
     figure.suptitle("Gap over time (grey: with payload)", fontsize=11)
     figure.tight_layout()
@@ -197,7 +181,7 @@ def spectrum(diagnosis: Diagnosis) -> Figure:
             line.power,
             "-",
             linewidth=1.0,
-            color=f"C{number}",
+            color=SERIES[number % len(SERIES)],
             label=f"drive {literal(line.drive)}",
         )
         if np.max(line.power, initial=0.0) > CLEAR_PEAK * max(float(np.median(line.power)), 1.0):
@@ -205,7 +189,7 @@ def spectrum(diagnosis: Diagnosis) -> Figure:
             axes.annotate(
                 f"{line.period_m[top] * 1e3:.3g} mm",
                 (line.period_m[top] * 1e3, line.power[top]),
-                textcoords="offset points", xytext=(4, 2), fontsize=8, color=f"C{number}",
+                textcoords="offset points", xytext=(4, 2), fontsize=8, color=SERIES[number % len(SERIES)],
             )  # fmt: skip
     axes.axhline(1.0, color=NEUTRAL, linestyle="--", linewidth=0.8, label="noise")
     axes.set_xscale("log")
@@ -214,7 +198,7 @@ def spectrum(diagnosis: Diagnosis) -> Figure:
     axes.set_ylim(0.5, max(1.5 * axes.get_ylim()[1], 2.0 * CLEAR_PEAK))
     axes.set_xlabel("spatial period / mm")
     axes.set_ylabel("power over that of noise, highest of each stretch")
-    axes.legend(frameon=False, fontsize=8)
+    legend_above(axes)
     figure.suptitle("Spectrum of the gap along the drives", fontsize=11)
     figure.tight_layout()
     return figure

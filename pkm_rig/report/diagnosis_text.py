@@ -235,20 +235,26 @@ def quantity_name(quantity: Quantity) -> str:
 
 def format_quantity(quantity: Quantity) -> str:
     """A quantity with its expanded uncertainty, in a unit that suits its size."""
-    factor, prefix = 1.0, ""
     if not math.isfinite(quantity.value):
         return "not known"
-    magnitude = max(abs(quantity.value), COVERAGE_FACTOR * quantity.u)
-    if quantity.unit.partition("/")[0] in PREFIXED and math.isfinite(magnitude) and magnitude > 0.0:
-        factor, prefix = next((p for p in PREFIXES if magnitude >= p[0]), PREFIXES[-1])
-    unit = "" if quantity.unit in ("", "1") else f" {prefix}{quantity.unit}"
-    ratio, _, per = quantity.unit.partition("/")
-    if ratio == "1" and 0.0 < magnitude < LARGEST_PPM:
-        factor, unit = 1e-6, f" ppm/{per}" if per else " ppm"
-    value, expanded = quantity.value / factor, COVERAGE_FACTOR * quantity.u / factor
+    divisor, unit = unit_that_suits(quantity)
+    unit = f" {unit}" if unit else ""
+    value, expanded = quantity.value / divisor, COVERAGE_FACTOR * quantity.u / divisor
     if not math.isfinite(expanded) or expanded <= 0.0:
         return f"{plain_number(value, 4)}{unit}"
     return f"{' +- '.join(round_result(value, expanded))}{unit}"
+
+
+def unit_that_suits(quantity: Quantity) -> tuple[float, str]:
+    """The unit in which a quantity is shown, in SI units, and its name: empty for a plain number."""
+    divisor, prefix = 1.0, ""
+    magnitude = max(abs(quantity.value), COVERAGE_FACTOR * quantity.u)
+    if quantity.unit.partition("/")[0] in PREFIXED and math.isfinite(magnitude) and magnitude > 0.0:
+        divisor, prefix = next((p for p in PREFIXES if magnitude >= p[0]), PREFIXES[-1])
+    ratio, _, per = quantity.unit.partition("/")
+    if ratio == "1" and 0.0 < magnitude < LARGEST_PPM:
+        return 1e-6, f"ppm/{per}" if per else "ppm"
+    return divisor, "" if quantity.unit in ("", "1") else f"{prefix}{quantity.unit}"
 
 
 def diagnosis_line(attempt: DiagnosisAttempt) -> str:

@@ -11,6 +11,7 @@ from calibration.recording.sessions import repaired_text
 from calibration.reduction.figures import Figures
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.results.outcome import CampaignOutcome
+from pkm_rig.results.report_source import ReportSource
 
 
 def pool_figures(several: list[Figures]) -> dict[str, float]:
@@ -22,6 +23,25 @@ def pool_figures(several: list[Figures]) -> dict[str, float]:
         "position_rms_m": float(np.sqrt(np.sum(n * position**2) / n.sum())),
         "position_max_m": max(f.position_max_m for f in several),
         "orientation_rms_rad": float(np.sqrt(np.sum(n * turn**2) / n.sum())),
+    }
+
+
+def campaign_json(source: ReportSource) -> dict[str, Any]:
+    """The same of a campaign without a verdict: what there is of it."""
+    reduction = source.reduction
+    attempt = source.diagnosis
+    return {
+        "campaign": source.campaign,
+        "simulated": source.header.simulated,
+        "head": source.head or None,
+        "accepted": False,
+        "decision": None,
+        "report": None,
+        "payloads": [],
+        "dropped": {} if reduction is None else reduction.dropped,
+        "left_out": [] if reduction is None else [reading.as_dict() for reading in reduction.left_out],
+        "diagnosis": None if attempt is None else diagnosis_attempt_json(attempt),
+        "sessions": [session.model_dump(mode="json") for session in source.header.sessions],
     }
 
 

@@ -9,17 +9,21 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.base.arrays import Array
-from calibration.compensation.error_map import ErrorMap
 from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import free_axes
 from calibration.reduction.nest_checks import nest_shift
 from calibration.reduction.reduction import CALIBRATION, Reduction
 from pkm_rig.report.notation import literal
 
-BEFORE, AFTER, NEUTRAL = "#b0413e", "#2a6f97", "#5c677d"
+# Colours of Okabe and Ito, which people with any kind of colour blindness can tell; shapes differ as well.
+BEFORE, AFTER, NEUTRAL = "#d55e00", "#0072b2", "#5c677d"
+SERIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000")
+MARKS = ("o", "s", "^", "D", "v", "P", "X")
+MOST_PARAMETERS = 30  # in the picture; the table has all
 
 
 def save_png(figure: Figure, file: IO[bytes] | Path, *, simulated: bool) -> None:
@@ -38,31 +42,6 @@ def data_uri(figure: Figure, *, simulated: bool) -> str:
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-def error_maps(maps: ErrorMap, title: str) -> Figure:
-    """Tool error vectors over the workspace, before and after; each panel with its own arrow scale, stated."""
-    figure = Figure(figsize=(10.0, 4.4))
-    for place, (errors, name, colour) in enumerate(
-        ((maps.before_m, "before", BEFORE), (maps.after_m, "after", AFTER)), start=1
-    ):
-        axes = figure.add_subplot(1, 2, place)
-        length = np.hypot(errors[:, 0], errors[:, 1])
-        key_m = round_scale(float(np.max(length)))
-        quiver = axes.quiver(
-            maps.target_m[:, 0], maps.target_m[:, 1], errors[:, 0], errors[:, 1],
-            color=colour, angles="xy", scale_units="xy", scale=key_m / 0.06, width=0.004,
-        )  # fmt: skip
-        axes.quiverkey(quiver, 0.80, 1.04, key_m, f"{key_m * 1e6:g} µm", labelpos="E")
-        rms = float(np.sqrt(np.mean(length**2)))
-        axes.set_title(f"{name}: {rms * 1e6:.1f} µm RMS", loc="left", fontsize=10)
-        axes.set_xlabel("x / m")
-        axes.set_ylabel("y / m")
-        axes.set_aspect("equal")
-        axes.margins(0.14)
-    figure.suptitle(literal(title), fontsize=11)
-    figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
-    return figure
-
-
 def round_scale(value: float) -> float:
     """1, 2 or 5 times a power of ten, not above the value."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-9)))
@@ -71,7 +50,7 @@ def round_scale(value: float) -> float:
 
 def verification_scatter(reduction: Reduction, payload: int, title: str) -> Figure:
     """Measured tool errors at the verification poses, before and after, in two scales."""
-    figure = Figure(figsize=(10.0, 4.2))
+    figure = Figure(figsize=(10.0, 3.8))
     errors = {}
     for phase in ("verification_before", "verification_after"):
         rows = reduction.rows(phase, payload)
@@ -93,35 +72,56 @@ def verification_scatter(reduction: Reduction, payload: int, title: str) -> Figu
         axes.set_xlabel("error in x / µm")
         axes.set_ylabel("error in y / µm")
         axes.set_aspect("equal", adjustable="datalim")
-        axes.legend(frameon=False)
+        legend_above(axes)
     figure.suptitle(literal(title), fontsize=11)
     figure.tight_layout()
     return figure
 
 
+def legend_above(axes: Axes, columns: int = 6) -> None:
+    """A legend above the axes, where it covers nothing."""
+    axes.legend(
+        frameon=False, fontsize=9, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2,
+        handletextpad=0.3, columnspacing=1.0,
+    )  # fmt: skip
+
+
 def residuals(calibration: Calibration) -> Figure:
-    """Whitened residuals of the fit over rig time by reflector, and their distribution against the normal one."""
+    """Whitened residuals of the fit over rig time and by reflector, and their distribution against the normal one."""
     reduction, fit = calibration.reduction, calibration.fit
     observations = reduction.calibration()
     white = fit.residuals[0]
     t_h = reduction.info.t_rig_s[reduction.info.phase == CALIBRATION][observations.visit] / 3600.0
     figure = Figure(figsize=(10.0, 3.6))
-    axes = figure.add_subplot(1, 3, (1, 2))
+    over_time, shape, by_reflector = figure.subplots(1, 3, width_ratios=(2.0, 1.2, 1.2))
     machine = reduction.recording.machine
-    for index in sorted(set(observations.smr.tolist())):
+    reflectors = sorted(set(observations.smr.tolist()))
+    for place, index in enumerate(reflectors):
         rows = observations.smr == index
-        axes.plot(t_h[rows], white[rows], ".", markersize=3, color=f"C{index}")
-        axes.plot([], [], "o", color=f"C{index}", label=literal(machine.smrs[index].name))
-    axes.set_xlabel("rig time / h")
-    axes.set_ylabel("residual / standard deviation")
-    axes.legend(frameon=False, ncols=5, fontsize=8, loc="upper right")
-    axes.set_ylim(-5.5, 5.5)
-    side = figure.add_subplot(1, 3, 3)
-    side.hist(white.ravel(), bins=40, range=(-5, 5), density=True, color=NEUTRAL)
-    grid = np.linspace(-5, 5, 200)
-    side.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color="black", linewidth=1, label="normal")
-    side.set_xlabel("residual / standard deviation")
-    side.legend(frameon=False)
+        colour, mark = SERIES[place % len(SERIES)], MARKS[place % len(MARKS)]
+        over_time.plot(
+            np.repeat(t_h[rows], white.shape[1]), white[rows].ravel(), mark, markersize=2.2, color=colour,
+            label=literal(machine.smrs[index].name),
+        )  # fmt: skip
+        of_one = white[rows].ravel()
+        by_reflector.plot(np.full(of_one.size, float(place)), of_one, "_", color=colour, markersize=9, alpha=0.35)
+        rms = float(np.sqrt(np.mean(of_one**2)))
+        by_reflector.errorbar(place + 0.32, 0.0, yerr=rms, fmt="none", ecolor="black", capsize=2)
+    limit = 1.08 * max(4.0, float(np.max(np.abs(white))))
+    over_time.set_xlabel("rig time / h")
+    over_time.set_ylabel("residual / standard deviation")
+    legend_above(over_time)
+    shape.hist(white.ravel(), bins=41, range=(-limit, limit), density=True, color=SERIES[4], label="residuals")
+    grid = np.linspace(-limit, limit, 200)
+    shape.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color="black", linewidth=1, label="normal")
+    shape.set_xlabel("residual / standard deviation")
+    shape.set_ylabel("density")
+    legend_above(shape)
+    by_reflector.set_xticks(range(len(reflectors)), [literal(machine.smrs[i].name) for i in reflectors], fontsize=8)
+    by_reflector.set_xlim(-0.6, len(reflectors) - 0.2)
+    by_reflector.set_xlabel("reflector (bars: RMS)")
+    for axes in (over_time, by_reflector):
+        axes.set_ylim(-limit, limit)
     figure.tight_layout()
     return figure
 
@@ -133,41 +133,48 @@ def conditions(reduction: Reduction) -> Figure:
     order = np.argsort(t_h)
     figure = Figure(figsize=(10.0, 3.6))
     axes = figure.add_subplot(1, 2, 1)
-    for name, values in recording.temperatures_c().items():
-        axes.plot(t_h[order], values[order], label=literal(name))
+    for place, (name, values) in enumerate(recording.temperatures_c().items()):
+        axes.plot(
+            t_h[order], values[order], color=SERIES[place % len(SERIES)], label=literal(name),
+            marker=MARKS[place % len(MARKS)], markevery=max(1, len(order) // 8), markersize=4,
+        )  # fmt: skip
     axes.plot(t_h[order], recording["air_temperature_c"][order], label="air", color="0.6")
     axes.set_xlabel("rig time / h")
     axes.set_ylabel("temperature / °C")
-    axes.legend(frameon=False, fontsize=8)
+    legend_above(axes, 5)
     load = axes.twinx()
     load.fill_between(t_h[order], recording["payload_mass_kg"][order], step="post", alpha=0.12, color="black")
     load.set_ylabel("payload / kg")
     checks, shifts = nest_shift(recording)
     other = figure.add_subplot(1, 2, 2)
-    other.plot(checks, shifts * 1e6, "o-", color=NEUTRAL, markersize=3)
+    other.plot(checks, shifts * 1e6, "o-", color=NEUTRAL, markersize=3, label="measured")
     other.axhline(recording.file.nest_limit_m * 1e6, color=BEFORE, linestyle="--", label="limit")
     other.set_xlabel("nest check")
-    other.set_ylabel("largest shift across the line of sight / µm")
+    other.set_ylabel("largest shift of a nest / µm")
     other.set_ylim(bottom=0.0)
-    other.legend(frameon=False)
+    legend_above(other)
     figure.tight_layout()
     return figure
 
 
 def parameter_plot(calibration: Calibration) -> Figure:
-    """Identified deviations in units of their tolerance, with expanded uncertainty; grey: the prior decides."""
+    """The largest identified deviations in units of their tolerance, with U; hollow: the tolerance decides."""
     fit = calibration.fit
     parameters = fit.model.parameters.parameters
     tolerance = np.array([p.tolerance for p in parameters])
     value, u = fit.theta / tolerance, 2.0 * fit.theta_u / tolerance
-    figure = Figure(figsize=(10.0, 0.2 * len(parameters) + 0.8))
+    largest = np.argsort(-np.abs(value), kind="stable")[:MOST_PARAMETERS]
+    figure = Figure(figsize=(10.0, 0.22 * len(largest) + 0.8))
     axes = figure.add_subplot()
-    for row, (p, v, w) in enumerate(zip(parameters, value, u, strict=True)):
-        is_determined = w * p.tolerance < p.sigma
-        axes.errorbar(v, row, xerr=w, fmt="o", markersize=3, color=AFTER if is_determined else "0.65", capsize=2)
+    for row, i in enumerate(largest):
+        is_determined = u[i] * tolerance[i] < parameters[i].sigma
+        axes.errorbar(
+            value[i], row, xerr=u[i], fmt="o" if is_determined else "s", markersize=4, capsize=2,
+            color=AFTER if is_determined else "0.45", markerfacecolor=AFTER if is_determined else "white",
+        )  # fmt: skip
     axes.axvspan(-1.0, 1.0, color="0.95", zorder=0)
-    axes.set_yticks(range(len(parameters)), [literal(p.name) for p in parameters], fontsize=7)
-    axes.invert_yaxis()
+    axes.set_yticks(range(len(largest)), [literal(parameters[i].name) for i in largest], fontsize=9)
+    axes.set_ylim(len(largest) - 0.4, -0.6)
     axes.set_xlabel("deviation from nominal / tolerance (bars: k = 2)")
     figure.tight_layout()
     return figure
@@ -180,7 +187,7 @@ def orientation_plot(reduction: Reduction, predicted: Array, payload: int) -> Fi
     _, turns = free_axes(reduction.recording.machine)
     _, measured = reduction.report.tool_error(reduction.poses.coordinates[rows], target)
     _, expected = reduction.report.tool_error(predicted, target)
-    figure = Figure(figsize=(4.6, 3.6))
+    figure = Figure(figsize=(4.6, 3.4))
     axes = figure.add_subplot()
     for axis in turns:
         axes.plot(expected[:, axis] * 1e6, measured[:, axis] * 1e6, "o", color=AFTER, markersize=4)

@@ -15,6 +15,7 @@ from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.standard_results import StandardResult
 from pkm_rig.rig.certificate_section import CertificateSection
+from pkm_rig.rig.recalibration_sections import CertificateEntry
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class ReportSource:
     why: str = ""
     answered: Mapping[str, Any] | None = None
     certificate: CertificateSection | None = None
+    certificates: tuple[CertificateEntry, ...] = ()
     recording: Recording | None = None
     reduction: Reduction | None = None
     not_reduced: str = ""

@@ -55,7 +55,7 @@ class CampaignSettings(Section):
     )
     made_for: MadeFor | None = Field(
         default=None,
-        description="Standard whose formulae the visits were made for, by `pkm-rig poses`; the report then states their "
+        description="Standard whose formulae the visits were made for (`pkm-rig poses`); the report then states their "
         "figures.",
     )
     loaded_payload: int = Field(ge=1, default=2, description="Payload of the loaded block, by number.")

@@ -1,11 +1,10 @@
-"""Section of the rig file that says who calibrates what for whom, and with which certified instruments."""
+"""Section of the rig file that says who calibrates what for whom."""
 
 from __future__ import annotations
 
-from datetime import date
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from calibration.base.toml_file import Label, Section
 
@@ -42,44 +41,21 @@ class CalibratedItem(Section):
     place: Label | None = Field(default=None, description="Where it stands: hall, cell.")
 
 
-class InstrumentEntry(Section):
-    """An instrument that the campaign measures with, and its certificate."""
-
-    role: Literal["station", "length", "temperature", "pressure", "humidity", "mass", "other"] = Field(
-        description="What it is: the station, the certified length between nests, a sensor, the payload's mass."
-    )
-    name: Label = Field(description="Make and model.")
-    serial: Label | None = Field(
-        default=None, description="Serial number; a station that answers with another one is not this instrument."
-    )
-    certificate: Label | None = Field(default=None, description="Number of its calibration certificate.")
-    laboratory: Label | None = Field(default=None, description="Who issued that certificate.")
-    calibrated: date | None = Field(default=None, description="Day of its calibration, as in `2026-03-01`.")
-    due: date | None = Field(default=None, description="Last day on which the certificate is relied upon.")
-
-    @model_validator(mode="after")
-    def _in_order(self) -> InstrumentEntry:
-        if self.calibrated is not None and self.due is not None and self.due < self.calibrated:
-            raise ValueError(f"certificate.instruments: {self.name}: due before it was calibrated")
-        return self
-
-
 class CertificateSection(Section):
-    """Who calibrates what, for whom, and with which instruments: for reports and certificates."""
+    """Who calibrates what and for whom; certificates of what is measured with stand in `[[certificates]]`."""
 
     laboratory: PartyEntry | None = Field(default=None, description="Who calibrates.")
     customer: PartyEntry | None = Field(default=None, description="For whom.")
     machine: CalibratedItem = Field(default=CalibratedItem(), description="The machine.")
-    instruments: tuple[InstrumentEntry, ...] = Field(
-        default=(), max_length=20, description="Instruments with their certificates."
-    )
     operator: Label | None = Field(default=None, description="Who is responsible for the result.")
     procedure: Label | None = Field(default=None, description="Number or name of the calibration procedure.")
     location: Literal["laboratory", "customer"] = Field(
         default="customer", description="Where it is calibrated: in the laboratory, or where the customer has it."
     )
     prefix: str = Field(
-        default="PKM", pattern="^[A-Za-z0-9][A-Za-z0-9.-]{0,19}$", description="What numbers of certificates begin with."
+        default="PKM",
+        pattern="^[A-Za-z0-9][A-Za-z0-9.-]{0,19}$",
+        description="What numbers of certificates begin with.",
     )
     accreditation: Label | None = Field(
         default=None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import date
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from calibration.base.toml_file import Label, Section
 
@@ -21,6 +21,15 @@ class CertificateEntry(Section):
         default=None, description="Serial number that it is for; the station's is compared with the one that answers."
     )
     due: date = Field(description="Last day on which it is valid, as in 2027-03-31.")
+    calibrated: date | None = Field(default=None, description="Day of that calibration, as in 2026-03-31.")
+    model: Label | None = Field(default=None, description="Make and model of what it is of.")
+    laboratory: Label | None = Field(default=None, description="Who issued it.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> CertificateEntry:
+        if self.calibrated is not None and self.due < self.calibrated:
+            raise ValueError(f"certificates: {self.instrument}: due before it was calibrated")
+        return self
 
 
 class RecalibrationSettings(Section):

@@ -45,9 +45,7 @@ def pose_visits(machine: Machine) -> VisitsSection:
         sides.append(np.array([first, *[others] * (len(low) - 1)]))
     rows = np.round([middle + half * side for side in sides], 6)
     from_below = np.ones(len(machine.drive_names))
-    return VisitsSection(
-        visits=tuple(_visit(row, from_below) for row in rows[::-1]) * POSE_CYCLES, made_for="ISO 9283"
-    )
+    return VisitsSection(visits=tuple(_visit(row, from_below) for row in rows[::-1]) * POSE_CYCLES, made_for="ISO 9283")
 
 
 def axis_directions(machine: Machine, poses: Array, axis: str) -> Array:

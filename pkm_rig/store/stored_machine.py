@@ -12,7 +12,7 @@ from pkm_rig.store.stored_rows import read_campaign
 
 
 def stored_machine(store: Store, campaign: str) -> Machine:
-    """The nominal machine that a campaign measures. InputError for an unknown campaign, StoreError for a damaged one."""
+    """The nominal machine that a campaign measures. InputError if the campaign is unknown, StoreError if damaged."""
     with store.reading() as connection:
         row = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
     if row is None:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 import pkm_rig.cli.rig_commands
-import pkm_rig.report.html
+import pkm_rig.jobs.report
 import pkm_rig.report.outcome_text
 import pkm_rig.store.store
 from calibration.base.errors import InputError
@@ -91,7 +91,7 @@ def test_a_result_that_is_not_accepted_never_ends_with_status_0(monkeypatch, tmp
         if not writes:
             raise OSError("no space")
 
-    monkeypatch.setattr(pkm_rig.report.html, "write_report", write)
+    monkeypatch.setattr(pkm_rig.jobs.report, "write_outcome_report", write)
     monkeypatch.setattr(pkm_rig.report.outcome_text, "print_outcome", lambda _outcome, _path: None)
     outcome = SimpleNamespace(campaign="a", decision=decision, accepted=decision == "accepted")
     raised = None

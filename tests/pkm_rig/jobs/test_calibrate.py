@@ -18,9 +18,10 @@ from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.identify import identify_with_checks
 from pkm_rig.jobs.measure import measure
+from pkm_rig.jobs.report import report_source
 from pkm_rig.jobs.verify import verify
 from pkm_rig.report.diagnosis_text import diagnosis_line
-from pkm_rig.report.html import write_report
+from pkm_rig.report.html import make_report, write_report
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.outcome_json import outcome_json
 from pkm_rig.report.outcome_text import print_outcome, short_table
@@ -28,6 +29,7 @@ from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.store.audit import audit
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
+from tests.pkm_rig.report.page_numbers import complaints
 from tests.pkm_rig.rig.test_rig import flat_table
 
 
@@ -123,35 +125,38 @@ def test_the_diagnosis_is_told_stored_and_reported(run, request):
     assert (
         event.data["verdict"] == told["verdict"] == stored_outcome(store, outcome.campaign).diagnosis.diagnosis.verdict
     )
-    write_report(outcome, out / "diagnosed.html")
+    write_report(report_source(store, outcome.campaign, outcome), out / "diagnosed.html")
     line = with_symbols(diagnosis_line(outcome.diagnosis))
     assert line.split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
 
 
 def test_a_diagnosis_that_fails_costs_one_line(run):
-    outcome, _, out, *_ = run
+    outcome, store, *_ = run
     failed = replace(outcome, diagnosis=DiagnosisAttempt(None, "too few readings"))
     assert outcome_json(failed, None)["diagnosis"] == {"failure": "too few readings"}
-    write_report(failed, out / "failed.html")
-    assert "diagnosis: too few readings" in (out / "failed.html").read_text(encoding="utf-8")
+    page = make_report(report_source(store, outcome.campaign, failed), draw=False)
+    assert "diagnosis: too few readings" in page.html
 
 
 def test_a_campaign_on_the_mock_says_that_it_is_simulated(run, capsys):
-    outcome, store, out, *_ = run
+    outcome, store, *_ = run
     assert store.recording(outcome.campaign).file.simulated
     assert outcome_json(outcome, None)["simulated"]
     assert identify_with_checks(store.recording(outcome.campaign), "map")["simulated"]
     print_outcome(outcome, None)
     assert capsys.readouterr().out.startswith("SIMULATED")
-    write_report(outcome, out / "simulated.html")
-    assert "SIMULATED: by simulated devices" in (out / "simulated.html").read_text(encoding="utf-8")
+    page = make_report(report_source(store, outcome.campaign, outcome), draw=False)
+    assert "SIMULATED: by simulated devices" in page.html
 
 
 def test_report_is_one_file_without_outside_requests(run):
-    outcome, _, out, *_ = run
+    outcome, store, out, *_ = run
     path = out / "report.html"
-    write_report(outcome, path)
+    write_report(report_source(store, outcome.campaign, outcome), path)
     text = path.read_text(encoding="utf-8")
+    wrong, count = complaints(text, json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
+    assert not wrong, wrong[:10]
+    assert count > 600
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", text)
     assert "@import" not in text
     assert "url(" not in text

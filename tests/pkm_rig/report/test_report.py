@@ -27,8 +27,8 @@ from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import WrittenTable
 from pkm_rig.results.report_source import DriveTables, ReportSource
 from pkm_rig.rig.certificate_section import CertificateSection
-from pkm_rig.rig.recalibration_sections import CertificateEntry
 from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.recalibration_sections import CertificateEntry
 from pkm_rig.rig.standard_visits import axis_visits, pose_visits
 from tests.pkm_rig.plant_recording import record
 from tests.pkm_rig.report.page_numbers import complaint, complaints

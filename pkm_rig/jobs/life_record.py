@@ -11,6 +11,7 @@ import numpy as np
 import sqlalchemy as sa
 
 from calibration.identification.calibration import Calibration
+from calibration.identification.fit import Fit
 from calibration.model.parameters import ParameterSet
 from calibration.reduction.figures import Figures
 from calibration.reduction.reduction import CALIBRATION
@@ -33,6 +34,7 @@ STATION, DRIVE, CERTIFICATE = "station", "drive", "certificate"
 DRIVE_REPLACED, STATION_REPLACED = "drive replaced", "station replaced"
 REFERENCE_LOST, TOLERANCE_CHANGED = "reference lost", "tolerance changed"
 HISTORY_BEGINS = "history begins"
+MOUNTING = "mounting."
 
 
 def key_of(rig: Rig) -> str:
@@ -170,7 +172,7 @@ def record_identified(
 ) -> None:
     """Keep what a campaign has identified: parameters, covariance, conditions and software."""
     now = time.time() if now_s is None else now_s
-    fit, count = calibration.fit, len(calibration.fit.model.parameters)
+    fit = calibration.fit
     rows = calibration.reduction.info.phase == CALIBRATION
     temperatures = {
         name: float(np.mean(values[rows]))
@@ -191,7 +193,7 @@ def record_identified(
             "parameters": list(fit.model.parameters.names),
             "units": [p.unit for p in fit.model.parameters.parameters],
             "values": fit.theta.tolist(),
-            "covariance": fit.covariance[:count, :count].tolist(),
+            "unknowns": _lasting_unknowns(fit),
             "chi2_per_dof": fit.chi2_per_dof,
             "temperatures_c": temperatures,
             "operating_h": operating_h(rig, store, now),
@@ -199,6 +201,16 @@ def record_identified(
             "simulated": bool(rig.simulated_devices),
         },
     )
+
+
+def _lasting_unknowns(fit: Fit) -> dict[str, Any]:
+    """What a later set-up of the station finds again: the model's unknowns and the reflectors' mountings, together."""
+    lasting = [i for i, name in enumerate(fit.layout.names) if i < len(fit.model) or name.startswith(MOUNTING)]
+    return {
+        "names": [fit.layout.names[i] for i in lasting],
+        "values": fit.unknowns[lasting].tolist(),
+        "covariance": fit.covariance[np.ix_(lasting, lasting)].tolist(),
+    }
 
 
 def verdict_data(outcome: CampaignOutcome, *, had_tables: bool) -> dict[str, Any]:

@@ -79,6 +79,11 @@ def calibration(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
         yield from visits(devices, block, CALIBRATION, devices.smrs("platform", "slider"))
 
 
+def warm_up(devices: CampaignDevices, between: Sequence[PlannedVisit]) -> Plan:
+    """Move between some visits until no part's temperature changes faster than the limit."""
+    yield from _until_done(devices, lambda: _warm_up(devices, between))
+
+
 def tie_setup(devices: CampaignDevices, block: Block) -> Plan:
     """Visit poses of earlier set-ups again, warmed up, all reflectors, between nest checks."""
     yield from put_on(devices, block.payload)

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from calibration.base.toml_file import Label, Section
 
+Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
 PositiveLength = Annotated[float, Field(gt=0.0, le=0.1)]
 
 
@@ -32,6 +33,30 @@ class CertificateEntry(Section):
         return self
 
 
+class CheckSettings(Section):
+    """The short check of `pkm-rig health`: when it looks, and with which error probabilities it may stop."""
+
+    looks: tuple[Annotated[int, Field(ge=4, le=12)], ...] = Field(
+        min_length=1, default=(4, 6, 8, 10, 12), description="Numbers of poses after which it decides whether to go on."
+    )
+    false_alarm: Probability = Field(
+        default=0.014, description="Probability that one check of an unchanged machine says changed."
+    )
+    early_miss: Probability = Field(
+        default=0.01, description="Probability that a change of `size` is missed at a look before the last."
+    )
+    size: float = Field(gt=0.0, default=5.5, description="The change to be found, in standard uncertainties.")
+    longest_s: float = Field(
+        gt=0.0, le=600.0, default=600.0, description="Longest rig time of a check; it decides on what it has then."
+    )
+    warm_up_max_s: float = Field(
+        ge=0.0, default=900.0, description="Rig time after which a warm-up that has not settled has failed."
+    )
+    warm_up_step_s: float = Field(
+        gt=0.0, default=20.0, description="Rig time between two looks at the temperatures during the warm-up."
+    )
+
+
 class RecalibrationSettings(Section):
     """When the machine is calibrated again, and within which limits it may be done alone."""
 
@@ -45,3 +70,17 @@ class RecalibrationSettings(Section):
         description="Name of the `[[plc.readings]]` with the machine's operating time, in s; left out, all time since "
         "the first record counts as operation.",
     )
+    longest_interval_days: float = Field(gt=0.0, default=365.0, description="Days after which it is due in any case.")
+    operating_h: float | None = Field(
+        gt=0.0, default=None, description="Hours of operation after which it is due; left out, they do not count."
+    )
+    temperature_k: float = Field(
+        gt=0.0, default=4.0, description="Difference from the calibration's temperature at which it is due."
+    )
+    next_slot_days: float = Field(
+        gt=0.0, default=7.0, description="Days until the next occasion: it is due if the tolerance is left before."
+    )
+    probability: float = Field(
+        ge=0.5, lt=1.0, default=0.95, description="Probability of a statement's being right, for the guard band."
+    )
+    check: CheckSettings = Field(default=CheckSettings(), description="The short check.")

@@ -143,8 +143,9 @@ def _calibration(campaign: str, found: Mapping[str, Any], verdict: Mapping[str, 
 
 def covariance_of(found: Mapping[str, Any]) -> tuple[tuple[float, ...], ...]:
     """The covariance of the parameters; of a campaign that kept none, that of its uncertainties alone."""
-    if "covariance" in found:
-        return tuple(tuple(float(v) for v in row) for row in found["covariance"])
+    if "unknowns" in found:
+        count = len(found["parameters"])
+        return tuple(tuple(float(v) for v in row[:count]) for row in found["unknowns"]["covariance"][:count])
     return tuple(map(tuple, np.diag(np.square(found["u"])).tolist()))
 
 

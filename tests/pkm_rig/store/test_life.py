@@ -54,7 +54,7 @@ def add_calibration(store, campaign, t_utc_s, *, left_m=8e-6, found_m=None, valu
         "parameters": NAMES,
         "units": ["m", "m"],
         "values": [value, -2e-5],
-        "covariance": [[4e-12, 1e-12], [1e-12, 9e-12]],
+        "unknowns": {"names": NAMES, "values": [value, -2e-5], "covariance": [[4e-12, 1e-12], [1e-12, 9e-12]]},
         "temperatures_c": {"struts": 21.0, "base": 23.0},
         "operating_h": 10.0,
     }

@@ -1,0 +1,26 @@
+"""The rig file's `[recalibration]` as the settings of calibration intervals."""
+
+from __future__ import annotations
+
+import math
+
+from calibration.intervals.drift import DriftSettings
+from calibration.intervals.sequential import SequentialPlan
+from calibration.intervals.settings import IntervalSettings
+from pkm_rig.rig.recalibration_sections import RecalibrationSettings
+
+DAY_S = 86400.0
+
+
+def interval_settings(section: RecalibrationSettings) -> IntervalSettings:
+    """Settings for computation; InputError if they contradict one another."""
+    check = section.check
+    return IntervalSettings(
+        calendar_s=section.longest_interval_days * DAY_S,
+        operating_h=math.inf if section.operating_h is None else section.operating_h,
+        temperature_k=section.temperature_k,
+        slot_s=section.next_slot_days * DAY_S,
+        probability=section.probability,
+        check=SequentialPlan(check.looks, check.false_alarm, check.early_miss, check.size),
+        drift=DriftSettings(full_poses=check.looks[-1]),
+    )

@@ -1,0 +1,110 @@
+"""The calibration in force as what later readings are compared with: its model, its values, their covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.machine.description import Machine
+from calibration.model.model import Model, Poses, SystematicUncertainties
+from calibration.model.parameters import ParameterSet
+from calibration.model.payload import PayloadEntry
+from calibration.model.visits import Visits
+from pkm_rig.store.life import IDENTIFIED, LifeRow, life_rows
+from pkm_rig.store.store import Store
+
+MOUNTING = "mounting."
+DRIFT_SHARE = 0.1  # of a tolerance's standard deviation that a parameter may have changed by since its calibration
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A stored calibration.
+
+    values (k,) and covariance (k, k): of `names`, first the model's unknowns in their order, then the mountings of the
+    reflectors that were measured. noise: factor on stated standard deviations that its own readings asked for.
+    """
+
+    campaign: str
+    model: Model
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    noise: float
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        return self.model.machine
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Rows in the machine file of all reflectors that move."""
+        return tuple(i for i, smr in enumerate(self.machine.smrs) if smr.on != "floor")
+
+    def mounting_m(self) -> Array:
+        """Places (s, 3) of all reflectors on their parts; nominal where one was not measured."""
+        places = np.array([smr.position_m for smr in self.machine.smrs])
+        for name, value in zip(self.names, self.values, strict=True):
+            if name.startswith(MOUNTING):
+                smr, axis = name.removeprefix(MOUNTING).rsplit(".", 1)
+                places[[s.name for s in self.machine.smrs].index(smr), "xyz".index(axis)] += value
+        return places
+
+    def predict(self, visits: Visits) -> Poses:
+        """Poses of visits in the machine's frame."""
+        return self.model.predict(self.values[: len(self.model)], visits)
+
+    def watched_covariance(self) -> Array:
+        """Covariance (p + 3 q) of machine parameters and mountings of all moving reflectors."""
+        return self._of_parameters_and_mountings(self.covariance)
+
+    def drift_covariance(self, reseat_m: float) -> Array:
+        """What parameters may have changed by since (DRIFT_SHARE of their tolerance), and reflectors by reseating."""
+        sigma = np.array([p.sigma for p in self.model.parameters.parameters])
+        mountings = np.full(3 * len(self.moving), max(reseat_m, 1e-7))
+        return np.diag(np.concatenate([DRIFT_SHARE * sigma, mountings]) ** 2)
+
+    def _of_parameters_and_mountings(self, covariance: Array) -> Array:
+        count = len(self.model.parameters)
+        wanted = [f"{MOUNTING}{self.machine.smrs[i].name}.{axis}" for i in self.moving for axis in "xyz"]
+        missing = [name for name in wanted if name not in self.names]
+        if missing:
+            raise InputError(f"calibration {self.campaign}: it has no {missing[0]}; calibrate with all reflectors")
+        rows = [*range(count), *(self.names.index(name) for name in wanted)]
+        return np.asarray(covariance[np.ix_(rows, rows)])
+
+
+def load_reference(
+    store: Store, rig: str, campaign: str, machine: Machine, payloads: tuple[PayloadEntry, ...]
+) -> Reference:
+    """A calibration of the store; InputError where it was made by a version that kept no covariance."""
+    rows = [row for row in life_rows(store, "calibrations", rig) if (row.campaign, row.kind) == (campaign, IDENTIFIED)]
+    if not rows:
+        raise InputError(
+            f"calibration {campaign}: made by an older version, which kept no covariance; calibrate the machine anew"
+        )
+    return reference_of(rows[-1], machine, payloads)
+
+
+def reference_of(row: LifeRow, machine: Machine, payloads: tuple[PayloadEntry, ...]) -> Reference:
+    """A calibration's row as a reference; InputError if it is of another model than the machine has today."""
+    model = Model(ParameterSet.of(machine), SystematicUncertainties.from_declared(payloads, machine))
+    unknowns = row.data["unknowns"]
+    names = tuple(str(name) for name in unknowns["names"])
+    if names[: len(model)] != tuple(unknown.name for unknown in model.unknowns):
+        raise InputError(
+            f"calibration {row.campaign}: its unknowns are not those of the machine and the payloads as they are "
+            "stated now; calibrate anew"
+        )
+    return Reference(
+        campaign=str(row.campaign),
+        model=model,
+        names=names,
+        values=np.array(unknowns["values"], dtype=np.float64),
+        covariance=np.array(unknowns["covariance"], dtype=np.float64),
+        noise=float(np.sqrt(max(1.0, row.data["chi2_per_dof"]))),
+    )

@@ -1,0 +1,70 @@
+"""Whether the drives use the tables of the calibration in force, and no others."""
+
+from __future__ import annotations
+
+from drivers.drives.table_bank import CompensationMode
+from drivers.drives.table_image import decode_table
+from pkm_rig.errors import CampaignRefused
+from pkm_rig.results.callbacks import Notify
+from pkm_rig.rig.drive_tables import Table, as_image, read_states, table_of
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.table_change import changes_of
+from pkm_rig.store.store import Store
+
+
+def parse_tables(tables: str) -> dict[str, Table]:
+    """Drive to generation and CRC, of a stored calibration ("left:3:7/right:3:9")."""
+    parts = [part.rsplit(":", 2) for part in tables.split("/") if part]
+    return {drive: (int(generation), int(crc)) for drive, generation, crc in parts}
+
+
+def wrong_tables(rig: Rig, tables: str) -> str | None:
+    """Why the drives do not use these tables for good; None if they do."""
+    wanted = parse_tables(tables)
+    for bank, state in zip(rig.banks, read_states(rig), strict=True):
+        name = bank.drive.name
+        used = (state.generation, state.crc) if state.mode is CompensationMode.KEPT else None
+        if used != wanted.get(name):
+            return f"drive {name} uses {'no table' if used is None else f'generation {used[0]}'}"
+    return None
+
+
+def require_tables(rig: Rig, store: Store, campaign: str, tables: str, notify: Notify) -> None:
+    """Refuse drives that do not use a calibration's tables, or a payload that these are not for.
+
+    The drives of the embedded mock rig, which forget everything between commands, are given them.
+    """
+    why = wrong_tables(rig, tables)
+    if why is not None and rig.file.can.interface == "embedded":
+        _give(rig, store, campaign, tables, notify)
+        why = wrong_tables(rig, tables)
+    if why is not None:
+        raise CampaignRefused(
+            f"the drives do not use the tables of calibration {campaign}: {why}; see `pkm-rig tables`, then "
+            "`pkm-rig verify` or calibrate anew"
+        )
+    states = read_states(rig)
+    if not all(state.valid for state in states):
+        mass_kg = states[0].payload_kg
+        raise CampaignRefused(
+            f"the tables of calibration {campaign} are not for the payload that is on ({mass_kg:g} kg); put on theirs"
+        )
+    rig.compensation = states[0].generation
+
+
+def _give(rig: Rig, store: Store, campaign: str, tables: str, notify: Notify) -> None:
+    wanted = parse_tables(tables)
+    found: dict[str, bytes] = {}
+    for change in changes_of(rig, store):
+        for trial in change.trials:
+            for drive, text in trial["images"].items():
+                image = as_image(text)
+                if image is not None and wanted.get(drive) == table_of(image):
+                    found[drive] = image
+    if set(found) != set(wanted):
+        return
+    notify(f"the embedded drives begin without tables: those of calibration {campaign} are written to them")
+    mass_kg = decode_table(next(iter(found.values()))).payload_kg
+    payload = next(number for number, entry in enumerate(rig.file.payloads) if entry.mass_kg == mass_kg)
+    rig.change_payload(payload)
+    rig.bring_tables_to([found[bank.drive.name] for bank in rig.banks], on=True)

@@ -11,6 +11,10 @@ class StationMoved(CampaignRefused):
     """The station does not stand any more where it stood: the campaign goes on in a new set-up."""
 
 
+class NotChecked(Exception):
+    """The machine could not be checked now, so nothing is known of it; one line with the reason."""
+
+
 class StoreError(RuntimeError):
     """The store could not be written or read; one line."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.watched import WatchedChanges, smr_response, station_nuisance, tool_response
+from calibration.machine.description import Machine
 from calibration.model.model import Poses
 
 NUISANCES = 8  # rotation (3) and translation (3) of the station, constant and scale of its ranges
@@ -72,7 +74,7 @@ def check_design(
         shift[rows, :, :count] = response[at, k]
         shift[rows, :, count + 3 * k : count + 3 * k + 3] = poses.mounting_derivatives(smr)[at]
     tool = tool_response(workspace).reshape(-1, count)
-    padded = np.concatenate([watched.combination, np.zeros((3 * len(moving), len(watched.names)))])
+    padded = np.concatenate([watched.combination, _carried_reflectors(machine, watched.names, moving)])
     return CheckDesign(
         by_parameter=readings.whitened(shift),
         nuisance=readings.whitened(station_nuisance(readings.place_m, station_m)),
@@ -83,6 +85,16 @@ def check_design(
         prior=prior,
         reference=reference,
     )
+
+
+def _carried_reflectors(machine: Machine, names: Sequence[str], moving: Sequence[int]) -> Array:
+    """Shifts (3 q, w) of reflectors on their parts with a unit of each change: those on a slider go with its offset."""
+    out = np.zeros((3 * len(moving), len(names)))
+    for column, name in enumerate(names):
+        for k, smr in enumerate(machine.smrs[i] for i in moving):
+            if smr.on == "slider" and name == f"drive_offset.{machine.drive_names[smr.drive]}":
+                out[3 * k : 3 * k + 3, column] = machine.nominal.axis[smr.drive]
+    return out
 
 
 def choose_poses(design: CheckDesign, visit: NDArray[np.intp], count: int) -> tuple[int, ...]:

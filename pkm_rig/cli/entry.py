@@ -27,7 +27,7 @@ from pkm_rig.cli import (
     table_commands,
 )
 from pkm_rig.cli.terminal_operator import ask_for_pause
-from pkm_rig.errors import CampaignRefused, StoreError
+from pkm_rig.errors import CampaignRefused, NotChecked, StoreError
 from pkm_rig.report.terminal import messages
 from pkm_rig.version import __version__
 
@@ -54,6 +54,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "identify": analysis_commands.identify,
     "diagnose": analysis_commands.diagnose,
     "compensate": analysis_commands.compensate,
+    "health": life_commands.health,
     "history": life_commands.history,
     "list": store_commands.list_campaigns,
     "show": store_commands.show,
@@ -98,7 +99,7 @@ def main() -> None:
         _exit_with_line(BAD_INPUT, _with_notes(str(error), error))
     except CampaignRefused as error:
         _exit_with_line(REFUSED, _with_notes(str(error), error))
-    except (DeviceError, StoreError) as error:
+    except (DeviceError, NotChecked, StoreError) as error:
         _exit_with_line(DEVICE, _with_notes(str(error), error))
     except Exception as error:
         if isinstance(error, OSError):

@@ -1,4 +1,4 @@
-"""Commands on a machine's life: history."""
+"""Commands on a machine's life: health, history."""
 
 from __future__ import annotations
 
@@ -8,9 +8,35 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import JsonOption, OutOption
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption
+from pkm_rig.errors import CampaignRefused, NotChecked
 
 PARAMETERS = 6  # that the picture shows
+
+
+def health(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption = False) -> None:
+    """A short check, tables on: fit (0), calibration due (10) or out of tolerance (1)."""
+    from pkm_rig.jobs.health import health as check
+    from pkm_rig.jobs.health import health_json
+    from pkm_rig.jobs.session import open_rig
+    from pkm_rig.report.health_text import print_health
+    from pkm_rig.report.terminal import print_either, print_message, progress_bar
+    from pkm_rig.rig.capabilities import Need
+    from pkm_rig.store.store import hold_existing_store
+
+    with (
+        hold_existing_store(out) as store,
+        open_rig(rig, needs=Need.MOTION | Need.TABLES) as connected_rig,
+        progress_bar() as progress,
+    ):
+        try:
+            result = check(connected_rig, store, print_message, progress)
+        except CampaignRefused as error:  # its status is that of a machine out of tolerance
+            raise NotChecked(f"no check was made: {error}") from error
+    print_either(json, health_json(result), print_health)
+    if result.verdict.exit_status:
+        print_message(f"{result.verdict.state}: {'; '.join(result.verdict.reasons)}")
+        raise typer.Exit(result.verdict.exit_status)
 
 
 def history(

@@ -81,14 +81,13 @@ def plan_visits(file: RigFile, reference: Reference, payload: int, count: int) -
 
 
 def _visits_at(reference: Reference, drives: Array, targets: Array, payload: PayloadEntry) -> Visits:
-    visits = Visits.at_reference_temperature(
+    return Visits.at_reference_temperature(
         reference.machine,
         drives,
         targets,
         np.full(len(targets), payload.mass_kg),
         np.tile(payload.com_m, (len(targets), 1)),
     )
-    return visits
 
 
 def _whiten(covariance_m2: Array, frame: Frame, noise: float) -> Array:

@@ -1,4 +1,4 @@
-"""The short check: is the machine as its calibration left it? Tables on, few poses, stopped as soon as it can decide."""
+"""The short check: is the machine as its calibration left it? Tables on, few poses, ended as soon as it can decide."""
 
 from __future__ import annotations
 
@@ -132,7 +132,8 @@ class _Check:
             if fact is not None and before_s + look_s - began_s > self._longest_s:
                 self._notify(f"the check ends after {(before_s - began_s) / 60.0:.1f} min, undecided")
                 break
-            runner.run(visits(runner.devices, Block(self._payload, group), PHASE, smrs), CHECK_EVENT)
+            block = Block(self._payload, group)
+            runner.run(visits(runner.devices, block, PHASE, smrs, nests_measured=look > 0), CHECK_EVENT)
             look_s = rig.clock.now_s() - before_s
             fact = self._fact(runner.campaign, rig.clock.now_s() - began_s)
             answer = self._answer(look, fact)

@@ -125,8 +125,8 @@ def periods_in_doubt(
     """Periods in which work may be out of tolerance: from the last time the machine was known good to a bad finding.
 
     Known good: a check that is fit, tables that were left within tolerance. A bad finding: a check out of tolerance, or
-    a calibration that found the error above the tolerance (ISO/IEC 17025, 7.10). `since` is null where nothing good is
-    known before.
+    a calibration that found the error above the tolerance (ISO/IEC 17025, 7.10). How a machine was before it was known
+    good for the first time is no question of doubt.
     """
     moments: list[tuple[float, str, bool, str, Any]] = []
     for check in checks:
@@ -140,7 +140,7 @@ def periods_in_doubt(
     last_good: str | None = None
     bad = False
     for _, created, good, what, error in moments:
-        if not good and not bad:
+        if not good and not bad and last_good is not None:
             periods.append({"since": last_good, "until": created, "found_by": what, "error": error})
         last_good, bad = (created, False) if good else (last_good, True)
     return periods

@@ -7,6 +7,7 @@ __all__ = [
     "diagnosis_json",
     "diagnosis_pictures",
     "diagnosis_text",
+    "health_text",
     "history_pictures",
     "history_text",
     "homing_text",

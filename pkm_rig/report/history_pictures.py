@@ -66,8 +66,7 @@ def _errors(axes: Axes, life: Mapping[str, Any]) -> None:
                 xycoords=("data", "axes fraction"), fontsize=7, va="top",
             )  # fmt: skip
     for period in life["in_doubt"]:
-        since = _date(period["since"]) if period["since"] else min(ends)
-        axes.axvspan(since, _date(period["until"]), color=BEFORE, alpha=0.12, linewidth=0)
+        axes.axvspan(_date(period["since"]), _date(period["until"]), color=BEFORE, alpha=0.12, linewidth=0)
     axes.set_ylabel("error RMS / µm (k = 2)")
     axes.set_ylim(bottom=0.0)
     if axes.get_legend_handles_labels()[1]:

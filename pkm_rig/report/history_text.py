@@ -28,9 +28,8 @@ def print_history(life: dict[str, Any]) -> None:
         for event in life["events"]:
             _print(f"  {moment(event['created'])}  {event_line(event)}")
     for period in life["in_doubt"]:
-        since = "the beginning" if period["since"] is None else moment(period["since"])
         _print(
-            f"in doubt: work from {since} to {moment(period['until'])}; {period['found_by']} found "
+            f"in doubt: work from {moment(period['since'])} to {moment(period['until'])}; {period['found_by']} found "
             f"{figure(period['error'])}"
         )
     if life.get("picture"):

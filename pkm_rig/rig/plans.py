@@ -101,10 +101,16 @@ def verification(devices: CampaignDevices, block: Block, phase: str) -> Plan:
     yield from visits(devices, block, phase, devices.smrs("platform"))
 
 
-def visits(devices: CampaignDevices, block: Block, phase: str, smrs: Sequence[str]) -> Plan:
-    """Visit after visit; each reading is kept before the next move; nests at start, end and every few visits."""
+def visits(
+    devices: CampaignDevices, block: Block, phase: str, smrs: Sequence[str], *, nests_measured: bool = False
+) -> Plan:
+    """Visit after visit; each reading is kept before the next move; nests at start, end and every few visits.
+
+    nests_measured: nothing has happened since the last nest check, which serves as the first.
+    """
     every = devices.rig.file.campaign.nest_every_visits
-    yield from nest_check(devices)
+    if not nests_measured:
+        yield from nest_check(devices)
     for number, visit in enumerate(block.visits):
         if number and number % every == 0:
             yield from nest_check(devices)

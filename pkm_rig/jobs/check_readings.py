@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.intervals.check_design import CheckReadings, check_design, choose_poses
 from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.watched import watched_changes
+from calibration.machine.description import Machine
 from calibration.machine.inverse import platform_poses
 from calibration.model.model import Poses
 from calibration.model.payload import PayloadEntry
@@ -80,6 +81,26 @@ def plan_visits(file: RigFile, reference: Reference, payload: int, count: int) -
     ]
 
 
+def known_error_m(file: RigFile, reference: Reference, payload: int, temperatures_c: Mapping[str, float]) -> Array:
+    """Error (3 g,) of the tool over the workspace that temperatures other than the tables' are known to cause."""
+    drives, targets = _workspace(reference.machine)
+    visits = _visits_at(reference, drives, targets, file.payloads[payload])
+
+    def tool_m(at_c: Mapping[str, float]) -> Array:
+        parts = {name: np.full(len(targets), at_c[name]) for name in visits.temperatures_c}
+        return reference.predict(replace(visits, temperatures_c=parts)).tool_m()
+
+    shift = tool_m(temperatures_c) - tool_m(reference.temperatures_c)
+    return np.asarray(shift.ravel())
+
+
+def _workspace(machine: Machine) -> tuple[Array, Array]:
+    """Commanded drives (g, d) and targets (g, 6) of poses over the workspace."""
+    tool = workspace_poses(machine, WORKSPACE_POSES, SEED)
+    targets = platform_poses(machine, tool[:, machine.commanded])
+    return commanded_drives(machine, targets), targets
+
+
 def _visits_at(reference: Reference, drives: Array, targets: Array, payload: PayloadEntry) -> Visits:
     return Visits.at_reference_temperature(
         reference.machine,
@@ -99,10 +120,7 @@ def _whiten(covariance_m2: Array, frame: Frame, noise: float) -> Array:
 def _design(
     file: RigFile, reference: Reference, readings: CheckReadings, poses: Poses, payload: PayloadEntry
 ) -> CheckDesign:
-    machine = reference.machine
-    tool = workspace_poses(machine, WORKSPACE_POSES, SEED)
-    targets = platform_poses(machine, tool[:, machine.commanded])
-    workspace = reference.predict(_visits_at(reference, commanded_drives(machine, targets), targets, payload))
+    workspace = reference.predict(_visits_at(reference, *_workspace(reference.machine), payload))
     accuracy = file.station.accuracy
     return check_design(
         readings,

@@ -11,13 +11,20 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.intervals.check_estimate import estimate_check
-from calibration.intervals.drift import expect
 from calibration.intervals.facts import CalibrationFact, CheckFact, MachineHistory
-from calibration.intervals.rules import Verdict, judge_all, looks_of
+from calibration.intervals.health import health_test
+from calibration.intervals.rules import Verdict, judge_all
 from calibration.intervals.settings import IntervalSettings
 from drivers.errors import DeviceError
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.check_readings import design_and_residual, groups_of, mean_temperatures_c, observe, plan_visits
+from pkm_rig.jobs.check_readings import (
+    design_and_residual,
+    groups_of,
+    known_error_m,
+    mean_temperatures_c,
+    observe,
+    plan_visits,
+)
 from pkm_rig.jobs.interim import run_interim_test
 from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import key_of, mean_temperature_c, note_devices, operating_h, utc_text
@@ -157,7 +164,9 @@ class _Check:
         rig, store = self._rig, self._store
         observed = observe(store.recording(campaign), self._reference, PHASE)
         design, residual = design_and_residual(rig.file, self._reference, observed, self._payload)
-        found = estimate_check(design, residual)
+        warmth = mean_temperatures_c(observed.observations)
+        known_m = known_error_m(rig.file, self._reference, self._payload, warmth)
+        found = estimate_check(design, residual, known_m)
         now, station = self._now_s(), rig.station.identity
         return CheckFact(
             id=campaign,
@@ -171,16 +180,17 @@ class _Check:
             reference_u=tuple(design.reference_u.tolist()),
             error_per_change=tuple(design.error_per_change.tolist()),
             independent=design.independent,
-            temperature_c=mean_temperature_c(mean_temperatures_c(observed.observations)),
+            temperature_c=mean_temperature_c(warmth),
             poses=int(np.unique(observed.pose).size),
             operating_h=operating_h(rig, store, now),
             duration_s=duration_s,
+            known_error_m=float(np.sqrt(np.mean(np.sum(known_m.reshape(-1, 3) ** 2, axis=1)))),
         )
 
     def _answer(self, look: int, fact: CheckFact) -> str:
-        expected = expect(self._history, self._settings.drift, fact)
-        size = expected.standardised(np.asarray(fact.change), np.asarray(fact.change_u))
-        answer = looks_of(self._history, self._settings, fact).answer(look, size)
+        test = health_test(self._history, self._settings, fact)
+        size = test.standardised(np.asarray(fact.change), np.asarray(fact.change_u))
+        answer = test.looks.answer(look, size)
         worst = int(np.argmax(np.abs(size)))
         self._notify(
             f"{fact.poses} poses: {fact.watched[worst]} off by {size[worst]:+.1f} standard deviations, error "

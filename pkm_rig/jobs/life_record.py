@@ -226,6 +226,7 @@ def verdict_data(outcome: CampaignOutcome, *, had_tables: bool) -> dict[str, Any
         "without_tables": without,
         "as_left": pooled([v.after for v in outcome.verified]),
         "tables": outcome.written[-1].drives,
+        "table_temperatures_c": dict(outcome.written[-1].table.conditions.temperatures_c),
         "effects": [] if diagnosis is None else [effect.effect for effect in diagnosis.effects],
         "diagnosis": outcome.diagnosis.failure if diagnosis is None else diagnosis.verdict,
     }

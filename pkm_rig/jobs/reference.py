@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ class Reference:
 
     values (k,) and covariance (k, k): of `names`, first the model's unknowns in their order, then the mountings of the
     reflectors that were measured. noise: factor on stated standard deviations that its own readings asked for.
+    temperatures_c: of the parts that its tables are for.
     """
 
     campaign: str
@@ -34,6 +36,7 @@ class Reference:
     values: Array
     covariance: Array
     noise: float
+    temperatures_c: Mapping[str, float]
 
     @property
     def machine(self) -> Machine:
@@ -82,15 +85,19 @@ def load_reference(
     store: Store, rig: str, campaign: str, machine: Machine, payloads: tuple[PayloadEntry, ...]
 ) -> Reference:
     """A calibration of the store; InputError where it was made by a version that kept no covariance."""
-    rows = [row for row in life_rows(store, "calibrations", rig) if (row.campaign, row.kind) == (campaign, IDENTIFIED)]
+    own = [row for row in life_rows(store, "calibrations", rig) if row.campaign == campaign]
+    rows = [row for row in own if row.kind == IDENTIFIED]
     if not rows:
         raise InputError(
             f"calibration {campaign}: made by an older version, which kept no covariance; calibrate the machine anew"
         )
-    return reference_of(rows[-1], machine, payloads)
+    warmths = [row.data["table_temperatures_c"] for row in own if "table_temperatures_c" in row.data]
+    return reference_of(rows[-1], machine, payloads, warmths[-1] if warmths else rows[-1].data["temperatures_c"])
 
 
-def reference_of(row: LifeRow, machine: Machine, payloads: tuple[PayloadEntry, ...]) -> Reference:
+def reference_of(
+    row: LifeRow, machine: Machine, payloads: tuple[PayloadEntry, ...], temperatures_c: Mapping[str, float]
+) -> Reference:
     """A calibration's row as a reference; InputError if it is of another model than the machine has today."""
     model = Model(ParameterSet.of(machine), SystematicUncertainties.from_declared(payloads, machine))
     unknowns = row.data["unknowns"]
@@ -107,4 +114,5 @@ def reference_of(row: LifeRow, machine: Machine, payloads: tuple[PayloadEntry, .
         values=np.array(unknowns["values"], dtype=np.float64),
         covariance=np.array(unknowns["covariance"], dtype=np.float64),
         noise=float(np.sqrt(max(1.0, row.data["chi2_per_dof"]))),
+        temperatures_c=dict(temperatures_c),
     )

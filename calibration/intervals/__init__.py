@@ -13,6 +13,7 @@ __all__ = [
     "extent",
     "facts",
     "health",
+    "kalman",
     "limits",
     "prediction",
     "rules",

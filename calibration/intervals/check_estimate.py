@@ -106,6 +106,12 @@ class CheckDesign:
         square = np.sum((self.workspace @ self.watched.combination) ** 2, axis=0)
         return np.asarray(np.sqrt(square / self.points))
 
+    def alignment(self, known_m: Array) -> Array:
+        """Correlation (w,) over the workspace of a known error (g,) with what each change does; zero without either."""
+        field = self.workspace @ self.watched.combination
+        size = np.linalg.norm(field, axis=0) * np.linalg.norm(known_m)
+        return np.asarray(np.where(size > 0.0, known_m @ field / np.where(size > 0.0, size, 1.0), 0.0))
+
     @cached_property
     def correlation(self) -> Array:
         """Correlation (w, w) of the changes' estimates."""

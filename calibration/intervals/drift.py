@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.intervals.facts import CheckFact, MachineHistory
+from calibration.intervals.kalman import Filters
 
 WEEK_S = 7.0 * 86400.0
 
@@ -29,7 +29,7 @@ class DriftSettings:
     """
 
     walk_per_sqrt_week: float = 0.2
-    per_k: float = 0.3
+    per_k: float = 0.15
     instrument: float = 5.0
     full_poses: int = 12
 
@@ -55,8 +55,8 @@ class DriftTrack:
     """The filter after the last check.
 
     innovations (n, w): standardised, one row a check of `checks`; judged (n,): whether a row can tell a change of the
-    machine (not the first one of another instrument). state (2 w,) and covariance: levels, then temperature
-    coefficients, in multiples of unit (w,).
+    machine (not the first one of another instrument). state (w, 2) and covariance (w, 2, 2): level and temperature
+    coefficient of each, in multiples of unit (w,).
     """
 
     checks: tuple[CheckFact, ...]
@@ -69,13 +69,11 @@ class DriftTrack:
 
     def level(self) -> tuple[Array, Array]:
         """Changes (w,) since the calibration at its temperature, and their standard uncertainty."""
-        w = len(self.unit)
-        return self.state[:w] * self.unit, np.sqrt(np.diag(self.covariance)[:w]) * self.unit
+        return self.state[:, 0] * self.unit, np.sqrt(self.covariance[:, 0, 0]) * self.unit
 
     def per_k(self) -> tuple[Array, Array]:
         """Temperature coefficients (w,) of the changes, and their standard uncertainty."""
-        w = len(self.unit)
-        return self.state[w:] * self.unit, np.sqrt(np.diag(self.covariance)[w:]) * self.unit
+        return self.state[:, 1] * self.unit, np.sqrt(self.covariance[:, 1, 1]) * self.unit
 
 
 def followed_checks(history: MachineHistory) -> tuple[CheckFact, ...]:
@@ -98,8 +96,9 @@ def follow(history: MachineHistory, settings: DriftSettings) -> DriftTrack | Non
         same = run.go_to(history, check)
         innovations.append(run.update(check))
         judged.append(same)
+    filters = run.filters
     return DriftTrack(
-        checks, np.array(innovations), tuple(judged), run.kf.x.copy(), run.kf.P.copy(), run.unit, settings
+        checks, np.array(innovations), tuple(judged), filters.mean, filters.covariance, run.unit, settings
     )
 
 
@@ -131,44 +130,39 @@ class _Run:
         self.settings = settings
         self.unit = np.asarray(first.change_u) * np.sqrt(first.poses / settings.full_poses)
         w = len(first.watched)
-        self.kf = KalmanFilter(dim_x=2 * w, dim_z=w)
-        self.kf.x = np.zeros(2 * w)
-        self.kf.P = np.diag([0.0] * w + [settings.per_k**2] * w)
-        self.kf.F = np.eye(2 * w)
+        self.filters = Filters(np.zeros((w, 2)), np.tile(np.diag([0.0, settings.per_k**2]), (w, 1, 1)))
+        self._row = np.array([1.0, 0.0])
         self._last: CheckFact | None = None
 
     def go_to(self, history: MachineHistory, check: CheckFact) -> bool:
         """Predict to a check; whether its instrument is that of the check before, or of the calibration."""
-        w, last = len(self.unit), self._last
+        last = self._last
         calibration = next(c for c in history.calibrations if c.id == check.calibration)
         anew = last is None or last.calibration != check.calibration
         since_s = calibration.t_utc_s if last is None or anew else last.t_utc_s
         known = calibration.instrument if last is None or anew else last.instrument
         if anew:
-            self.kf.x[:w] = 0.0
-            self.kf.P[:w, :] = 0.0
-            self.kf.P[:, :w] = 0.0
-            self.kf.P[:w, :w] = np.diag((np.asarray(check.reference_u) / self.unit) ** 2)
+            self.filters.mean[:, 0] = 0.0
+            self.filters.covariance[:, 0, :] = 0.0
+            self.filters.covariance[:, :, 0] = 0.0
+            self.filters.covariance[:, 0, 0] = (np.asarray(check.reference_u) / self.unit) ** 2
         variance = self.settings.walk_per_sqrt_week**2 * (check.t_utc_s - since_s) / WEEK_S
         if check.instrument != known:
             variance += self.settings.instrument**2
-        self.kf.Q = np.diag([variance] * w + [0.0] * w)
-        self.kf.predict()
-        warmer_k = check.temperature_c - calibration.temperature_c
-        self.kf.H = np.concatenate([np.eye(w), warmer_k * np.eye(w)], axis=1)
+        self.filters.add(np.tile([variance, 0.0], (len(self.unit), 1)))
+        self._row = np.array([1.0, check.temperature_c - calibration.temperature_c])
         return check.instrument == known
 
     def expectation(self, check: CheckFact) -> Expectation:
-        mean = self.kf.H @ self.kf.x
-        variance = np.einsum("wi,ij,wj->w", self.kf.H, self.kf.P, self.kf.H)
-        if len(mean) != len(check.watched):
+        """What a check would find, after `go_to`."""
+        if len(self.unit) != len(check.watched):
             raise InputError(f"check {check.id}: watches other changes than the machine's history")
-        return Expectation(mean * self.unit, np.maximum(variance, 0.0) * self.unit**2)
+        mean, variance = self.filters.expected(self._row)
+        return Expectation(mean * self.unit, variance * self.unit**2)
 
     def update(self, check: CheckFact) -> Array:
         """Take a check in; its standardised innovations (w,)."""
-        found, u = np.asarray(check.change), np.asarray(check.change_u)
-        innovation = self.expectation(check).standardised(found, u)
-        self.kf.update(found / self.unit, R=np.diag((u / self.unit) ** 2))
+        found, u = np.asarray(check.change) / self.unit, np.asarray(check.change_u) / self.unit
+        innovation, variance = self.filters.update(self._row, found, u**2)
         self._last = check
-        return innovation
+        return np.asarray(innovation / np.sqrt(variance))

@@ -143,7 +143,8 @@ class CheckFact:
     one unit (m per unit). independent: how many independent changes would exceed a limit as often as the watched ones
     together do (1 to w). `check_estimate.estimate_check` computes all of them. temperature_c: mean temperature of the
     machine's parts. poses: how many were used. duration_s: rig time. known_error_m: the part of the error that is
-    known without measuring, since the tables were made for another temperature.
+    known without measuring, since the tables were made for another temperature; known_alignment (w,), if it is stated:
+    correlation over the workspace (-1 to 1) of that part with what each change does.
     """
 
     id: str
@@ -162,6 +163,7 @@ class CheckFact:
     operating_h: float
     duration_s: float = 0.0
     known_error_m: float = 0.0
+    known_alignment: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         where = f"check {self.id}"
@@ -182,6 +184,8 @@ class CheckFact:
             raise InputError(f"{where}: changes must be finite and their uncertainties above zero")
         if not all(math.isfinite(v) and v >= 0.0 for v in (*self.reference_u, *self.error_per_change)):
             raise InputError(f"{where}: reference_u and error_per_change must be finite and not below zero")
+        if len(self.known_alignment) not in (0, w) or not all(abs(r) <= 1.0 + 1e-9 for r in self.known_alignment):
+            raise InputError(f"{where}: known_alignment needs a correlation for each of the {w} watched changes")
         if not 1.0 <= self.independent <= max(w, 1):
             raise InputError(
                 f"{where}: independent is {self.independent}: it lies between 1 and the {w} watched changes"

@@ -15,11 +15,11 @@ from calibration.base.arrays import Array
 from calibration.intervals.drift import DriftSettings, DriftTrack
 from calibration.intervals.sequential import BoundedLooks, SequentialPlan, bounds
 
-PRIOR_CHECKS = 20
+PRIOR_CHECKS = 60
 LEAST_CHECKS = 20  # fewer quiet ones leave limits provisional
-SCALE_RANGE = (0.8, 2.0)  # beyond, the stated uncertainty itself is wrong: limits do not follow
+SCALE_RANGE = (0.9, 2.0)  # beyond, the stated uncertainty itself is wrong: limits do not follow
 _QUIET = 3.0  # checks with a larger innovation are left out of the estimate ...
-_QUIET_SHARE = 0.99  # ... which takes about this share of the variance away
+_QUIET_SHARE = 0.97  # ... which takes about this share of the variance away
 
 
 @dataclass(frozen=True)

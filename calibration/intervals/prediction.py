@@ -11,13 +11,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from scipy.special import ndtr
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.intervals.drift import WEEK_S, DriftSettings, follow
 from calibration.intervals.facts import CalibrationFact, CheckFact, MachineHistory
+from calibration.intervals.kalman import Filters
 
 YEAR_S = 365.25 * 86400.0
 
@@ -97,14 +97,15 @@ def predict_due(
     level, level_u = track.level()
     watched = int(np.argmax(np.abs(level) / level_u))
     tolerance_m = history.machine.tolerance_m(now_utc_s)
-    allowed = _allowed(calibration, checks[-1], watched, tolerance_m, 0.0)
-    components = _components(checks, calibration, watched, allowed, drift, settings)
+    limits = _Limits.of(checks, calibration, watched, tolerance_m)
+    components = _components(checks, calibration, watched, limits.without_season, drift, settings)
     ahead_weeks = np.linspace(0.0, settings.horizon_s, 731) / WEEK_S
     warmer_k = forecast_temperature(history, now_utc_s + ahead_weeks * WEEK_S) - calibration.temperature_c
-    ahead = _allowed(calibration, checks[-1], watched, tolerance_m, _known_per_k(checks, calibration) * warmer_k)
+    since_last = ahead_weeks + (now_utc_s - checks[-1].t_utc_s) / WEEK_S
+    since_calibration = ahead_weeks + (now_utc_s - calibration.t_utc_s) / WEEK_S
+    ahead = _Ahead(since_last, since_calibration, warmer_k)
     walk = (drift.walk_per_sqrt_week * _unit(checks[0], watched, drift)) ** 2
-    age_weeks = (now_utc_s - checks[-1].t_utc_s) / WEEK_S
-    mixture = _probability_left(components, ahead_weeks + age_weeks, warmer_k, ahead, walk)
+    mixture = _probability_left(components, ahead, limits, walk, drift.walk_per_sqrt_week)
     return _dated(checks[-1].watched[watched], now_utc_s, ahead_weeks * WEEK_S, mixture, settings)
 
 
@@ -129,27 +130,70 @@ def forecast_temperature(history: MachineHistory, t_utc_s: Array) -> Array:
     return np.asarray(mean + cosine * np.cos(ahead) + sine * np.sin(ahead))
 
 
-def _allowed(
-    calibration: CalibrationFact, check: CheckFact, watched: int, tolerance_m: float, known_m: Array | float
-) -> Array:
-    """How far a change may go until the error reaches the tolerance (n,).
+@dataclass(frozen=True)
+class _Ahead:
+    """Times (n,): weeks since the last check, since the calibration, kelvin above the calibration."""
 
-    What the calibration left and what is known of temperature (n,) are taken off as squares: different fields over the
-    workspace. A quarter of the tolerance is always left.
+    since_last_weeks: Array
+    since_calibration_weeks: Array
+    warmer_k: Array
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """How far the change may go until the error over the workspace reaches the tolerance.
+
+    The error is a sum of fields over the workspace: what the change does, what is known of the temperature (per kelvin
+    and its correlation with the change's), and what the calibration left and other changes add, whose correlation with
+    it is unknown (standard deviation 1/sqrt 3).
     """
-    per_change = check.error_per_change[watched]
-    if per_change <= 0.0:
-        raise InputError(f"prediction: {check.watched[watched]} has no effect on the tool: watch others")
-    left_m = calibration.as_left.position_m if calibration.as_left else 0.0
-    square = tolerance_m**2 - left_m**2 - np.square(known_m)
-    return np.asarray(np.sqrt(np.maximum(square, (0.25 * tolerance_m) ** 2)) / per_change)
 
+    tolerance_m: float
+    per_change: float
+    left_m: float
+    per_k_m: float
+    alignment: float
+    walk_m: float
 
-def _known_per_k(checks: tuple[CheckFact, ...], calibration: CalibrationFact) -> float:
-    """Known error a kelvin away from the calibration's temperature: least squares through zero."""
-    warmer = np.array([c.temperature_c - calibration.temperature_c for c in checks])
-    known = np.array([c.known_error_m for c in checks])
-    return float(np.abs(warmer) @ known / max(float(warmer @ warmer), 1e-6))
+    @classmethod
+    def of(
+        cls, checks: tuple[CheckFact, ...], calibration: CalibrationFact, watched: int, tolerance_m: float
+    ) -> _Limits:
+        """From the checks of a calibration."""
+        last = checks[-1]
+        per_change = last.error_per_change[watched]
+        if per_change <= 0.0:
+            raise InputError(f"prediction: {last.watched[watched]} has no effect on the tool: watch others")
+        warmer = np.array([c.temperature_c - calibration.temperature_c for c in checks])
+        known = np.array([c.known_error_m for c in checks])
+        aligned = [c.known_alignment[watched] if c.known_alignment else 0.0 for c in checks]
+        weight = max(float(np.abs(warmer) @ known), 1e-12)
+        return cls(
+            tolerance_m=tolerance_m,
+            per_change=per_change,
+            left_m=calibration.as_left.position_m if calibration.as_left else 0.0,
+            per_k_m=float(np.abs(warmer) @ known / max(float(warmer @ warmer), 1e-6)),
+            alignment=float((warmer * known) @ np.array(aligned) / weight),
+            walk_m=float(np.median(np.asarray(last.error_per_change) * np.asarray(last.change_u))),
+        )
+
+    @property
+    def without_season(self) -> float:
+        """At the calibration's temperature."""
+        square = max(self.tolerance_m**2 - self.left_m**2, (0.25 * self.tolerance_m) ** 2)
+        return math.sqrt(square) / self.per_change
+
+    def at(self, warmer_k: Array, sign: float) -> Array:
+        """At other temperatures (n,), for a change of a sign: the positive solution of |change + known| = tolerance."""
+        known = self.per_k_m * warmer_k
+        along = sign * self.alignment * known
+        square = self.tolerance_m**2 - self.left_m**2 - known**2 + along**2
+        return np.asarray((np.sqrt(np.maximum(square, (0.25 * self.tolerance_m) ** 2)) - along) / self.per_change)
+
+    def sd(self, weeks: Array, walk_per_sqrt_week: float) -> Array:
+        """Standard deviation (n,) of the limit: of what else there is, so many weeks after the calibration."""
+        other = self.left_m**2 + (walk_per_sqrt_week * self.walk_m) ** 2 * weeks
+        return np.asarray(np.sqrt(other / 3.0) / self.per_change)
 
 
 def _unit(check: CheckFact, watched: int, drift: DriftSettings) -> float:
@@ -160,72 +204,61 @@ def _components(
     checks: tuple[CheckFact, ...],
     calibration: CalibrationFact,
     watched: int,
-    allowed: Array,
+    allowed: float,
     drift: DriftSettings,
     settings: PredictionSettings,
 ) -> list[_Component]:
     """One filter without wear and one for each beginning of it, all over the same checks."""
     start = [calibration.t_utc_s, *(c.t_utc_s for c in checks[:-2])]
     chosen = sorted({start[int(i)] for i in np.linspace(0, len(start) - 1, min(settings.beginnings, len(start)))})
-    found = [_filter(checks, calibration, watched, None, 0.0, drift)]
-    found[0] = _weighted(found[0], 1.0 - settings.trend)
-    slope = float(allowed) / settings.fastest_weeks
-    for begin_utc_s in chosen:
-        one = _filter(checks, calibration, watched, begin_utc_s, slope, drift)
-        found.append(_weighted(one, settings.trend / len(chosen)))
-    return found
-
-
-def _weighted(component: _Component, prior: float) -> _Component:
-    return _Component(component.log_weight + math.log(prior), component.mean, component.covariance, component.wears)
-
-
-def _filter(
-    checks: tuple[CheckFact, ...],
-    calibration: CalibrationFact,
-    watched: int,
-    begin_utc_s: float | None,
-    slope: float,
-    drift: DriftSettings,
-) -> _Component:
-    """Kalman filter of level, temperature coefficient and slope; begin: when wear began, None for never."""
+    begin = np.array([math.inf, *chosen])
+    slope = np.where(np.isfinite(begin), allowed / settings.fastest_weeks, 0.0)
     unit = _unit(checks[0], watched, drift)
-    kf = KalmanFilter(dim_x=3, dim_z=1)
-    kf.x = np.zeros(3)
-    kf.P = np.diag([checks[0].reference_u[watched] ** 2, (drift.per_k * unit) ** 2, slope**2])
-    last_s, log_weight = calibration.t_utc_s, 0.0
+    filters = Filters(np.zeros((len(begin), 3)), np.zeros((len(begin), 3, 3)))
+    filters.covariance[:, 0, 0] = checks[0].reference_u[watched] ** 2
+    filters.covariance[:, 1, 1] = (drift.per_k * unit) ** 2
+    filters.covariance[:, 2, 2] = slope**2
+    prior = np.array([1.0 - settings.trend, *[settings.trend / len(chosen)] * len(chosen)])
+    log_weight, last_s = np.log(prior), calibration.t_utc_s
     for check in checks:
-        weeks = (check.t_utc_s - last_s) / WEEK_S
-        worn = 0.0 if begin_utc_s is None else max(0.0, check.t_utc_s - max(begin_utc_s, last_s)) / WEEK_S
-        kf.F = np.array([[1.0, 0.0, worn], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        kf.Q = np.diag([(drift.walk_per_sqrt_week * unit) ** 2 * weeks, 0.0, 0.0])
-        kf.predict()
-        kf.H = np.array([[1.0, check.temperature_c - calibration.temperature_c, 0.0]])
-        kf.update(np.array([check.change[watched]]), R=check.change_u[watched] ** 2)
-        variance, miss = float(kf.S[0, 0]), float(kf.y[0])
-        log_weight -= 0.5 * (miss**2 / variance + math.log(variance))
+        transition = np.tile(np.eye(3), (len(begin), 1, 1))
+        transition[:, 0, 2] = np.maximum(0.0, check.t_utc_s - np.maximum(begin, last_s)) / WEEK_S
+        walked = (drift.walk_per_sqrt_week * unit) ** 2 * (check.t_utc_s - last_s) / WEEK_S
+        filters.predict(transition, np.tile([walked, 0.0, 0.0], (len(begin), 1)))
+        row = np.array([1.0, check.temperature_c - calibration.temperature_c, 0.0])
+        miss, variance = filters.update(
+            row, np.asarray(check.change[watched]), np.asarray(check.change_u[watched] ** 2)
+        )
+        log_weight = log_weight - 0.5 * (miss**2 / variance + np.log(variance))
         last_s = check.t_utc_s
-    return _Component(log_weight, kf.x.copy(), kf.P.copy(), begin_utc_s is not None)
+    return [
+        _Component(float(w), mean, covariance, bool(np.isfinite(b)))
+        for w, mean, covariance, b in zip(log_weight, filters.mean, filters.covariance, begin, strict=True)
+    ]
 
 
 def _probability_left(
-    components: list[_Component], weeks: Array, warmer_k: Array, allowed: Array, walk: float
+    components: list[_Component], ahead: _Ahead, limits: _Limits, walk: float, walk_per_sqrt_week: float
 ) -> _Mixture:
-    """All hypotheses together, so many weeks (n,) after the last check."""
+    """All hypotheses together. walk: variance of the random walk a week."""
     log_weight = np.array([c.log_weight for c in components])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
+    weeks = ahead.since_last_weeks
+    high, low = limits.at(ahead.warmer_k, 1.0), limits.at(ahead.warmer_k, -1.0)
+    of_limit = limits.sd(ahead.since_calibration_weeks, walk_per_sqrt_week) ** 2
     total, level = np.zeros_like(weeks), 0.0
     for share, part in zip(weight, components, strict=True):
-        h = np.stack([np.ones_like(weeks), warmer_k, weeks if part.wears else np.zeros_like(weeks)], axis=1)
+        h = np.stack([np.ones_like(weeks), ahead.warmer_k, weeks if part.wears else np.zeros_like(weeks)], axis=1)
         mean = h @ part.mean
-        sd = np.sqrt(np.einsum("ni,ij,nj->n", h, part.covariance, h) + walk * weeks)
-        beyond = ndtr((mean - allowed) / sd) + ndtr((-mean - allowed) / sd)
+        sd = np.sqrt(np.einsum("ni,ij,nj->n", h, part.covariance, h) + walk * weeks + of_limit)
+        beyond = ndtr((mean - high) / sd) + ndtr((-mean - low) / sd)
         # a random walk that is beyond at the end has an equal chance of having been so and come back (reflection)
         by_then = np.minimum(np.maximum.accumulate(beyond) * (1.0 if part.wears else 2.0), 1.0)
         total += share * by_then
         level += float(share * part.mean[0])
-    return _Mixture(total, float(weight[[c.wears for c in components]].sum()), abs(level) / float(allowed[0]))
+    wear = float(weight[[c.wears for c in components]].sum())
+    return _Mixture(total, wear, abs(level) / limits.without_season)
 
 
 def _dated(

@@ -173,6 +173,7 @@ def check_fact(row: LifeRow) -> CheckFact:
         operating_h=float(data["operating_h"]),
         duration_s=float(data["duration_s"]),
         known_error_m=float(data.get("known_error_m", 0.0)),
+        known_alignment=tuple(float(v) for v in data.get("known_alignment", ())),
     )
 
 

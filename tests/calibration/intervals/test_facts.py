@@ -33,6 +33,8 @@ from tests.calibration.intervals.facts_for_tests import DAY_S, START_S, calibrat
         (lambda: check(reference_u=(math.nan, 0.0)), "not below zero"),
         (lambda: check(error_per_change=(-1.0, 0.0)), "not below zero"),
         (lambda: check(independent=2.5), "2 watched changes"),
+        (lambda: check(known_alignment=(0.1,)), "a correlation for each"),
+        (lambda: check(known_alignment=(0.1, 2.0)), "a correlation for each"),
         (lambda: check(poses=0), "at least one"),
         (lambda: EventFact(START_S, "flood"), "'flood'"),
         (lambda: Postponement(2.0, 1.0, "A", "b"), "ends before"),

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups kuka clean
+.PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo
@@ -55,6 +55,11 @@ demo-check: $(VENV)/run.stamp
 # Stopped, it goes on.
 setups: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.setups $(if $(SEEDS),--seeds $(SEEDS))
+
+# What formats of controls lose of the correction, on the nine machines, and Siemens CEC on twenty default ones
+# (docs/explanation/control-tables.md). Stopped, it goes on. SEEDS=5 for a first look.
+control-formats: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.control_formats $(if $(SEEDS),--seeds $(SEEDS))
 
 # Random rigs of two machines, every estimator against the noise-free truth (docs/explanation/rig-study.md).
 # Stopped, it goes on. RIGS=20 for a first look, PROCESSES=4; the picture of docs/ is drawn from all rigs only.

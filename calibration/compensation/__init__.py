@@ -1,3 +1,12 @@
-"""Tables of drive corrections that put the tool where it is commanded, and what they leave of its error."""
+"""Compensation: corrections of drives that put the tool where it is commanded, as tables in drives or for controls."""
 
-__all__ = ["error_map", "grid", "tables"]
+__all__ = [
+    "correction",
+    "decomposition",
+    "error_map",
+    "formats",
+    "grid",
+    "limits",
+    "piecewise",
+    "tables",
+]

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.compensation.correction import correct_drives, model_error
 from calibration.compensation.grid import BEYOND_WORKSPACE_M, GRID_MARGIN_M, POINTS_PER_AXIS
 from calibration.identification.calibration import Calibration
 from calibration.identification.fit import Fit
-from calibration.identification.prediction import predict_poses
 from calibration.machine import equilibrium
 from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives
@@ -45,32 +45,8 @@ class CompensationTable:
 
 
 def corrected_drives(fit: Fit, report: ReportFrame, target_m: Array, load: OperatingConditions) -> Array:
-    """Drive coordinates (n, d) that put the tool point on the targets (n, 6); NaN where none is found.
-
-    Newton's method with differences of the prediction, on the coordinates that the drives command.
-    """
-    machine = report.machine
-    commanded = machine.commanded
-    drives = nominal_drives(machine, target_m)
-    for _ in range(5):
-        error = _commanded_error(fit, report, drives, target_m, load)[:, commanded]
-        jac = np.empty((len(drives), len(commanded), drives.shape[1]))
-        for a in range(drives.shape[1]):
-            ahead = drives.copy()
-            ahead[:, a] += 1e-5
-            jac[:, :, a] = (_commanded_error(fit, report, ahead, target_m, load)[:, commanded] - error) / 1e-5
-        good = np.all(np.isfinite(error), axis=1) & np.all(np.isfinite(jac), axis=(1, 2))
-        drives[~good] = np.nan
-        step = (np.linalg.pinv(jac[good]) @ error[good, :, None])[:, :, 0]
-        drives[good] -= step
-        if np.max(np.abs(step), initial=0.0) < 1e-10:
-            break
-    return drives
-
-
-def _commanded_error(fit: Fit, report: ReportFrame, drives: Array, target: Array, load: OperatingConditions) -> Array:
-    position, rotation = report.tool_error(predict_poses(fit, report, load.at_poses(drives, target)), target)
-    return np.concatenate([position, rotation], axis=1)
+    """Drive coordinates (n, d) that put the tool point on the targets (n, 6); NaN where none is found."""
+    return correct_drives(report.machine, model_error(fit, report, load), target_m)
 
 
 def build_table(fit: Fit, report: ReportFrame, load: OperatingConditions) -> CompensationTable:

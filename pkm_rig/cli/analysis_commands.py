@@ -145,15 +145,45 @@ def _standard_poses(rig: Path | None, virtual_axis: str | None, json: bool, *, i
 def compensate(
     campaign: CampaignArgument,
     payload: Annotated[int, typer.Option(help="number of the payload in the rig's list")] = 0,
+    form: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            help="files for a control: csv, linuxcnc-comp, linuxcnc-comp-0, siemens-cec, beckhoff-plane, "
+            "heidenhain-com. No vendor's software has read a file of ours yet, csv has no vendor",
+        ),
+    ] = None,
+    control: Annotated[
+        str | None, typer.Option(help="which control, for example sinumerik-828d or sinumerik-840d-sl")
+    ] = None,
+    axes: Annotated[
+        str | None, typer.Option(help="the control's names of the drives' axes, with commas, as in the machine file")
+    ] = None,
+    accept_loss: Annotated[
+        bool, typer.Option("--accept-loss", help="also a format that removes less than half of the correction")
+    ] = False,
+    accept_change: Annotated[
+        bool, typer.Option("--accept-change", help="also a correction that differs much from the former one")
+    ] = False,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     by_sequence: SequenceOption = False,
 ) -> None:
     """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
     from pkm_rig.jobs.compensate import compensate_recording
-    from pkm_rig.report.terminal import print_result, say_repaired
+    from pkm_rig.jobs.control_files import Choice, write_control_files
+    from pkm_rig.report.control_text import print_control_files
+    from pkm_rig.report.terminal import print_either, print_message, print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
+    if form is None and (control is not None or axes is not None or accept_loss or accept_change):
+        raise InputError("compensate: --control, --axes, --accept-loss and --accept-change are for --format; give it")
     recording = find_recording(campaign, out, by_sequence=by_sequence)
-    tables = say_repaired(recording) | compensate_recording(recording, payload, out)
-    print_result(json, tables, f"tables: {tables['folder']}")
+    repaired = say_repaired(recording)
+    if form is None:
+        tables = repaired | compensate_recording(recording, payload, out)
+        print_result(json, tables, f"tables: {tables['folder']}")
+        return
+    choice = Choice(form, control, axes, accept_loss=accept_loss, accept_change=accept_change)
+    result = repaired | write_control_files(recording, payload, out, choice, print_message)
+    print_either(json, result, print_control_files)

@@ -8,20 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from calibration.base.errors import InputError
-from calibration.compensation.tables import table_for_payload
-from calibration.identification.calibration import identify_recording
+from calibration.compensation.tables import build_table
 from calibration.recording.recording import Recording
+from pkm_rig.jobs.control_files import IdentifiedLoad
 from pkm_rig.store.store import campaign_folder
 
 
 def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[str, Any]:
     """Compute the tables for a payload at the campaign's last temperatures and save one CSV a drive."""
-    if not 0 <= payload < len(recording.file.payloads):
-        raise InputError(f"payload {payload}: the recording lists 0 to {len(recording.file.payloads) - 1}")
-    identification = identify_recording(recording, baselines=False)
-    temperatures = {n: float(t[-1]) for n, t in recording.temperatures_c().items()}
-    table = table_for_payload(identification, payload, temperatures)
+    identified = IdentifiedLoad.of(recording, payload)
+    table = build_table(identified.calibration.fit, identified.calibration.report, identified.load)
     folder = campaign_folder(out, recording.file.campaign) / f"tables-payload-{payload}"
     folder.mkdir(parents=True, exist_ok=True)
     count = table.correction_m.shape[1]
@@ -40,7 +36,7 @@ def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[
         "campaign": recording.file.campaign,
         "simulated": recording.file.simulated,
         "payload_kg": table.conditions.payload_kg,
-        "temperatures_c": temperatures,
+        "temperatures_c": identified.load.temperatures_c,
         "largest_correction_m": largest,
         "folder": str(folder),
     }

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from calibration.base.arrays import Array
 from calibration.compensation.error_map import ErrorMap
@@ -19,13 +20,18 @@ ARROW_SHARE = 0.09  # of the map's width, of an arrow as long as the scale
 
 
 class Field(NamedTuple):
-    """Errors (n, 2) in m at places (n, 2) in m, with a name; rms_m where it is not that of the arrows."""
+    """Errors (n, 2) in m at places (n, 2) in m, with a name; rms_m where it is not that of the arrows.
+
+    hatched_m (h, 2): centres of cells of the size cell_m in which the prediction is too uncertain.
+    """
 
     name: str
     at_m: Array
     error_m: Array
     colour: str
     rms_m: float | None = None
+    hatched_m: Array = np.zeros((0, 2))
+    cell_m: tuple[float, float] = (0.0, 0.0)
 
     def stated_rms_m(self) -> float:
         """RMS length that stands above the map."""
@@ -37,12 +43,15 @@ class Field(NamedTuple):
 def error_fields(predicted: ErrorMap, reduction: Reduction | None, payload: int) -> list[Field]:
     """Predicted before and after and, with a reduction, measured before and after, of one payload."""
     fields = []
+    across = [np.unique(predicted.target_m[:, k]) for k in range(2)]
+    cell_m = (float(across[0][1] - across[0][0]), float(across[1][1] - across[1][0]))
+    hatched_m = predicted.target_m[predicted.is_uncertain]
     for when, errors, colour in (("before", predicted.before_m, BEFORE), ("after", predicted.after_m, AFTER)):
         if reduction is not None:
             rows = reduction.rows(f"verification_{when}", payload)
             at = reduction.observations.visits.target_m[rows, :2]
             fields.append(Field(f"measured, {when}", at, reduction.errors(rows)[0][:, :2], colour))
-        fields.append(Field(f"predicted, {when}", predicted.target_m, errors, colour))
+        fields.append(Field(f"predicted, {when}", predicted.target_m, errors, colour, None, hatched_m, cell_m))
     return fields
 
 
@@ -52,6 +61,7 @@ def error_maps(
     """Arrows of several fields with one scale, which is stated once; no arrow leaves its panel.
 
     key_m: length of the arrow that states the scale; left out, by the largest error. names: of the two coordinates.
+    Hatched where U (k = 2) of the prediction exceeds the error that is corrected.
     """
     across = min(2, len(fields))
     down = -(-len(fields) // across)
@@ -71,6 +81,8 @@ def error_maps(
     for axes in panels[len(fields) :]:
         axes.set_axis_off()
     scale = f"arrow at the top left: {key_m * 1e6:g} µm"
+    if any(len(field.hatched_m) for field in fields):
+        scale += "; hatched: U (k = 2) exceeds the error"
     figure.suptitle(literal(title) + (f"; {scale}" if across == 2 else f"\n{scale}"), fontsize=11 if across == 2 else 9)
     for axes in panels[: len(fields)]:
         start = (low[0] + margin, high[1] + 0.35 * margin)
@@ -83,6 +95,11 @@ def error_maps(
 
 
 def _draw(axes: Axes, field: Field, metres: float, names: tuple[str, str]) -> None:
+    width, height = field.cell_m
+    for x, y in field.hatched_m.tolist():
+        cell = Rectangle((x - 0.5 * width, y - 0.5 * height), width, height, fill=False, hatch="////", linewidth=0.0)
+        cell.set_edgecolor("0.7")
+        axes.add_patch(cell)
     axes.quiver(
         field.at_m[:, 0], field.at_m[:, 1], field.error_m[:, 0], field.error_m[:, 1],
         color=field.colour, angles="xy", scale_units="xy", scale=1.0 / metres, width=0.004, pivot="tail",

@@ -1,0 +1,152 @@
+"""The correction over the drives' space of any machine: what to add to each drive so that the tool is where commanded.
+
+It is predicted by an identified model for one load and one set of temperatures, at poses within those that were
+measured: beyond them there is none, and tables hold their last value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.stats import qmc
+
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.base.rotation import rotation_matrix
+from calibration.identification.fit import Fit
+from calibration.identification.prediction import predict_poses
+from calibration.machine.description import COORDINATES, Machine
+from calibration.machine.inverse import nominal_drives, platform_poses
+from calibration.model.operating_conditions import OperatingConditions
+from calibration.reduction.report_frame import ReportFrame
+
+# (drives (n, d), targets (n, 6)) -> tool errors (n, 6) in m and rad
+ToolError = Callable[[Array, Array], Array]
+
+PLANE_SAMPLES = 81  # an axis, where two coordinates are commanded
+SAMPLES = 2048  # where there are more
+CHECK_SAMPLES = 1024
+SEED = 15
+STEP = 1e-5  # of a drive, m or rad, for differences
+ITERATIONS = 5
+CONVERGED = 1e-10
+MIN_SOLVED_SHARE = 0.99
+BEYOND_MEASURED = 0.02
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Poses of a machine: targets (n, 6), drive positions (n, d) commanded for them, corrections (n, d) of those."""
+
+    target_m: Array
+    drives: Array
+    correction: Array
+
+    def __len__(self) -> int:
+        return len(self.target_m)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """The correction of a machine at one load: samples to fit tables to, and others to check them at.
+
+    box (k, 2): limits of the commanded coordinates within which it holds.
+    """
+
+    machine: Machine
+    box: Array
+    fitted: Samples
+    check: Samples
+
+    @classmethod
+    def sampled(cls, machine: Machine, error: ToolError, box: Array | None = None) -> Correction:
+        """The correction that takes `error` away, within a box (k, 2) or the workspace."""
+        box = machine.commanded_limits if box is None else box
+        fitted, check = fit_targets(machine, box), check_targets(machine, box)
+        target = np.concatenate([fitted, check])
+        nominal = nominal_drives(machine, target)
+        corrected = correct_drives(machine, error, target)
+        good = np.all(np.isfinite(corrected), axis=1)
+        if np.mean(good) < MIN_SOLVED_SHARE:
+            raise InputError(
+                f"compensation: for {np.count_nonzero(~good)} of {len(good)} poses the model finds no drive positions; "
+                "check the identification"
+            )
+        parts = [
+            Samples(target[rows][good[rows]], nominal[rows][good[rows]], (corrected - nominal)[rows][good[rows]])
+            for rows in (slice(0, len(fitted)), slice(len(fitted), None))
+        ]
+        return cls(machine, box, *parts)
+
+
+def model_error(fit: Fit, report: ReportFrame, load: OperatingConditions) -> ToolError:
+    """Tool errors that an identified model predicts under a load, in the report frame."""
+
+    def error(drives: Array, target_m: Array) -> Array:
+        pose = predict_poses(fit, report, load.at_poses(drives, target_m))
+        return np.concatenate(report.tool_error(pose, target_m), axis=1)
+
+    return error
+
+
+def fit_targets(machine: Machine, box: Array) -> Array:
+    """Targets (n, 6) that cover a box with its edges: a grid of two coordinates, else corners and a Sobol sequence."""
+    if len(box) <= 2:
+        axes = [np.linspace(low, high, PLANE_SAMPLES) for low, high in box]
+        return platform_poses(machine, np.array(list(product(*axes))))
+    unit = 0.5 - 0.5 * np.cos(np.pi * qmc.Sobol(len(box), seed=SEED).random(SAMPLES))
+    inside = box[:, 0] + (box[:, 1] - box[:, 0]) * unit
+    return platform_poses(machine, np.concatenate([np.array(list(product(*box))), inside]))
+
+
+def check_targets(machine: Machine, box: Array) -> Array:
+    """Other targets (n, 6), evenly spread over the box, its corners among them."""
+    unit = qmc.Sobol(len(box), seed=SEED + 1).random(CHECK_SAMPLES)
+    inside = box[:, 0] + (box[:, 1] - box[:, 0]) * unit
+    return platform_poses(machine, np.concatenate([np.array(list(product(*box))), inside]))
+
+
+def correct_drives(machine: Machine, error: ToolError, target_m: Array) -> Array:
+    """Drive coordinates (n, d) that bring the tool onto targets (n, 6); NaN where none is found.
+
+    Newton's method with differences of `error`, on the coordinates that the drives command. Of several solutions the
+    one nearest to the nominal drives.
+    """
+    commanded = machine.commanded
+    drives = nominal_drives(machine, target_m)
+    for _ in range(ITERATIONS):
+        now = error(drives, target_m)[:, commanded]
+        jac = np.empty((len(drives), len(commanded), drives.shape[1]))
+        for a in range(drives.shape[1]):
+            ahead = drives.copy()
+            ahead[:, a] += STEP
+            jac[:, :, a] = (error(ahead, target_m)[:, commanded] - now) / STEP
+        good = np.all(np.isfinite(now), axis=1) & np.all(np.isfinite(jac), axis=(1, 2))
+        drives[~good] = np.nan
+        change = (np.linalg.pinv(jac[good]) @ now[good, :, None])[:, :, 0]
+        drives[good] -= change
+        if np.max(np.abs(change), initial=0.0) < CONVERGED:
+            break
+    return drives
+
+
+def measured_box(machine: Machine, target_m: Array) -> Array:
+    """Limits (k, 2) of the commanded tool coordinates over measured platform poses (n, 6), within the workspace.
+
+    They reach BEYOND_MEASURED of the workspace's side beyond the outermost pose: drawn poses seldom lie on its edge.
+    """
+    tool = target_m.copy()
+    tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
+    values = tool[:, machine.commanded]
+    low, high = machine.commanded_limits.T
+    flat = np.flatnonzero(~(np.ptp(values, axis=0) > BEYOND_MEASURED * (high - low)))
+    if flat.size:
+        name = COORDINATES[machine.commanded[flat[0]]]
+        raise InputError(f"compensation: all measured poses have the same {name}; measure where the machine works")
+    margin = BEYOND_MEASURED * (high - low)
+    return np.stack(
+        [np.maximum(values.min(axis=0) - margin, low), np.minimum(values.max(axis=0) + margin, high)], axis=1
+    )

@@ -1,0 +1,123 @@
+"""`pkm-rig compensate --format`: files for controls, their losses told first, refusals with nothing written."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from calibration.base.errors import InputError
+from calibration.compensation.formats.catalogue import FORMATS
+from calibration.compensation.tables import corrected_drives
+from calibration.machine.inverse import nominal_drives, platform_poses
+from calibration.recording.folder import write_folder
+from pkm_rig.jobs.control_files import IdentifiedLoad, find_former
+from tests.calibration.compensation import control_readers as readers
+from tests.pkm_rig.plant_recording import record
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record(11, calibration_poses=12)
+
+
+@pytest.fixture(scope="module")
+def folder(recording, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "folder"
+    write_folder(recording, path)
+    return path
+
+
+def test_what_the_beckhoff_control_adds_puts_the_predicted_tool_where_it_is_commanded(run, recording, folder, tmp_path):
+    done = run("compensate", folder, "--payload", 1, "--format", "beckhoff-plane", "--out", tmp_path, "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert re.search(
+        r"left: correction max [\d.]+, RMS [\d.]+ .m; the format leaves max 0\.\d+, RMS 0\.\d+", done.stderr
+    )
+    assert result["files"] == ["achskw1.lis", "achskw2.lis"]
+    assert result["tool_position_rms_m"]["after"] < 0.01 * result["tool_position_rms_m"]["before"]
+    written = tmp_path / "plant-11" / "beckhoff-plane-payload-1"
+    assert (written / "map.png").read_bytes().startswith(b"\x89PNG")
+    parts = [readers.read_plane((written / name).read_text(encoding="utf-8")) for name in result["files"]]
+    identified = IdentifiedLoad.of(recording, 1)
+    machine = recording.machine
+    target = platform_poses(machine, np.random.default_rng(3).uniform(-0.25, 0.25, (20, 2)))
+    nominal = nominal_drives(machine, target)
+    exact = corrected_drives(identified.calibration.fit, identified.calibration.report, target, identified.load)
+    for q, wanted in zip(nominal, exact - nominal, strict=True):
+        at = {"1": q[0] * 1e3, "2": q[1] * 1e3}
+        added = [parts[0](at)["1"] * 1e-3, parts[1](at)["2"] * 1e-3]
+        assert added == pytest.approx(wanted, abs=3e-7)
+
+
+def test_a_format_that_loses_more_than_half_is_written_only_on_demand(run, folder, tmp_path):
+    arguments = ("compensate", folder, "--format", "linuxcnc-comp", "--payload", 1, "--out", tmp_path)
+    refused = run(*arguments)
+    written = tmp_path / "plant-11" / "linuxcnc-comp-payload-1"
+    share = float(re.search(r"would remove (\d+)%", refused.stderr)[1])
+    assert share < 50.0
+    assert refused.returncode == 1
+    assert "--accept-loss" in refused.stderr.splitlines()[-1]
+    assert "the format leaves max" in refused.stderr
+    assert not written.exists()
+    accepted = run(*arguments, "--accept-loss")
+    assert accepted.returncode == 0
+    assert (written / "joint0.comp").is_file()
+    assert "No software of the vendor has read" in accepted.stdout
+
+
+def test_a_correction_that_has_changed_much_needs_a_word(run, recording, folder, tmp_path):
+    arguments = ("compensate", folder, "--format", "csv", "--payload", 1, "--out", tmp_path)
+    former = tmp_path / "rig-1" / "csv-payload-1" / "written.csv"
+    former.parent.mkdir(parents=True)
+    former.write_text("rig,planar4,200.0\n0.9,0.9,0.001,0.0\n1.1,1.0,0.001,0.0\n", encoding="utf-8")
+    refused = run(*arguments)
+    assert refused.returncode == 2
+    assert "from that of rig-1 (limit 200); if the machine was altered give --accept-change" in refused.stderr
+    assert not (tmp_path / "plant-11").exists()
+    accepted = run(*arguments, "--accept-change")
+    assert accepted.returncode == 0
+    assert "largest change against what was written before" in accepted.stdout
+    written = tmp_path / "plant-11" / "csv-payload-1"
+    assert find_former(written, recording.machine, 200.0).source == "rig-1"
+    assert find_former(tmp_path / "rig-2" / "csv-payload-1", recording.machine, 200.0).source == "plant-11"
+    assert find_former(tmp_path / "rig-2" / "csv-payload-1", recording.machine, 0.0) is None
+
+
+@pytest.mark.parametrize("text", ["", "rig,planar4,200.0\nno,number,0,0\n", "rig,planar4,200.0\nnan,0,0,0\n"])
+def test_a_damaged_record_of_what_was_written_is_named(recording, tmp_path, text):
+    path = tmp_path / "rig-1" / "csv-payload-1" / "written.csv"
+    path.parent.mkdir(parents=True)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"written\.csv: damaged"):
+        find_former(tmp_path / "rig-2" / "csv-payload-1", recording.machine, 200.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--format", "fanuc"), "format 'fanuc' is unknown; known: csv"),
+        (("--format", "siemens-cec", "--control", "s7"), "known: sinumerik-828d"),
+        (("--format", "heidenhain-com"), "--axes"),
+        (("--format", "heidenhain-com", "--axes", "x,y"), "'x' is no name of an axis"),
+        (("--axes", "X,Y"), "are for --format"),
+        (("--format", "csv", "--payload", "7"), "payload 7"),
+    ],
+)
+def test_bad_choices_are_one_line_and_status_2(run, folder, tmp_path, arguments, complaint):
+    done = run("compensate", folder, "--out", tmp_path, *arguments)
+    assert done.returncode == 2
+    assert complaint in done.stderr.splitlines()[-1]
+    assert not (tmp_path / "plant-11").exists()
+
+
+def test_the_help_names_every_format_and_says_what_no_vendor_has_read(run):
+    text = " ".join(run("compensate", "--help").stdout.replace("│", " ").split())
+    flat = text.replace(" ", "")
+    for form in FORMATS.values():
+        assert form.name in flat
+        assert (form.read_by is None) == (form.name != "csv")
+    assert "Novendor'ssoftwarehasreadafileofoursyet" in flat

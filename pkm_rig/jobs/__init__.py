@@ -9,6 +9,7 @@ __all__ = [
     "check",
     "check_readings",
     "compensate",
+    "control_files",
     "diagnose",
     "disturbance_levels",
     "health",

@@ -4,6 +4,7 @@ __all__ = [
     "axis_json",
     "axis_text",
     "check_text",
+    "control_text",
     "diagnosis_json",
     "diagnosis_pictures",
     "diagnosis_text",

@@ -150,7 +150,11 @@ def _draw_map(identified: IdentifiedLoad, tables: tuple[DriveTables, ...], folde
         return
     maps = predicted_errors(identified.calibration, identified.load, lambda drives: corrections_at(tables, drives))
     title = f"{identified.recording.file.campaign}, {identified.load.payload_kg:g} kg, {choice.form}"
-    save_png(error_maps(error_fields(maps, None, identified.payload), title), folder / "map.png", simulated=identified.recording.file.simulated)
+    save_png(
+        error_maps(error_fields(maps, None, identified.payload), title),
+        folder / "map.png",
+        simulated=identified.recording.file.simulated,
+    )
 
 
 def loss_lines(machine: Machine, loss: Loss) -> list[str]:

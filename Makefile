@@ -5,8 +5,9 @@ BIN := $(VENV)/bin
 
 .PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
 
+# MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
-	$(BIN)/pkm-rig demo
+	$(BIN)/pkm-rig demo $(if $(MACHINE),--machine $(MACHINE))
 
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n 2

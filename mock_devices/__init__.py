@@ -21,6 +21,7 @@ __all__ = [
     "rig",
     "seeds",
     "settings",
+    "spatial_file",
     "station",
     "stepped_clock",
 ]

@@ -22,8 +22,8 @@ from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from mock_devices.drives.table_bank import machine_id_of
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.lasting_state import StateFile
-from mock_devices.machine_file import MachineFile
-from mock_devices.plant.plant import Plant
+from mock_devices.plant.any_plant import make_plant
+from mock_devices.plant.base_plant import BasePlant
 from mock_devices.plc.plc_server import PlcServer
 from mock_devices.settings import MockSettings
 from mock_devices.station.mock_station import MockStation
@@ -73,27 +73,29 @@ class MockRig:
         without_blocks: tuple[int, ...] = (),
         client_bus_factory: Callable[[], can.BusABC] | None = None,
         faults: FaultPlan = NO_FAULTS,
-        plant: Plant | None = None,
+        plant: BasePlant | None = None,
         state_file: StateFile | None = None,
     ) -> None:
         ports = ports or MockPorts()
         self._state_file = state_file
         self.faults = faults
         self._without_blocks = without_blocks
-        self.plant = plant or Plant(machine_path, settings, clock)
-        sliders = self.plant.nominal.sliders
-        nodes = node_ids or tuple(range(1, len(sliders) + 1))
-        if len(nodes) != len(sliders) or len(nodes) != 2:
-            raise ValueError("a mock rig has two drives: each corrects for one partner")
+        self.strained: str | None = None  # what the machine did not bear, last
+        self.drives: tuple[DriveServer, ...] = ()
+        self.plant = plant or make_plant(machine_path, settings, clock)
+        nodes = node_ids or tuple(range(1, len(self.plant.parts) + 1))
+        if len(nodes) != len(self.plant.parts):
+            raise ValueError(f"{len(self.plant.parts)} drives, {len(nodes)} node ids")
         self._started = ExitStack()
         try:
             drives = []
             for index, node_id in enumerate(nodes):
-                drive = self._drive(index, node_id, nodes[1 - index], bus_factory(), clock)
+                partner = nodes[1 - index] if len(nodes) == 2 else None
+                drive = self._drive(index, node_id, partner, bus_factory(), clock)
                 self._started.callback(drive.close)
                 drives.append(drive)
-            self.drives: tuple[DriveServer, ...] = tuple(drives)
-            self.plant.attach(self.drives)
+            self.plant.attach(tuple(drives))
+            self.drives = tuple(drives)
             self.plc = PlcServer(
                 self.plant,
                 ports.host,
@@ -191,6 +193,14 @@ class MockRig:
             self._state_file.keep(plant=self.plant.state())
             self._write_state(self._state_file)
 
+    def _watch_machine(self) -> None:
+        """After a SYNC: where a strut bears more than it may all drives fault, as by a strain gauge's contact."""
+        why = self.plant.overloaded(self.plant.clock.now_s()) if self.drives else None
+        if why is not None:
+            self.strained = why
+            for drive in self.drives:
+                drive.strain()
+
     def __enter__(self) -> Self:
         return self
 
@@ -199,17 +209,16 @@ class MockRig:
     ) -> None:
         self.close()
 
-    def _drive(self, index: int, node_id: int, partner: int, bus: can.BusABC, clock: RigClock) -> DriveServer:
-        machine = self.plant.nominal
-        count = len(machine.sliders)
+    def _drive(self, index: int, node_id: int, partner: int | None, bus: can.BusABC, clock: RigClock) -> DriveServer:
+        part = self.plant.parts[index]
         return DriveServer(
             node_id,
             MockAxis(
-                name=machine.sliders[index].name,
+                name=part.name,
                 partner_node_id=partner,
-                machine_id=machine_id_of(machine.name),
-                travel_m=machine.sliders[index].travel_m,
-                start_m=home_m(machine, index),
+                machine_id=machine_id_of(self.plant.machine.name),
+                travel_m=part.travel,
+                start_m=part.home,
                 is_first=index == 0,
                 absolute_encoder=self.plant.settings.absolute_encoders,
                 block_transfer=node_id not in self._without_blocks,
@@ -217,16 +226,7 @@ class MockRig:
             bus,
             clock,
             changed=partial(self._drive_changed, node_id),
-            load_kg=lambda: self.plant.moving_mass_kg() / count + self.plant.friction_kg(index),
+            load_kg=partial(self.plant.load_kg, index),
+            watch=self._watch_machine if index == 0 and self.plant.can_be_strained else lambda: None,
             faults=self.faults,
         )
-
-
-def home_m(machine: MachineFile, drive: int) -> float:
-    """Drive coordinate of pose zero by the nominal geometry, kept within the travel."""
-    slider = machine.sliders[drive]
-    strut = next(s for s in machine.struts if s.drive == drive)
-    w = (strut.platform_joint - strut.base_joint) * slider.axis.conjugate()  # along and across the axis
-    half = (strut.length_m**2 - w.imag**2) ** 0.5
-    low, high = slider.travel_m
-    return min(max(w.real + slider.branch * half, low), high)

@@ -6,6 +6,7 @@ __all__ = [
     "error_map",
     "formats",
     "grid",
+    "host",
     "limits",
     "piecewise",
     "tables",

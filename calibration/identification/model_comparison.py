@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.identification.calibration import Calibration
 from calibration.identification.prediction import predict_poses
-from calibration.reduction.figures import Figures, figures, free_axes, scale_part
+from calibration.reduction.figures import Figures, figure_axes, figures, scale_part
 from calibration.reduction.reduction import Reduction
 
 
@@ -43,5 +43,5 @@ def orientation_prediction(calibration: Calibration, reduction: Reduction, phase
     visits = reduction.observations.visits.take(rows)
     predicted = predict_poses(calibration.fit, reduction.report, visits)
     _, rotation = reduction.report.tool_error(reduction.poses.coordinates[rows], predicted)
-    _, turns = free_axes(reduction.recording.machine)
+    _, turns = figure_axes(reduction.recording.machine)
     return float(np.sqrt(np.mean(np.sum(rotation[:, turns] ** 2, axis=1))))

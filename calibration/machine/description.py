@@ -5,6 +5,7 @@ The format, its signs and its assembly branch are defined in docs/reference/mach
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,12 +49,17 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Smr:
-    """A reflector: on the platform, on what a drive carries (its index) or on the floor."""
+    """A reflector: on the platform, on what a drive carries (its index) or on the floor.
+
+    facing (3,): where it looks, on what carries it; None: it is seen from everywhere.
+    """
 
     name: str
     on: Literal["platform", "slider", "floor"]
     drive: int
     position_m: Array
+    facing: Array | None = None
+    acceptance_rad: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -100,9 +106,24 @@ class Machine:
         return self.workspace[self.commanded]
 
     @property
+    def force_limit_n(self) -> Array:
+        """Largest force (s,) of each strut; infinite where the file gives none."""
+        return np.array([math.inf if s.force_limit_n is None else s.force_limit_n for s in self.file.struts])
+
+    @property
     def planar(self) -> bool:
         """Whether the platform moves in the plane z = 0 only."""
         return not np.any(np.isin(self.dof, [2, 3, 4]))
+
+    @property
+    def rotary_drives(self) -> tuple[str, ...]:
+        """Names of the drives whose coordinate is an angle."""
+        return tuple(name for name, kind in zip(self.drive_names, self.drive_kinds, strict=True) if kind == "crank")
+
+    @property
+    def redundantly_actuated(self) -> bool:
+        """Whether there are more drives than coordinates for them to command: they must agree with one another."""
+        return len(self.drive_names) > len(self.commanded)
 
     @property
     def redundancy(self) -> int:
@@ -241,10 +262,11 @@ def _smrs(file: MachineFile, source: str) -> tuple[Smr, ...]:
     smrs = []
     for entry in file.smrs:
         position = np.array(entry.position_m)
+        looks = (None if entry.facing is None else np.array(entry.facing), entry.acceptance_rad)
         if entry.on == "platform":
-            smrs.append(Smr(entry.name, "platform", FIXED, position))
+            smrs.append(Smr(entry.name, "platform", FIXED, position, *looks))
         elif entry.on == "floor":
-            smrs.append(Smr(entry.name, "floor", FIXED, position))
+            smrs.append(Smr(entry.name, "floor", FIXED, position, *looks))
         elif entry.on not in carriers:
             raise InputError(
                 f"{source}: SMR '{entry.name}' is on '{entry.on}'; use 'platform', 'floor' or a drive's name"
@@ -252,5 +274,5 @@ def _smrs(file: MachineFile, source: str) -> tuple[Smr, ...]:
         elif carriers[entry.on][1] == "leg":
             raise InputError(f"{source}: SMR '{entry.name}' is on the leg '{entry.on}'; put it on the platform")
         else:
-            smrs.append(Smr(entry.name, "slider", carriers[entry.on][0], position))
+            smrs.append(Smr(entry.name, "slider", carriers[entry.on][0], position, *looks))
     return tuple(smrs)

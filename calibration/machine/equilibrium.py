@@ -172,6 +172,12 @@ def carriers_of(machine: Machine, geometry: Geometry, drives: Array, at: Conditi
     return [*moving, Carrier.from_geometry(machine, geometry, FIXED, base, base, grown)]
 
 
+def carried_point(machine: Machine, drive: int, point_m: Array, drives: Array) -> Array:
+    """Where (3,) a point (3,) on a drive is with the drives at (d,): nominal machine, reference temperature."""
+    carriers = carriers_of(machine, machine.nominal, drives[None], make_conditions(machine, 1))
+    return np.asarray(carriers[drive].position(point_m)[:, 0])
+
+
 def _loaded_structure(machine: Machine, geometry: Geometry, carriers: list[Carrier], at: Conditions) -> LoadedStructure:
     n = carriers[FIXED].base.size
     free_length = geometry.length_m[:, None] * at.factors["struts"]

@@ -10,6 +10,8 @@ from calibration.machine.description import Geometry, Machine
 from calibration.machine.equilibrium import Conditions, Equilibrium, make_conditions, solve
 from calibration.machine.sensitivity import Sensitivity
 
+ROUND_OFF = 1e-9  # of a pose that a machine takes exactly
+
 
 def rigid_drives(machine: Machine, geometry: Geometry, pose: Array) -> Array:
     """Drive coordinates (n, d) that close each drive's first strut at full poses (n, 6), at the reference temperature.
@@ -102,6 +104,19 @@ def nominal_drives(machine: Machine, target_m: Array) -> Array:
     tool = target_m.copy()
     tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
     return drives_for(machine, machine.nominal, tool)[0]
+
+
+def nominal_poses(machine: Machine, commanded: Array) -> Array:
+    """Platform poses (n, 6) of the nominal machine without load with the tool at commanded coordinates (n, k).
+
+    Coordinates that the drives do not command are what follows from the others; NaN out of reach.
+    """
+    poses = platform_poses(machine, commanded)
+    tool = poses.copy()
+    tool[:, :3] += rotation_matrix(poses[:, 3:]) @ machine.tool_point_m
+    found = drives_for(machine, machine.nominal, tool)[1]
+    moved = np.abs(found - poses) > ROUND_OFF
+    return np.where(moved | np.isnan(found), found, poses)
 
 
 def platform_poses(machine: Machine, commanded: Array) -> Array:

@@ -97,6 +97,12 @@ class StrutEntry(Section):
     )
     length_m: Positive = Field(description="Length without force, at the reference temperature.")
     stiffness_n_per_m: Positive = Field(description="Axial stiffness, joints included.")
+    force_limit_n: Positive | None = Field(
+        default=None, description="Largest force of the strut, tension or compression; paths beyond it are refused."
+    )
+    diameter_m: Positive | None = Field(
+        default=None, description="Outer diameter; the station sees no reflector behind the strut."
+    )
 
 
 class GuideEntry(Section):
@@ -139,6 +145,13 @@ class _Smr(Section):
     name: CellLabel = Field(description="Name; each once.")
     on: str = Field(description="`platform`, `floor`, or the slider or crank that it rides on.")
     position_m: Vector = Field(description="Position on what carries it; of a floor nest in the machine frame.")
+    facing: Vector | None = Field(
+        default=None,
+        description="Unit vector to where it looks, on what carries it; left out, it is seen from everywhere.",
+    )
+    acceptance_rad: float = Field(
+        gt=0.0, le=3.15, default=0.5, description="Largest angle between `facing` and the direction to the station."
+    )
 
 
 class LoadCase(Section):
@@ -202,6 +215,9 @@ class MachineFile(Section):
             _unit(guide.direction, f"direction of guide '{guide.name}'")
             if guide.joint not in {s.name for s in self.struts}:
                 raise ValueError(f"guide '{guide.name}' names the unknown strut '{guide.joint}'")
+        for smr in self.smrs:
+            if smr.facing is not None:
+                _unit(smr.facing, f"facing of SMR '{smr.name}'")
         self._needed_tolerances()
         return self
 

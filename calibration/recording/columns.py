@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -39,6 +39,7 @@ UNITS: Mapping[str, Unit] = {
     "m2": Unit("m²", 1.0),
     "m_per_s": Unit("m/s", 1e3),
     "rad": Unit("rad", 1e2),
+    "rad_per_s": Unit("rad/s", 1e3),
     "s": Unit("s", 1e11),
     "kg": Unit("kg", 1e5),
     "c": Unit("°C", 200.0),
@@ -127,6 +128,14 @@ def _number(name: str, meaning: str) -> Column:
     return Column(name, "number", meaning, unit.symbol, -unit.largest, unit.largest)
 
 
+def rotary_quantity(name: str) -> str:
+    """The name of a drive's quantity where its coordinate is an angle: 'actual_rad' for 'actual_m'."""
+    for metres, radians in (("_m_per_s", "_rad_per_s"), ("_m", "_rad")):
+        if name.endswith(metres):
+            return name.removesuffix(metres) + radians
+    return name
+
+
 COLUMNS: tuple[Column, ...] = (
     _text("uid", "Unique name of the reading: up to 100 letters, digits, `.`, `_` and `-`; first a letter or a digit."),
     _text("phase", "`repeatability`, `nests`, `calibration`, `verification_before` or `verification_after`."),
@@ -181,6 +190,10 @@ DRIVE_COLUMNS: tuple[Column, ...] = (
     _number("torque_ratio", "Torque over rated torque."),
     _number("direction", "Side of the last approach: +1 from below, -1 from above."),
 )
+# Those of a rotary drive, such as a crank, are in radians.
+ROTARY_COLUMNS: tuple[Column, ...] = tuple(
+    _number(rotary_quantity(column.name), column.meaning) for column in DRIVE_COLUMNS
+)
 # Each part sensor's column begins with its name and an underscore.
 SENSOR_COLUMNS: tuple[Column, ...] = (_number("temperature_c", "Temperature of a part."),)
 OPTIONAL_COLUMNS: tuple[Column, ...] = tuple(
@@ -197,15 +210,23 @@ OPTIONAL_COLUMNS: tuple[Column, ...] = tuple(
 
 
 def columns_of(
-    drives: Sequence[str], sensors: Sequence[str], extra: Mapping[str, str] | None = None
+    drives: Sequence[str],
+    sensors: Sequence[str],
+    extra: Mapping[str, str] | None = None,
+    rotary: Collection[str] = (),
 ) -> tuple[Column, ...]:
     """All columns that a recording may have, in order: required ones, then optional ones.
 
     extra: further columns that the recording declares, name to meaning; `check_extra_columns` checks their names.
+    rotary: those of the drives whose coordinate is an angle.
     """
     return (
         *COLUMNS,
-        *(replace(c, name=f"{drive}_{c.name}") for drive in drives for c in DRIVE_COLUMNS),
+        *(
+            replace(c, name=f"{drive}_{c.name}")
+            for drive in drives
+            for c in (ROTARY_COLUMNS if drive in rotary else DRIVE_COLUMNS)
+        ),
         *(replace(c, name=f"{sensor}_{c.name}") for sensor in sensors for c in SENSOR_COLUMNS),
         *(_number(name, meaning) for name, meaning in (extra or {}).items()),
         *OPTIONAL_COLUMNS,
@@ -213,15 +234,20 @@ def columns_of(
 
 
 def column_names(
-    drives: Sequence[str], sensors: Sequence[str], extra: Mapping[str, str] | None = None
+    drives: Sequence[str],
+    sensors: Sequence[str],
+    extra: Mapping[str, str] | None = None,
+    rotary: Collection[str] = (),
 ) -> tuple[str, ...]:
     """Names of the columns that a recording must have, in order."""
-    return tuple(c.name for c in columns_of(drives, sensors, extra) if c.required)
+    return tuple(c.name for c in columns_of(drives, sensors, extra, rotary) if c.required)
 
 
-def check_extra_columns(drives: Sequence[str], sensors: Sequence[str], extra: Mapping[str, str]) -> None:
+def check_extra_columns(
+    drives: Sequence[str], sensors: Sequence[str], extra: Mapping[str, str], rotary: Collection[str] = ()
+) -> None:
     """Raise ValueError, in one line, if a further column's name is taken, is no name or does not end in a unit."""
-    own_names = {column.name for column in columns_of(drives, sensors)}
+    own_names = {column.name for column in columns_of(drives, sensors, rotary=rotary)}
     for name in extra:
         if name in own_names:
             raise ValueError(f"column '{name}' is one of the recording's own; choose another name")

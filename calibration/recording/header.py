@@ -177,6 +177,9 @@ class RecordingFile(Section):
     created: str = Field(description="UTC, ISO 8601.")
     software: str = Field(description="Program that wrote the recording, with its version.")
     drives: tuple[Name, ...] = Field(description="Drives, in the order of the machine file.")
+    rotary_drives: tuple[Name, ...] = Field(
+        default=(), description="Those of them whose coordinate is an angle: their columns are in radians."
+    )
     sensors: tuple[Name, ...] = Field(description="Temperature sensors of parts that are recorded.")
     station: StationEntry = Field(description="The station.")
     nest_length: LengthEntry | None = Field(default=None, description="A certified distance.")
@@ -205,20 +208,22 @@ class RecordingFile(Section):
 
     def column_table(self) -> tuple[Column, ...]:
         """All columns that the readings may have, in order."""
-        return columns_of(self.drives, self.sensors, self.extra_columns)
+        return columns_of(self.drives, self.sensors, self.extra_columns, self.rotary_drives)
 
     @model_serializer(mode="wrap")
     def _without_later_keys(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Version 0.1, which does not know these keys, can still read recordings that need none of them."""
         data: dict[str, Any] = serialise(self)
-        for key in ("extra_columns", "simulated", "sessions", "known_tables"):
+        for key in ("rotary_drives", "extra_columns", "simulated", "sessions", "known_tables"):
             if not data.get(key):
                 data.pop(key, None)
         return data
 
     @model_validator(mode="after")
     def _check_extra_columns(self) -> Self:
-        check_extra_columns(self.drives, self.sensors, self.extra_columns)
+        if stray := sorted(set(self.rotary_drives) - set(self.drives)):
+            raise ValueError(f"'rotary_drives' names '{stray[0]}', the drives are {', '.join(self.drives)}")
+        check_extra_columns(self.drives, self.sensors, self.extra_columns, self.rotary_drives)
         return self
 
     @model_validator(mode="after")

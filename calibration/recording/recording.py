@@ -16,6 +16,7 @@ import numpy as np
 from calibration.base.arrays import Array, RowSelection
 from calibration.base.errors import InputError
 from calibration.machine.description import Machine
+from calibration.recording.columns import rotary_quantity
 from calibration.recording.header import RecordingFile
 
 PHASES = ("repeatability", "nests", "calibration", "verification_before", "verification_after")
@@ -77,8 +78,10 @@ class Recording:
         return out
 
     def drives(self, quantity: str) -> Array:
-        """One quantity of all drives (r, d), for example 'actual_m'."""
-        return np.stack([self[f"{name}_{quantity}"] for name in self.file.drives], axis=1)
+        """One quantity of all drives (r, d), for example 'actual_m': of a rotary drive that in radians."""
+        rotary = self.file.rotary_drives
+        names = [rotary_quantity(quantity) if name in rotary else quantity for name in self.file.drives]
+        return np.stack([self[f"{drive}_{name}"] for drive, name in zip(self.file.drives, names, strict=True)], axis=1)
 
     def temperatures_c(self) -> dict[str, Array]:
         """Part temperatures by sensor, (r,) each."""
@@ -104,6 +107,12 @@ def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping
         raise InputError(
             f"recording {file.campaign}: drives {', '.join(file.drives)} are not the machine's "
             f"{', '.join(machine.drive_names)}"
+        )
+    if set(file.rotary_drives) != set(machine.rotary_drives):
+        raise InputError(
+            f"recording {file.campaign}: rotary_drives are {', '.join(file.rotary_drives) or 'none'}, the machine's "
+            f"cranks {', '.join(machine.rotary_drives) or 'none'}; the columns of cranks are in radians, all others in "
+            "metres"
         )
     columns: dict[str, Array] = {}
     table = [c for c in file.column_table() if c.required or any(c.name in row for row in rows)]
@@ -135,7 +144,8 @@ def _check_geometry(recording: Recording) -> None:
         raise _input_error(recording, "a point lies at the station itself; check x_m, y_m and z_m")
     moves = recording.machine.commanded[recording.machine.commanded < 3]
     box_m = recording.machine.workspace[moves]
-    far = np.abs(recording.targets_m()[:, moves] - box_m.mean(axis=1))
+    at_pose = np.asarray(recording["phase"]) != "nests"  # a nest has no target
+    far = np.abs(recording.targets_m()[at_pose][:, moves] - box_m.mean(axis=1))
     if np.any(far > 2.0 * np.ptp(box_m, axis=1)):
         raise _input_error(recording, "a commanded pose lies far outside the workspace; check its unit")
     smallest = np.linalg.eigvalsh(recording.covariances_m2)[:, 0]

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from calibration.reduction.figures import free_axes, rms_and_u, scale_part, setup_part
+from calibration.reduction.figures import figure_axes, rms_and_u, scale_part, setup_part
 from calibration.reduction.reduction import Reduction
 
 
@@ -65,7 +65,7 @@ def position_budget(reduction: Reduction, phase: str, payload: int) -> Budget:
     rows = reduction.rows(phase, payload)
     if not np.any(rows):
         raise ValueError(f"no pose of {phase} at payload {payload}")
-    moves, _ = free_axes(reduction.recording.machine)
+    moves, _ = figure_axes(reduction.recording.machine)
     rms, u_rms = rms_and_u(np.sum(reduction.errors(rows)[0][:, moves] ** 2, axis=1))
     scale_u, reach_m = scale_part(reduction, rows)
     parts = [

@@ -1,7 +1,7 @@
 """Figures of a verdict: errors before and after and the noise floor, each with its uncertainty.
 
-Definitions are in docs/reference/definitions.md; position figures are of the tool point in the coordinates that the
-drives command, orientation figures of the platform's free rotations.
+Definitions are in docs/reference/definitions.md; figures are of the tool point and of the platform's rotation in the
+coordinates that the drives command; where they command no rotation, of all free ones.
 """
 
 from __future__ import annotations
@@ -41,6 +41,17 @@ def free_axes(machine: Machine) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return machine.dof[machine.dof < 3], machine.dof[machine.dof >= 3] - 3
 
 
+def figure_axes(machine: Machine) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices (0 to 2 each) of the translations and rotations that figures of a verdict are of.
+
+    Those that the drives command; where they command none of a kind, the free ones, which are told but not corrected.
+    """
+    commanded = machine.commanded
+    moves, turns = free_axes(machine)
+    chosen_moves, chosen_turns = commanded[commanded < 3], commanded[commanded >= 3] - 3
+    return (chosen_moves if chosen_moves.size else moves), (chosen_turns if chosen_turns.size else turns)
+
+
 def figures(
     machine: Machine, position_m: Array, rotation_rad: Array, scale_u: float, reach_m: float, setup_u_m: float = 0.0
 ) -> Figures:
@@ -50,7 +61,7 @@ def figures(
     and choice of poses) and, for positions, the scale: `scale_u` times the RMS distance `reach_m` of the
     poses from their centre, which does not average out; nor does what is not known of the station's set-ups, setup_u_m.
     """
-    moves, turns = free_axes(machine)
+    moves, turns = figure_axes(machine)
     square = np.sum(position_m[:, moves] ** 2, axis=1)
     angle = np.sum(rotation_rad[:, turns] ** 2, axis=1)
     rms, u_rms = rms_and_u(square)
@@ -84,6 +95,13 @@ def visit_figures(reduction: Reduction, phase: str, payload: int) -> Figures | N
     )
 
 
+def coordinate_errors(reduction: Reduction, phase: str, payload: int) -> dict[int, float]:
+    """RMS error (m, rad) of each free coordinate (0 to 5) at the visits of one phase and payload; tool point."""
+    position, rotation = reduction.errors(reduction.rows(phase, payload))
+    error = np.concatenate([position, rotation], axis=1)
+    return {c: float(np.sqrt(np.mean(error[:, c] ** 2))) for c in reduction.recording.machine.dof.tolist()}
+
+
 def scale_part(reduction: Reduction, rows: NDArray[np.bool_]) -> tuple[float, float]:
     """Relative standard uncertainty of the station's scale, and the RMS reach (m) of some poses."""
     target = reduction.observations.visits.target_m[rows, :3]
@@ -97,7 +115,7 @@ def setup_part(reduction: Reduction, rows: NDArray[np.bool_]) -> float:
     if len(reduction.setups) == 1:
         return 0.0
     report, machine = reduction.report, reduction.recording.machine
-    moves = free_axes(machine)[0]
+    moves = figure_axes(machine)[0]
     error = reduction.errors(rows)[0][:, moves]
     pose = reduction.poses.coordinates[rows]
     tool = report.frame.to_station(pose[:, :3] + rotation_matrix(pose[:, 3:]) @ machine.tool_point_m)
@@ -123,7 +141,7 @@ def noise_floor(reduction: Reduction) -> Figures | None:
     repeated = [g for g in groups.values() if len(g) >= MIN_VISITS]
     if not repeated:
         return None
-    moves, turns = free_axes(reduction.recording.machine)
+    moves, turns = figure_axes(reduction.recording.machine)
     freedom = sum(len(g) - 1 for g in repeated)
     scatter = [position[g] - position[g].mean(axis=0) for g in repeated]
     turn = [rotation[g] - rotation[g].mean(axis=0) for g in repeated]

@@ -81,7 +81,7 @@ def _moved_by_drives(
         out[moved[of_smr]] = (there.reflector_m(index, mounting_m) - here.reflector_m(index, mounting_m))[of_smr]
     entry = recording.file.station
     out[~np.all(np.isfinite(out), axis=1)] = 0.0
-    return np.asarray(out @ station_frame(entry.position_m, entry.heading_rad).rotation.T)
+    return np.asarray(out @ station_frame(entry.position_m, entry.heading_rad, machine.gravity_m_per_s2).rotation.T)
 
 
 def replaced_readings(recording: Recording) -> NDArray[np.bool_]:

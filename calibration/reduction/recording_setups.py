@@ -85,7 +85,7 @@ def tie_recording(
         return known
     nest_distances.require_equal_nest_distances(drift_free.nests, range_constant_u_m)
     entry = recording.file.station
-    to_first = station_frame(entry.position_m, entry.heading_rad).rotation
+    to_first = station_frame(entry.position_m, entry.heading_rad, recording.machine.gravity_m_per_s2).rotation
     return setups.tie_setups(numbers, _groups(recording, drift_free), to_first, known)
 
 

@@ -91,7 +91,7 @@ class Reduction:
 def nominal_frame(recording: Recording) -> Frame:
     """The station's frame from its rough place and heading in the rig file (docs/reference/machine.md)."""
     entry = recording.file.station
-    return station_frame(entry.position_m, entry.heading_rad)
+    return station_frame(entry.position_m, entry.heading_rad, recording.machine.gravity_m_per_s2)
 
 
 def reduce(

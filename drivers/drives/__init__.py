@@ -1,6 +1,7 @@
 """Servo drives by CiA 402: one drive, all drives of a machine, their compensation tables."""
 
 __all__ = [
+    "bus_load",
     "cia402",
     "cyclic_path",
     "drive_group",

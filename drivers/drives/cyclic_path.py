@@ -17,6 +17,36 @@ Row = Sequence[float]
 _ROUNDING = 1e-9  # share of a step by which it may be too long
 
 
+class PathWalk:
+    """Goes along a path row by row; once it is to brake, ever more slowly, until it rests somewhere on it.
+
+    `brake_rows`: rows in which it comes to rest from full speed.
+    """
+
+    def __init__(self, path_m: Sequence[Row], brake_rows: int) -> None:
+        self._path_m, self._brake_rows = path_m, brake_rows
+        self._place, self._rate = -1.0, 1.0
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the last row given is where it stays."""
+        return self._place >= len(self._path_m) - 1 or self._rate == 0.0
+
+    def next_row(self, *, brake: bool) -> Row:
+        """The next row."""
+        if brake:
+            self._rate = max(0.0, self._rate - 1.0 / self._brake_rows)
+        self._place = min(max(0.0, self._place + self._rate), len(self._path_m) - 1.0)
+        first = min(int(self._place), len(self._path_m) - 2) if len(self._path_m) > 1 else 0
+        share = self._place - first
+        if share == 0.0 or len(self._path_m) == 1:
+            return self._path_m[first]
+        after = self._path_m[first + 1]
+        if share == 1.0:
+            return after
+        return [a + share * (b - a) for a, b in zip(self._path_m[first], after, strict=True)]
+
+
 def check_path(drives: Sequence[ServoDrive], path_m: Sequence[Row], step_limit_m: float) -> None:
     """Raise ValueError for a path that leaves a drive's software limits or has a step longer than `step_limit_m`."""
     if not path_m or any(len(row) != len(drives) for row in path_m):

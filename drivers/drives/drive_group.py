@@ -5,17 +5,17 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
-from itertools import chain, repeat
+from itertools import pairwise
 
 from drivers.clock import HostClock, RigClock
 from drivers.drives import cia402
 from drivers.drives.cia402 import State
-from drivers.drives.cyclic_path import Row, check_path, require_on_path
+from drivers.drives.cyclic_path import PathWalk, Row, check_path, require_on_path
 from drivers.drives.drive_setup import interpolation_period
 from drivers.drives.group_stop import GroupStop
-from drivers.drives.homing import DriveHoming, HomingParameters
+from drivers.drives.homing import AT_PRESENT_POSITION, DriveHoming, HomingParameters
 from drivers.drives.profile_move import (
     GroupTiming,
     ProfileMove,
@@ -31,6 +31,10 @@ from drivers.errors import DeviceError
 __all__ = ["DriveGroup", "GroupTiming", "RestLimits"]
 
 _SYNC_COUNT_TO_ARRIVE = 10
+_BRAKE_S = 0.1  # from full speed to rest along a path
+_BRAKE_GUARD_S = 2.0  # host time after which a stop no longer waits for that
+_QUICK_STOP_S = 0.05  # from the fastest part of a path to rest, for all drives alike
+_SLOWEST_RAMPED = 1e-4  # m/s or rad/s: a drive that hardly moves
 _FAULT_STATES = (State.FAULT, State.FAULT_REACTION)
 
 
@@ -39,6 +43,9 @@ class DriveGroup:
 
     `sync` sends SYNC (default: the drives' line). `stop_all` and `sample` may be called from any thread at any time;
     one move at a time. An EMCY of one drive stops all without waiting for the next poll.
+    `only_led`: there are more drives than coordinates for them to command, so that they must agree at any time. They
+    only `follow` paths, a stop brings them to rest along the path, and their quick-stop ramps are scaled so that they
+    stop together where nobody leads them.
     """
 
     def __init__(
@@ -49,8 +56,11 @@ class DriveGroup:
         sync: Callable[[], None] | None = None,
         rest: RestLimits | None = None,
         timing: GroupTiming | None = None,
+        only_led: bool = False,
     ) -> None:
         timing = timing or GroupTiming()
+        self.only_led = only_led
+        self._leading = False
         if not drives or any(drive.line is not drives[0].line for drive in drives):
             raise ValueError("a group is one or more drives on one CAN line")
         self.drives = tuple(drives)
@@ -68,15 +78,28 @@ class DriveGroup:
     @property
     def stop_reason(self) -> str | None:
         """Why the drives were stopped; None while they may move."""
-        return self._stop.reason
+        return self._stop.reason or self._stop.requested
 
     def stop_all(self, reason: str) -> None:
         """Quick stop of all drives at once, remembered until `clear_stop`; the first reason is kept.
 
         Sent twice, so that one lost frame does not matter. A drive that cannot be reached does not prevent the stop of
-        the others; the first such failure is raised afterwards (ConnectionFailed).
+        the others; the first such failure is raised afterwards (ConnectionFailed). While drives that must agree are led
+        along a path they first brake along it; they are stopped at once if that does not come to its end.
         """
-        self._stop.stop(reason)
+        if not self._leading:
+            self._stop.stop(reason)
+            return
+        if self._stop.requested is None:
+            self._stop.requested = reason
+            guard = threading.Timer(_BRAKE_GUARD_S, self._stop_unless_rested, [reason])
+            guard.daemon = True
+            guard.start()
+
+    def _stop_unless_rested(self, reason: str) -> None:
+        if self._leading and self._stop.requested == reason:
+            with suppress(DeviceError):
+                self._stop.stop(reason)
 
     def clear_stop(self) -> None:
         """Allow moves again. The drives have to be enabled again."""
@@ -125,6 +148,11 @@ class DriveGroup:
         """
         if len(homings) != len(self.drives):
             raise ValueError(f"{len(self.drives)} drives, {len(homings)} sets of homing parameters")
+        for drive, homing in zip(self.drives, homings, strict=True):
+            if self.only_led and homing is not None and homing.method not in AT_PRESENT_POSITION:
+                raise ValueError(
+                    f"{drive.name}: homing method {homing.method} moves it while the others stand; they must agree"
+                )
         runs = [
             DriveHoming(
                 drive,
@@ -169,6 +197,8 @@ class DriveGroup:
         """
         if len(positions_m) != len(self.drives):
             raise ValueError(f"{len(self.drives)} drives, {len(positions_m)} positions")
+        if self.only_led:
+            raise ValueError("each drive on its own way would strain the machine: these are only led along paths")
         with self._one_move():
             self._stop.raise_if_stopped()
             for drive in self.drives:
@@ -221,24 +251,47 @@ class DriveGroup:
             deviation_m = farthest_m(samples, path_m[0])
             if deviation_m > self.rest.demand_m + self.rest.following_error_m:
                 raise ValueError(f"the path begins {deviation_m * 1e6:.0f} um from the position of the drives")
+            if self.only_led:
+                self._scale_quick_stops(path_m, period_s)
             with self._stop.stopping_on_failure(), self._sampler.cyclic_sync(samples, period_s) as send_row:
-                return self._follow_path(path_m, period_s, [sample.demand_m for sample in samples], send_row)
+                try:
+                    self._leading = self.only_led
+                    return self._follow_path(path_m, period_s, [sample.demand_m for sample in samples], send_row)
+                finally:
+                    self._leading = False
+
+    def _scale_quick_stops(self, path_m: Sequence[Row], period_s: float) -> None:
+        """Ramps (0x6085) with which all drives need the same time to rest, from where each is fastest on the path."""
+        for drive, places_m in zip(self.drives, zip(*path_m, strict=True), strict=True):
+            fastest = max((abs(b - a) for a, b in pairwise(places_m)), default=0.0) / period_s
+            drive.set_quick_stop(max(fastest, _SLOWEST_RAMPED) / _QUICK_STOP_S)
 
     def _follow_path(
         self, path_m: Sequence[Row], period_s: float, start_m: Row, send_row: CyclicSync
     ) -> list[DriveSample]:
         last_rows = deque[Row]([start_m, start_m], maxlen=3)
-        due_s = self._clock.now_s()
-        for step, row in enumerate(chain(path_m, repeat(path_m[-1], _SYNC_COUNT_TO_ARRIVE)), start=1):
+        walk = PathWalk(path_m, max(1, round(_BRAKE_S / period_s)))
+        due_s, rows_at_rest = self._clock.now_s(), 0
+        while rows_at_rest <= _SYNC_COUNT_TO_ARRIVE:
+            row = walk.next_row(brake=self._stop.requested is not None)
             last_rows.append(row)
             samples = self._check_all(send_row(partial(self._send_targets, row)))
             require_on_path(self.drives, samples, last_rows, self.rest.demand_m)
-            if step >= len(path_m) and farthest_m(samples, row) <= self.rest.demand_m:
-                return samples
+            if walk.at_rest:
+                rows_at_rest += 1
+                if farthest_m(samples, row) <= self.rest.demand_m:
+                    self._stop_where_requested()
+                    return samples
             late_s = samples[0].t_rig_s - due_s
             due_s += period_s + (late_s if late_s > 0.5 * period_s else 0.0)  # a repeated SYNC starts a new period
             self._clock.sleep_s(due_s - self._clock.now_s())
         raise timeout_error(self.drives[0], samples[0], "not on the end of the path", period_s * _SYNC_COUNT_TO_ARRIVE)
+
+    def _stop_where_requested(self) -> None:
+        """At rest on the path: end a stop that was asked for meanwhile. Raises Stopped."""
+        if self._stop.requested is not None:
+            self._stop.stop(self._stop.requested)
+            self._stop.raise_if_stopped()
 
     def _send_targets(self, row: Row) -> None:
         self._stop.raise_if_stopped()

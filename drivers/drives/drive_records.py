@@ -19,6 +19,7 @@ _EMERGENCY_TEXTS = {
     0x8130: "heartbeat lost",
     0x8611: "following error",
     0x8700: "no SYNC",
+    0xFF20: "a strut bears more than it may",
     0xFF11: "the master stayed away: the table on trial is not used any more",
     0xFF10: "partner's command unknown, stale or outside the table's grid",
 }

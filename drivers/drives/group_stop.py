@@ -23,6 +23,7 @@ class GroupStop:
 
     def __init__(self, drives: Sequence[ServoDrive], line: CanLine) -> None:
         self.reason: str | None = None
+        self.requested: str | None = None  # a stop along the path under way, which ends in the quick stop
         self._drives, self._line = tuple(drives), line
         self._command_lock = threading.Lock()
         self._guilty: ServoDrive | None = None  # the drive whose EMCY has stopped the present motion
@@ -51,7 +52,7 @@ class GroupStop:
 
     def clear(self) -> None:
         """Allow controlwords again."""
-        self.reason = None
+        self.reason = self.requested = None
 
     def raise_if_stopped(self) -> None:
         """Raise OtherMaster, DriveFault for the drive whose EMCY has stopped the present motion, or Stopped."""

@@ -17,7 +17,7 @@ from drivers.errors import DeviceError, DriveFault, MotionTimeout
 
 _POLLS_ATTAINED = 3
 _MIN_POLLS = 10  # however fast rig time runs, the drive gets its chance to answer
-_AT_PRESENT_POSITION = (35, 37)  # no motion: the bit may fall and rise between polls
+AT_PRESENT_POSITION = (35, 37)  # no motion: the bit may fall and rise between polls
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class DriveHoming:
     def _run(self) -> None:
         end_s = self._clock.now_s() + self._homing.limit_s
         before = self._statusword()
-        old_bit = bool(before & cia402.HOMING_ATTAINED) and self._homing.method not in _AT_PRESENT_POSITION
+        old_bit = bool(before & cia402.HOMING_ATTAINED) and self._homing.method not in AT_PRESENT_POSITION
         started, attained, polls = False, 0, 0
         while attained < _POLLS_ATTAINED:
             if not started:
@@ -145,7 +145,7 @@ class DriveHoming:
         drive = self._drive
         with suppress(DeviceError):
             try:
-                if self._homing.method not in _AT_PRESENT_POSITION:
+                if self._homing.method not in AT_PRESENT_POSITION:
                     drive.set_mode(cia402.HOMING)
                     drive.enable(self._send)
                     self._send(cia402.START_HOMING)

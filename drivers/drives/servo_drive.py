@@ -261,6 +261,21 @@ class ServoDrive:
                 self.sdo.write(entry, increments)
                 self._profile[entry] = increments
 
+    def set_quick_stop(self, deceleration_m_per_s2: float) -> None:
+        """Deceleration of the quick stop (0x6085) from now on; written where it differs from the last one."""
+        if not (math.isfinite(deceleration_m_per_s2) and deceleration_m_per_s2 > 0.0):
+            raise ValueError(f"{self.name}: the quick stop needs a deceleration, not {deceleration_m_per_s2}")
+        increments = max(1, round(deceleration_m_per_s2 / self.metres_per_increment))
+        entry = objects.QUICK_STOP_DECELERATION
+        if self._profile.get(entry) != increments:
+            self._profile.pop(entry, None)
+            self.sdo.write(entry, increments)
+            self._profile[entry] = increments
+
+    def set_torque_limit(self, ratio: float) -> None:
+        """Largest torque over the rated one (0x6072), written and read back. Raises IdentityMismatch."""
+        self.setup().set_and_compare(objects.MAX_TORQUE, round(1000.0 * ratio))
+
     def write_target(self, position_m: float) -> None:
         """Write the target position; nothing moves before a new set-point is signalled. Raises SdoRefused."""
         self.sdo.write(objects.TARGET_POSITION, self.increments(position_m))

@@ -19,6 +19,7 @@ class AxisLimits:
     quick_stop_deceleration: int = 500_000_000
     following_error_window_inc: int = 100_000
     position_window_inc: int = 100
+    max_torque_permille: int = 10_000
 
     def dynamics(self) -> Dynamics:
         """Speed, acceleration and deceleration of the next motion; zero counts as one."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from mock_devices.drives.motion_profile import Profile, decelerate_to_rest, move, standstill
 from mock_devices.drives.table_bank import Table
-from mock_devices.plant.plant import SetPoint
+from mock_devices.plant.base_plant import SetPoint
 
 _KEPT = 8
 _INVERSIONS = 6

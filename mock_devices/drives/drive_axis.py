@@ -3,7 +3,8 @@
 A following error beyond its window (0x6065) is a fault at the next SYNC.
 The encoder is absolute unless it is said to be incremental: then a restart makes the drive count from zero and its
 position is not referenced until it is homed; until then it moves as commanded, which the master has to prevent.
-Not modelled: other modes, quick stop options (it stops and waits), limits of torque and current, the time-out of the
+An axis that would need more torque than 0x6072 permits is a following error at the next SYNC.
+Not modelled: other modes, quick stop options (it stops and waits), limits of current, the time-out of the
 following error (0x6066); a halted homing starts again from the beginning.
 """
 
@@ -25,6 +26,7 @@ EMCY_COMPENSATION = 0xFF10
 EMCY_HEARTBEAT = 0x8130
 EMCY_FOLLOWING_ERROR = 0x8611
 EMCY_SYNC = 0x8700
+EMCY_STRAIN = 0xFF20  # the machine's own: a strut bears more than it may
 PROFILE_POSITION, HOMING, CYCLIC_POSITION = 1, 6, 8
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, error_register
 from mock_devices.can.sdo_abort import STATE_FORBIDS, VALUE_RANGE, RefusedWrite
-from mock_devices.drives.drive_axis import DriveAxis
+from mock_devices.drives.drive_axis import CYCLIC_POSITION, DriveAxis
 from mock_devices.drives.table_bank import Bank
 from mock_devices.drives.trial import Trial
 
@@ -81,6 +81,7 @@ class DriveObjects:
             (0x6064, 0): lambda: round(axis.actual_inc()),
             (0x6065, 0): lambda: limits.following_error_window_inc,
             (0x606C, 0): lambda: round(axis.motion.command(now())[1]),
+            (0x6072, 0): lambda: limits.max_torque_permille,
             (0x6077, 0): self._torque_permille,
             (0x607A, 0): lambda: axis.target_inc,
             (0x607D, 1): lambda: limits.low_inc,
@@ -127,6 +128,7 @@ class DriveObjects:
             (0x6060, 0): axis.set_mode,
             (0x6065, 0): _make_setter(limits, "following_error_window_inc"),
             (0x6067, 0): _make_setter(limits, "position_window_inc"),
+            (0x6072, 0): _make_setter(limits, "max_torque_permille"),
             (0x60C2, 1): axis.cyclic.set_units,
             (0x60C2, 2): axis.cyclic.set_exponent,
             (0x607A, 0): axis.set_target,
@@ -159,11 +161,18 @@ class DriveObjects:
         self._axis.compensation.payload_g = payload_g
         self._axis.watch_motion()
 
+    def beyond_torque(self) -> bool:
+        """Whether the motor would have to give more torque than 0x6072 permits: it does not follow then."""
+        return abs(self._torque_permille()) > self._axis.limits.max_torque_permille
+
     def _torque_permille(self) -> int:
-        """Share of the weight, friction and acceleration, through a ball screw."""
+        """Share of the weight, friction and acceleration, through a ball screw; in cyclic mode without acceleration,
+        of which the steps from SYNC to SYNC say nothing."""
         if not self._axis.powered:
             return 0
         _, velocity, acceleration = self._axis.motion.command(self._now_s())
+        if self._axis.mode == CYCLIC_POSITION:
+            acceleration = 0.0
         load_kg = self._load_kg()
         force_n = load_kg * (_GRAVITY_M_PER_S2 + acceleration * METRES_PER_INCREMENT)
         force_n += math.copysign(_FRICTION_N, velocity) if velocity else 0.0

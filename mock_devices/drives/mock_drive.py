@@ -26,14 +26,15 @@ from mock_devices.can.pdo import Mapping, read_mapping
 from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.can.sdo_server import SdoServer
 from mock_devices.clock import RigClock
+from mock_devices.drives.cia402 import State
 from mock_devices.drives.compensation import Compensation
-from mock_devices.drives.drive_axis import AxisLimits, DriveAxis
+from mock_devices.drives.drive_axis import EMCY_FOLLOWING_ERROR, EMCY_STRAIN, AxisLimits, DriveAxis
 from mock_devices.drives.drive_node import DriveNode
 from mock_devices.drives.drive_objects import LASTING, METRES_PER_INCREMENT, DriveObjects
 from mock_devices.drives.mock_axis import MockAxis
 from mock_devices.drives.trial import Trial
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.plant.plant import Motion, SetPoint
+from mock_devices.plant.base_plant import Motion, SetPoint
 
 _NOTIFIER_CYCLE_S = 0.05
 SIMULATED_SERIAL = int.from_bytes(b"SIM\0", "big")  # by its identity it is no real drive
@@ -50,7 +51,8 @@ __all__ = ["DriveServer", "MockAxis"]
 class DriveServer:
     """One drive at `node_id`. It owns `bus` and shuts it down in `close`; `load_kg` gives the mass that it carries.
 
-    `changed` is called, before the answer to the master, when something was written that a drive keeps without power.
+    `watch` is called after every SYNC, when it has been answered; `changed`, before the answer to the master, when
+    something was written that a drive keeps without power.
     """
 
     def __init__(
@@ -61,10 +63,12 @@ class DriveServer:
         clock: RigClock,
         *,
         load_kg: Callable[[], float] = lambda: 0.0,
+        watch: Callable[[], None] = lambda: None,
         changed: Callable[[DriveAxis], None] = lambda _axis: None,
         faults: FaultPlan = NO_FAULTS,
     ) -> None:
         self.node_id, self.axis_name, self._changed = node_id, axis.name, changed
+        self._watch_machine = watch
         self._lock = threading.RLock()
         self._closed = False
         self._clock, self.faults, self.is_first = clock, faults, axis.is_first
@@ -80,7 +84,8 @@ class DriveServer:
         )
         self._node = DriveNode(node_id, self._on_stored, faults)
         self._node.data_store = {0x1018: {4: (SIMULATED_SERIAL + node_id).to_bytes(4, "little")}}
-        self._node.data_store[0x1401] = {1: (0x280 + axis.partner_node_id).to_bytes(4, "little")}
+        partner = 0x80000000 if axis.partner_node_id is None else 0x280 + axis.partner_node_id
+        self._node.data_store[0x1401] = {1: partner.to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
         self._node.add_write_callback(self._write)  # type: ignore[no-untyped-call]
         self._heartbeat = Heartbeat(clock, self._send_state)
@@ -155,6 +160,12 @@ class DriveServer:
         with self._lock:
             self.axis.fault(code)
 
+    def strain(self) -> None:
+        """The machine does not bear it: a fault, if the motor is on."""
+        with self._lock:
+            if self.axis.state is State.OPERATION_ENABLED:
+                self.axis.fault(EMCY_STRAIN)
+
     def power_cycle(self) -> None:
         """Switch the drive off and on again: boot-up, banks kept, payload unknown, mode 0."""
         with self._lock:
@@ -217,6 +228,8 @@ class DriveServer:
             if self.is_first and self.faults.strikes("drive-emergency"):
                 self.axis.fault(_OVER_CURRENT)
             self.axis.sync()
+            if self.axis.state is State.OPERATION_ENABLED and self._objects.beyond_torque():
+                self.axis.fault(EMCY_FOLLOWING_ERROR)
             if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
                 self._sync_watch.set_limit(self.axis.cyclic.patience_s)
             self._sync_watch.on_message()
@@ -227,6 +240,7 @@ class DriveServer:
             frames = [(m.cob_id, m.pack(self._node.get_data)) for m in due]
         for cob_id, data in frames:
             self.send_frame(cob_id, data)
+        self._watch_machine()
 
     def _on_rpdo(self, cob_id: int, data: bytearray, _timestamp: float) -> None:
         with self._lock:

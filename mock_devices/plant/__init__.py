@@ -2,11 +2,17 @@
 
 __all__ = [
     "affected_machine",
+    "any_plant",
     "atmosphere",
+    "base_plant",
     "elastic_batch",
     "motion_history",
+    "noise",
     "optics",
     "plant",
+    "spatial_equilibrium",
+    "spatial_machine",
+    "spatial_plant",
     "structure",
     "thermal",
     "true_machine",

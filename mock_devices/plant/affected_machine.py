@@ -215,14 +215,6 @@ def motion_states(
     )
 
 
-def heavy_tailed(normal: Array, degrees: float, rng: np.random.Generator) -> Array:
-    """Student's t of unit variance from unit normal values (..., k): one common divisor a reading; 0 leaves them."""
-    if not degrees:
-        return normal
-    spread = rng.chisquare(degrees, normal.shape[:-1])[..., None]
-    return np.asarray(normal * np.sqrt((degrees - 2.0) / spread))
-
-
 def polar_series(view: StationView, places_m: Array, t_s: Array) -> StationSight:
     """Points of the machine frame (n, smrs, 3) as the drifting station sees them at times (n,)."""
     turn, shift = view.drift_series(t_s)

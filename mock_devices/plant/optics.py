@@ -1,7 +1,9 @@
 """Where the true station stands, how it drifts, and what it would see: noise-free polar coordinates.
 
-Station frame: E, N, H with E = d sinV sinHz, N = d sinV cosHz, H = d cosV. With heading zero the
-station looks along -z of the machine: E is machine x, H is machine y, N is machine -z.
+Station frame: E, N, H with E = d sinV sinHz, N = d sinV cosHz, H = d cosV. H is against gravity. Where gravity is
+along -y and the heading zero the station looks along -z of the machine: E is machine x, H is machine y, N is machine
+-z. For any other gravity that view is turned as gravity is, the shortest way: where it is along -z the station looks
+along y.
 Not modelled: bending of the beam, tilt compensator, axis and eccentricity errors, reflectors' own errors.
 """
 
@@ -38,7 +40,7 @@ class Polar:
 class StationView:
     """The true station of a seed: set up once, then wandering slowly."""
 
-    def __init__(self, settings: MockSettings) -> None:
+    def __init__(self, settings: MockSettings, gravity: Array | None = None) -> None:
         rng = generator(settings.seed, "station")
         wobble = settings.instrument
         offset = rng.uniform(-_POSITION_HALF_WIDTH_M, _POSITION_HALF_WIDTH_M, 3)
@@ -48,6 +50,8 @@ class StationView:
         heading = rotation(np.array([0.0, 0.0, settings.station_heading_rad + turn]))
         tilt = rotation(np.array([level[0], level[1], 0.0]))
         self.rotation: Array = tilt @ heading @ forward
+        if gravity is not None:
+            self.rotation = self.rotation @ turn_upright(gravity)
         self.translation_m: Array = -self.rotation @ (np.array(settings.station_position_m) + offset)
         angles = (wobble.drift_of_level_rad, wobble.drift_of_level_rad, wobble.drift_about_vertical_rad)
         drift = generator(settings.seed, "station drift")
@@ -100,6 +104,17 @@ class _SlowDrift:
 
     def series(self, t_s: Array) -> Array:
         return self._signal.series(t_s) - self._start
+
+
+def turn_upright(gravity: Array) -> Array:
+    """The shortest turn (3, 3) of the machine frame after which gravity is along -y; about z where it was along y."""
+    up = -gravity / float(np.linalg.norm(gravity))
+    y = np.array([0.0, 1.0, 0.0])
+    axis, cosine = np.cross(up, y), float(up @ y)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return np.eye(3) if cosine > 0.0 else np.diag([-1.0, -1.0, 1.0])
+    return rotation(axis / sine * math.atan2(sine, cosine))
 
 
 def rotation(vector_rad: Array) -> Array:

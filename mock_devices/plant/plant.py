@@ -1,13 +1,10 @@
-"""The one machine that all mock devices share: its positions, and what an instrument would read of them.
+"""The planar machine that all mock devices share: its positions, and what an instrument would read of them.
 
 Readings reveal no true values; `Plant.truth` is for scoring and tests only.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -15,54 +12,17 @@ import numpy as np
 
 from mock_devices.clock import RigClock
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, MotionState
-from mock_devices.lasting_state import PlantState
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, heavy_tailed, motion_states
+from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, motion_states
+from mock_devices.plant.base_plant import BasePlant, DriveMotion, DrivePart, Motion, SetPoint, Sighting
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.plant.optics import TWO_PI, Polar, StationView
-from mock_devices.plant.thermal import Thermal
 from mock_devices.plant.true_machine import draw_machine
 from mock_devices.plant.truth import Truth
-from mock_devices.seeds import generator
-from mock_devices.settings import MockSettings, Vector3
+from mock_devices.settings import MockSettings
 
 _DIFFERENCE_S = 1.0e-3
 _TORQUE_PER_N = 0.010 / TWO_PI / 10.0  # of the rated one, as in the drives' object 0x6077
-
-
-@dataclass(frozen=True)
-class SetPoint:
-    """The set-point that a drive follows: how many it has accepted so far, and the target in increments."""
-
-    count: int
-    target_inc: int
-
-
-@dataclass(frozen=True)
-class Motion:
-    """One motion of a drive as it was planned: rig times, positions, highest speed."""
-
-    start_s: float
-    end_s: float
-    from_m: float
-    to_m: float
-    speed_m_per_s: float
-
-
-class DriveMotion(Protocol):
-    """What the plant needs of a drive."""
-
-    def encoder_m(self, t_s: float) -> float:
-        """Where the drive stands at rig time `t_s`, not earlier than a few set-points ago."""
-        ...
-
-    def set_point(self, t_s: float) -> SetPoint:
-        """The set-point that was followed at `t_s`."""
-        ...
-
-    def is_moving(self, t_s: float) -> bool:
-        """Whether a motion is under way."""
-        ...
 
 
 @runtime_checkable
@@ -74,107 +34,27 @@ class MotionSource(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Sighting:
-    """A reflector as the station would see it, free of noise: index and name of the SMR, face I."""
-
-    smr: int
-    name: str
-    polar: Polar
-
-
-@dataclass(frozen=True)
-class ReadingNoise:
-    """Errors of one reading: transverse angle in Hz, angle in V, distance."""
-
-    hz_rad: float
-    v_rad: float
-    distance_m: float
-
-
-class Plant:
-    """The machine, its payload, its temperatures and the station in front of it.
-
-    The drives are attached after they were made. Noise of a reading depends on the seed, the SMR, both
-    targets, the number of the visit to this pair of targets and the number of the reading of this visit, and on the
-    time at which the mock begins, never on time since then.
-    A visit is a pair of set-points at which something was measured. Safe to use from several threads.
-    """
+class Plant(BasePlant):
+    """The planar machine with two sliders or more, and the effects that may be wrong with it."""
 
     def __init__(self, machine_path: str | Path, settings: MockSettings, clock: RigClock) -> None:
-        self.settings = settings
-        self.clock = clock
         self.nominal: MachineFile = read_machine_file(machine_path)
-        self.thermal = Thermal(settings)
+        parts = [DrivePart(s.name, s.travel_m, home_m(self.nominal, i)) for i, s in enumerate(self.nominal.sliders)]
+        super().__init__(parts, settings, clock, StationView(settings))
         self._machine = draw_machine(self.nominal, settings)
-        self.view = StationView(settings)
-        self._lock = threading.Lock()
-        self._payload = settings.initial_payload
-        self._drives: tuple[DriveMotion, ...] = ()
-        self._visits: dict[tuple[int, ...], int] = {}
-        self._visit: tuple[SetPoint, ...] | None = None
-        self._readings: dict[int, int] = {}
         self.truth = Truth(self._machine, self.view, self.thermal)
         self._affected = affected_machine(self._machine, self.view, self.nominal, settings)
-        self._exchanges = 0
-        self._moved_m, self._turned_rad = (0.0, 0.0, 0.0), 0.0
-        self.changed: Callable[[], None] = lambda: None
         self._history: MotionHistory | None = None
         self._force_n = [0.0] * len(self.nominal.sliders)
 
-    def attach(self, drives: tuple[DriveMotion, ...]) -> None:
-        """Connect the drives, in the order of the machine file."""
-        if len(drives) != len(self.nominal.sliders):
-            raise ValueError(f"{len(self.nominal.sliders)} drives required, not {len(drives)}")
-        self._drives = drives
-
     @property
-    def payload(self) -> int:
-        """Number of the present payload."""
-        return self._payload
+    def machine(self) -> MachineFile:
+        """The machine as its file states it."""
+        return self.nominal
 
-    def put_on(self, payload: int) -> None:
-        """Exchange the payload, at once."""
-        if not 0 <= payload < len(self.settings.payloads):
-            raise ValueError(f"there is no payload {payload}")
-        self._payload = payload
-        self._exchanges += 1
-        self.changed()
-
-    def move_station(self, by_m: Vector3, turn_rad: float) -> None:
-        """Set the station up elsewhere, at once: moved in the machine's frame, turned clockwise seen from above."""
-        self.view.move(by_m, turn_rad)
-        x, y, z = (a + b for a, b in zip(self._moved_m, by_m, strict=True))
-        self._moved_m, self._turned_rad = (x, y, z), self._turned_rad + turn_rad
-        self.changed()
-
-    def state(self) -> PlantState:
-        """What outlives a restart of the mock."""
-        with self._lock:
-            visits = tuple(self._visits.items())
-        return PlantState(
-            payload=self._payload,
-            exchanges=self._exchanges,
-            visits=visits,
-            station_moved_m=self._moved_m,
-            station_turned_rad=self._turned_rad,
-        )
-
-    def restore(self, state: PlantState) -> None:
-        """Begin where another one ended."""
-        self._payload, self._exchanges = state.payload, state.exchanges
-        self._visits = dict(state.visits)
-        self._moved_m, self._turned_rad = state.station_moved_m, state.station_turned_rad
-        self.view.move(self._moved_m, self._turned_rad)
-
-    def moving_mass_kg(self) -> float:
-        """Nominal mass that the drives carry, payload included."""
-        return self.nominal.moving_mass_kg + self.settings.payloads[self._payload].mass_kg
-
-    def is_moving(self) -> bool:
-        """Whether any drive moves now."""
-        t_s = self.clock.now_s()
-        return any(drive.is_moving(t_s) for drive in self._drives)
+    def load_kg(self, drive: int) -> float:
+        """Its share of the moving mass, and what effects add as a mass at the last observation of the machine."""
+        return self.moving_mass_kg() / len(self.nominal.sliders) + self._force_n[drive] / GRAVITY_M_PER_S2
 
     def sightings(self, t_s: float) -> list[Sighting]:
         """All reflectors as the station sees them at rig time `t_s`, in the order of the machine file."""
@@ -188,10 +68,6 @@ class Plant:
             Sighting(i, smr.name, self.view.polar(place, t_s))
             for i, (smr, place) in enumerate(zip(self.nominal.smrs, places, strict=True))
         ]
-
-    def friction_kg(self, drive: int) -> float:
-        """What effects add to a drive's load, as a mass, at the last observation of the machine."""
-        return self._force_n[drive] / GRAVITY_M_PER_S2
 
     def weight_torque(self) -> float:
         """Torque of each drive at rest due to the weight, as a fraction of the rated torque."""
@@ -255,20 +131,15 @@ class Plant:
                     )
         return self._history
 
-    def reading_noise(self, smr: int, t_s: float) -> ReadingNoise:
-        """Draw the errors of the next reading of an SMR and count it."""
-        points = tuple(drive.set_point(t_s) for drive in self._drives)
-        targets = tuple(point.target_inc for point in points)
-        with self._lock:
-            if points != self._visit:
-                self._visit = points
-                self._visits[targets] = self._visits.get(targets, 0) + 1
-                self._readings = {}
-            visit = self._visits[targets]
-            reading = self._readings[smr] = self._readings.get(smr, 0) + 1
-        begun = (round(self.settings.start_s * 1000.0),) if self.settings.start_s else ()
-        key = (smr, *targets, visit, reading, *begun)
-        rng = generator(self.settings.seed, "reading", *key)
-        hz, v, distance = heavy_tailed(rng.standard_normal(3), self.settings.noise_tails, rng)
-        sd = self.settings.instrument
-        return ReadingNoise(float(sd.angle_sd_rad * hz), float(sd.angle_sd_rad * v), float(sd.range_sd_m * distance))
+
+def home_m(machine: MachineFile, drive: int) -> float:
+    """Drive coordinate of pose zero by the nominal geometry, kept within the travel."""
+    slider = machine.sliders[drive]
+    strut = next(s for s in machine.struts if s.drive == drive)
+    w = (strut.platform_joint - strut.base_joint) * slider.axis.conjugate()  # along and across the axis
+    half = (strut.length_m**2 - w.imag**2) ** 0.5
+    low, high = slider.travel_m
+    return min(max(w.real + slider.branch * half, low), high)
+
+
+__all__ = ["BasePlant", "DriveMotion", "Motion", "MotionSource", "Plant", "SetPoint", "Sighting", "home_m"]

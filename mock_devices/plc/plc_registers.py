@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.plant.plant import Plant
+from mock_devices.plant.base_plant import BasePlant
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.settings import PlcReading
 
@@ -47,7 +47,7 @@ class PlcState:
     The master counts as seen while its heartbeat has changed within `master_limit_s` of rig time.
     """
 
-    def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS, master_limit_s: float = 2.0) -> None:
+    def __init__(self, plant: BasePlant, faults: FaultPlan = NO_FAULTS, master_limit_s: float = 2.0) -> None:
         check_readings(plant.settings.plc_readings)
         self._plant = plant
         self._faults = faults

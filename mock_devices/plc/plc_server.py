@@ -18,7 +18,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
-from mock_devices.plant.plant import Plant
+from mock_devices.plant.base_plant import BasePlant
 from mock_devices.plc.plc_registers import CHANGING, GOOD_INTERLOCKS, REGISTERS, PlcState
 from mock_devices.pty_link import PtyLink
 
@@ -38,7 +38,7 @@ class PlcServer:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: BasePlant,
         host: str = "127.0.0.1",
         port: int = 0,
         *,

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Effect, MotionState, StationSight
 from mock_devices.machine_file import MachineFile, read_machine_file, read_machine_text
-from mock_devices.plant.affected_machine import AffectedMachine, heavy_tailed, make_effects
+from mock_devices.plant.affected_machine import AffectedMachine, make_effects
 from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.noise import heavy_tailed
 from mock_devices.plant.optics import TWO_PI, StationView
 from mock_devices.plant.thermal import SENSORS, Thermal
 from mock_devices.plant.true_machine import draw_machine

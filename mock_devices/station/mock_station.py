@@ -15,7 +15,7 @@ from dataclasses import astuple
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.lasting_state import StationState
-from mock_devices.plant.plant import Plant
+from mock_devices.plant.base_plant import BasePlant
 from mock_devices.station.geocom_line import LineError, Request, Value, format_answer, parse_request
 from mock_devices.station.telescope import ANGLE_OK, OK, AimError, Air, Telescope, TelescopeReading
 
@@ -46,7 +46,7 @@ class _Failure(Exception):
 class MockStation:
     """The responder. Not safe for threads: one line serves one client at a time."""
 
-    def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS) -> None:
+    def __init__(self, plant: BasePlant, faults: FaultPlan = NO_FAULTS) -> None:
         self._plant = plant
         self._faults = faults
         self.telescope = Telescope(plant, faults)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.plant.atmosphere import ppm
+from mock_devices.plant.base_plant import BasePlant, Sighting
 from mock_devices.plant.optics import TWO_PI, Polar, direction_between, hz_difference
-from mock_devices.plant.plant import Plant, Sighting
 
 OK = 0
 ANGLE_OK = 1285
@@ -68,7 +68,7 @@ class Air:
 class Telescope:
     """Line of sight, face, lock and the last measurement. All angles are readings, errors included."""
 
-    def __init__(self, plant: Plant, faults: FaultPlan = NO_FAULTS) -> None:
+    def __init__(self, plant: BasePlant, faults: FaultPlan = NO_FAULTS) -> None:
         self._plant = plant
         self._faults = faults
         self._clock = plant.clock

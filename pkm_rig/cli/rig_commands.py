@@ -42,16 +42,18 @@ def demo(
     json: JsonOption = False,
     real_time: Annotated[bool, typer.Option(help="at time scale 1; else in virtual time, as fast as it goes")] = False,
     seed: Annotated[int | None, typer.Option(help="which mock machine")] = None,
+    machine: Annotated[str | None, typer.Option(help="a shipped machine; planar4 if left out")] = None,
     resume: ResumeOption = None,
     new_setup: NewSetupOption = False,
 ) -> None:
     """The main job without hardware: `calibrate` on the embedded mock rig, over its real protocols."""
-    from pkm_rig.rig.config import embedded_rig_path
+    from pkm_rig.rig.config import demo_rig_path
 
     options = ["--real-time"] if real_time else []
     options += [] if seed is None else ["--seed", str(seed)]
+    options += [] if machine is None else ["--machine", machine]
     goes_on = resumable("demo", None, out, *options, campaign=resume, new_setup=new_setup)
-    _calibrate(embedded_rig_path(), out, json, resume, goes_on, new_setup=new_setup, real_time=real_time, seed=seed)
+    _calibrate(demo_rig_path(machine), out, json, resume, goes_on, new_setup=new_setup, real_time=real_time, seed=seed)
 
 
 def _calibrate(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.compensation.tables import table_for_payload
+from calibration.compensation.host import HostCorrection, host_correction
+from calibration.compensation.tables import CompensationTable, table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
 from calibration.identification.model_comparison import model_comparison, orientation_prediction
+from calibration.machine.description import Machine
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures, noise_floor, scale_part, visit_figures
 from calibration.reduction.reduction import CALIBRATION, Reduction, reduce
@@ -31,7 +34,7 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
     identification = identify_recording(recording)
     written = tuple(
         WrittenTable(
-            table_for_payload(identification, event.data["payload"], event.data["temperatures_c"]),
+            _correction(identification, event.data),
             event.data["payload"],
             event.data["tables"],
         )
@@ -48,6 +51,12 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
         limits_m=stored_limits_m(store, campaign),
     )
     return replace(outcome, head=store.head(campaign))
+
+
+def _correction(identification: Calibration, activated: Mapping[str, Any]) -> CompensationTable | HostCorrection:
+    """The correction of a stored event: tables, where it does not say otherwise."""
+    build = host_correction if activated.get("back_end") == "host" else table_for_payload
+    return build(identification, activated["payload"], activated["temperatures_c"])
 
 
 def stored_limits_m(store: Store, campaign: str) -> dict[int, float]:
@@ -85,7 +94,9 @@ def evaluate_campaign(
     floor = noise_floor(reduction)
     if floor is None:
         raise InputError(f"campaign {campaign}: no pose was visited three times, so there is no noise floor")
-    verified = tuple(verify_payload(identification, reduction, w.payload, limits_m.get(w.payload)) for w in written)
+    verified = tuple(
+        verify_payload(identification, reduction, w.payload, limits_m.get(w.payload), w.table) for w in written
+    )
     outcome = CampaignOutcome(
         campaign=campaign,
         calibration=identification,
@@ -99,7 +110,11 @@ def evaluate_campaign(
 
 
 def verify_payload(
-    identification: Calibration, reduction: Reduction, payload: int, limit_m: float | None
+    identification: Calibration,
+    reduction: Reduction,
+    payload: int,
+    limit_m: float | None,
+    correction: CompensationTable | HostCorrection | None = None,
 ) -> VerificationResult:
     """Figures and decision at one payload; InputError if it was not verified."""
     before = visit_figures(reduction, "verification_before", payload)
@@ -112,7 +127,7 @@ def verify_payload(
         payload_kg=reduction.recording.file.payloads[payload].mass_kg,
         before=before,
         after=after,
-        decision=_decide_payload(before, after, payload, limit_m),
+        decision=_decide_payload(before, after, payload, limit_m, correction, reduction.recording.machine),
         orientation_prediction_rad=predicted,
         models=model_comparison(identification, reduction, payload),
     )
@@ -132,9 +147,17 @@ def require_possible_limits(
         _require_above_guard_band(block.payload, limits_m.get(block.payload), COVERAGE_FACTOR * scale_u * reach_m)
 
 
-def decide(before: Figures, after: Figures, limit_m: float | None = None) -> Decision:
-    """Tables stay only if the position error falls by more than its expanded uncertainty U (k = 2).
+def decide(
+    before: Figures,
+    after: Figures,
+    limit_m: float | None = None,
+    *,
+    rotation: bool = False,
+    what: str = "the tables stay",
+) -> Decision:
+    """A correction stays only if the position error falls by more than its expanded uncertainty U (k = 2).
 
+    Where the drives command rotations (`rotation`) the orientation error must fall by more than its own U as well.
     With a limit the error afterwards must also lie below it by a guard band w, its own U (JCGM 106:2012, 8.3.2:
     guarded acceptance, w = U). Above limit + w it is shown to be too large, in between nothing is shown.
     """
@@ -142,11 +165,16 @@ def decide(before: Figures, after: Figures, limit_m: float | None = None) -> Dec
     expanded = COVERAGE_FACTOR * float(np.hypot(before.u_position_rms_m, after.u_position_rms_m))
     rule = f"fall {fall * 1e6:.1f} um {'>' if fall > expanded else '<='} U = {expanded * 1e6:.1f} um (k = 2)"
     verdict: Verdict = "accepted" if fall > expanded else "refused"
+    if rotation:
+        turn = before.orientation_rms_rad - after.orientation_rms_rad
+        u_turn = COVERAGE_FACTOR * float(np.hypot(before.u_orientation_rms_rad, after.u_orientation_rms_rad))
+        verdict = verdict if turn > u_turn else "refused"
+        rule = f"{rule}; {turn * 1e6:.1f} urad {'>' if turn > u_turn else '<='} U = {u_turn * 1e6:.1f} urad"
     if limit_m is not None:
-        conforms, what = _conformity(after, limit_m)
-        rule = f"{rule}; {what}"
+        conforms, words = _conformity(after, limit_m)
+        rule = f"{rule}; {words}"
         verdict = conforms if verdict == "accepted" else "refused"
-    tables = "the tables stay" if verdict == "accepted" else "the former tables come back"
+    tables = what if verdict == "accepted" else "the former tables come back"
     return Decision(verdict, f"{rule}: {'not decided, ' if verdict == 'not decided' else ''}{tables}")
 
 
@@ -162,8 +190,13 @@ def _conformity(after: Figures, limit_m: float) -> tuple[Verdict, str]:
     return "refused", f"after {error * 1e6:.1f} um > {limit} + w, {band}"
 
 
-def _decide_payload(before: Figures, after: Figures, payload: int, limit_m: float | None) -> Decision:
+def _decide_payload(
+    before: Figures, after: Figures, payload: int, limit_m: float | None, correction: object, machine: Machine
+) -> Decision:
     _require_above_guard_band(payload, limit_m, COVERAGE_FACTOR * after.u_position_rms_m)
+    if isinstance(correction, HostCorrection):
+        rotation = bool(np.any(machine.commanded > 2))
+        return decide(before, after, limit_m, rotation=rotation, what="the correction stays")
     return decide(before, after, limit_m)
 
 

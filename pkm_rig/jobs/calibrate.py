@@ -14,7 +14,7 @@ from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.rig_checks import require_table_banks
+from pkm_rig.rig.rig_checks import require_back_end
 from pkm_rig.rig.runner import open_runner
 from pkm_rig.rig.table_change import changing_tables
 from pkm_rig.rig.table_recovery import settle_tables
@@ -39,7 +39,7 @@ def calibrate(
     Raises DeviceError, CampaignRefused, StoreError or InputError with the machine stopped, the
     previous tables restored if the drives can still be reached, and all readings kept.
     """
-    require_table_banks(rig)
+    require_back_end(rig)
     settled = settle_tables(rig, store, notify)
     if resume is not None and settled is not None and settled.campaign == resume and settled.judged:
         return stored_outcome(store, resume)

@@ -46,4 +46,6 @@ def _homing(rig: Rig, number: int) -> HomingParameters:
             f"rig file: drives: {entry.name} must be homed but has no [drives.homing]; "
             "add it (docs/reference/drive-objects.md) or home the drive by its own means"
         )
-    return HomingParameters(**entry.homing.model_dump())
+    return HomingParameters(
+        **entry.homing.model_dump(exclude={"position_m", "position_rad"}), position_m=entry.homing.position
+    )

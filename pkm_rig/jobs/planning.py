@@ -147,7 +147,7 @@ def _summary(prospect: CampaignForecast) -> dict[str, float | int]:
 def _station_observations(file: RigFile, machine: Machine, visits: Visits) -> SmrPositions:
     """Readings of all reflectors that move, with the covariance that the station states; their values do not matter."""
     smrs = tuple(i for i, s in enumerate(machine.smrs) if s.on != "floor")
-    frame = station_frame(file.station.position_m, file.station.heading_rad)
+    frame = station_frame(file.station.position_m, file.station.heading_rad, machine.gravity_m_per_s2)
     accuracy = file.station.accuracy.to_station_accuracy()
     station = StationModel.from_accuracy(frame, smrs, accuracy)
     count = len(visits) * len(smrs)

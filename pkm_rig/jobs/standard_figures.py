@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.machine.description import COORDINATES
-from calibration.reduction.figures import free_axes
+from calibration.reduction.figures import figure_axes
 from calibration.reduction.reduction import CALIBRATION, Reduction
 from calibration.reduction.standard_figures import axis_figures, pose_figures
 from pkm_rig.results.standard_results import AxisResult, PosesResult, StandardResult
@@ -45,7 +45,7 @@ def _axis_result(reduction: Reduction, axis: str) -> AxisResult:
 
 def _poses_result(reduction: Reduction) -> PosesResult:
     rows = reduction.rows(CALIBRATION)
-    error = reduction.errors(rows)[0][:, free_axes(reduction.recording.machine)[0]]
+    error = reduction.errors(rows)[0][:, figure_axes(reduction.recording.machine)[0]]
     pose, target = reduction.info.pose[rows], reduction.observations.visits.target_m[rows, :3]
     poses = []
     for number in sorted(set(pose.tolist()), reverse=True):  # P1 is visited last in a cycle

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from calibration.base.errors import InputError
-from calibration.compensation.tables import table_for_payload
 from calibration.identification.calibration import Calibration, identify_recording
-from drivers.drives.table_bank import CompensationState
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.acceptance import (
     evaluate_campaign,
@@ -25,9 +21,10 @@ from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome, WrittenTable
+from pkm_rig.rig.back_end import back_end_of
 from pkm_rig.rig.plans import put_on, verification
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.rig_checks import check_rig, require_table_banks
+from pkm_rig.rig.rig_checks import check_rig, require_back_end
 from pkm_rig.rig.runner import Runner, open_runner
 from pkm_rig.rig.schedule import verification_block
 from pkm_rig.rig.table_change import VERDICT, TableChange, changing_tables
@@ -45,7 +42,7 @@ def verify(
     The readings join the campaign, whose frame and nests they need: in its last set-up of the station, which must not
     have been moved, or in a `new_setup`.
     """
-    require_table_banks(rig)
+    require_back_end(rig)
     settled = settle_tables(rig, store, notify)
     if settled is not None and settled.campaign == campaign and settled.judged:
         return stored_outcome(store, campaign)
@@ -88,7 +85,7 @@ def verify_tables(
     require_possible_limits(settings.accept_below_m, identification, blocks)
     begun = {"first_sequence": runner.devices.tags.sequence, "accept_below_m": settings.accept_below_m}
     store.add_event(campaign, "verifying", begun)
-    written = []
+    written, back_end = [], back_end_of(rig, change)
     for block in blocks:
         payload = block.payload
         notify(f"verifying with payload '{rig.file.payloads[payload].name}'")
@@ -97,13 +94,19 @@ def verify_tables(
         rig.refresh_atmosphere()
         runner.run(verification(runner.devices, block, "verification_before"), "verification before")
         temperatures = rig.temperatures_c()
-        table = table_for_payload(identification, payload, temperatures)
-        drives = table_summary(rig, change.compensate(rig.images(table, rig.next_generation())))
-        activated = {"payload": payload, "temperatures_c": temperatures, "tables": drives}
+        correction = back_end.build(identification, payload, temperatures)
+        corrected = back_end.commanded(block, correction)
+        drives = back_end.try_out(correction)
+        activated = {
+            "payload": payload,
+            "temperatures_c": temperatures,
+            "tables": drives,
+            "back_end": back_end.name,
+        }
         store.add_event(campaign, "activated", activated)
-        written.append(WrittenTable(table, payload, drives))
-        runner.run(verification(runner.devices, block, "verification_after"), "verification after")
-        change.require_in_use()
+        written.append(WrittenTable(correction, payload, drives))
+        runner.run(verification(runner.devices, corrected, "verification_after"), "verification after")
+        back_end.require_in_use()
     recording = last_verification_attempt(store, campaign)
     outcome = evaluate_campaign(
         campaign,
@@ -116,19 +119,11 @@ def verify_tables(
     )
     _record_verdict(rig, store, outcome, change)
     if outcome.accepted:
-        change.keep()
+        back_end.keep()
     else:
         notify(f"the result is {outcome.decision}; back to {change.description}")
-        change.bring_to_target()
+        back_end.roll_back()
     return replace(outcome, head=store.head(campaign))
-
-
-def table_summary(rig: Rig, states: Sequence[CompensationState]) -> dict[str, dict[str, Any]]:
-    """Drive to generation, CRC and whether its table is active."""
-    return {
-        drive.name: {"generation": state.generation, "crc": state.crc, "active": state.valid}
-        for drive, state in zip(rig.file.drives, states, strict=True)
-    }
 
 
 def _record_verdict(rig: Rig, store: Store, outcome: CampaignOutcome, change: TableChange) -> None:

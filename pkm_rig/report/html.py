@@ -101,7 +101,7 @@ def _verdict(source: ReportSource, page: Page) -> str:
     if source.outcome is None:
         return page.word(source.state)
     if source.outcome.accepted:
-        return page.word("accepted")
+        return page.word("accepted_host" if source.outcome.back_end == "host" else "accepted")
     return f"{page.word(source.outcome.decision)}: {source.outcome.restored or 'nothing was activated'}"
 
 
@@ -124,13 +124,20 @@ def _sections(
     outcome: CampaignOutcome, data: dict[str, Any], predicted: dict[int, ErrorMap], *, draw: bool
 ) -> list[dict[str, Any]]:
     reduction, simulated = outcome.reduction, outcome.simulated
-    moves = free_axes(reduction.recording.machine)[0].tolist()
+    machine = reduction.recording.machine
+    moves = free_axes(machine)[0].tolist()
+    said = {
+        "commanded": ", ".join(COORDINATES[c] for c in machine.commanded),
+        "kept": ", ".join(COORDINATES[c] for c in machine.dof if c not in machine.commanded),
+        "turns": bool((machine.commanded > 2).any()),
+    }
     sections = []
     for entry, verified in zip(data["payloads"], outcome.verified, strict=True):
         figures = _payload_figures(outcome, verified.payload, entry["name"], predicted) if draw else {}
         uris = {name: pictures.data_uri(figure, simulated=simulated) for name, figure in figures.items()}
         blank = dict.fromkeys(("maps", "scatter", "orientation"), "")
-        sections.append({"entry": entry, "columns": moves, "axes": [COORDINATES[c] for c in moves], **blank, **uris})
+        axes = [COORDINATES[c] for c in moves]
+        sections.append({"entry": entry, "columns": moves, "axes": axes, **said, **blank, **uris})
     return sections
 
 
@@ -140,11 +147,14 @@ def _payload_figures(
     reduction, title = outcome.reduction, f"payload: {name}"
     rows = reduction.rows("verification_before", payload)
     pose = predict_poses(outcome.calibration.fit, reduction.report, reduction.observations.visits.take(rows))
+    measured = f"Measured at the verification poses, {title}"
+    drawn = {"orientation": pictures.orientation_plot(reduction, pose, payload)}
+    if payload not in predicted:
+        return drawn | {"scatter": pictures.coordinate_bars(reduction, payload, measured)}
     fields = maps.error_fields(predicted[payload], reduction, payload)
-    return {
+    return drawn | {
         "maps": maps.error_maps(fields, f"Errors of the tool point, {title}"),
-        "scatter": pictures.verification_scatter(reduction, payload, f"Measured at the verification poses, {title}"),
-        "orientation": pictures.orientation_plot(reduction, pose, payload),
+        "scatter": pictures.verification_scatter(reduction, payload, measured),
     }
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from calibration.machine.description import COORDINATES
 from calibration.recording.sessions import repaired_text
-from calibration.reduction.figures import Figures
+from calibration.reduction.figures import Figures, coordinate_errors
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.report_source import ReportSource
@@ -45,6 +46,17 @@ def campaign_json(source: ReportSource) -> dict[str, Any]:
     }
 
 
+def coordinates_json(outcome: CampaignOutcome, payload: int) -> dict[str, dict[str, float | bool]]:
+    """RMS error (m, rad) by free coordinate, before and after, and whether the drives command it."""
+    machine = outcome.reduction.recording.machine
+    before, after = (
+        coordinate_errors(outcome.reduction, f"verification_{phase}", payload) for phase in ("before", "after")
+    )
+    return {
+        COORDINATES[c]: {"before": before[c], "after": after[c], "commanded": c in machine.commanded} for c in before
+    }
+
+
 def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any]:
     """The result of `calibrate` and `verify`."""
     last, recording = outcome.verified[-1], outcome.reduction.recording
@@ -59,6 +71,7 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
         "after": pool_figures([v.after for v in outcome.verified]),
         "noise_floor": pool_figures([outcome.floor]),
         "baselines": {name: pool_figures([f]) for name, f in last.models.items()},
+        "back_end": outcome.back_end,
         "tables": {
             drive: {**state, "active": bool(state["active"] and outcome.accepted)}
             for drive, state in outcome.written[-1].drives.items()
@@ -73,6 +86,7 @@ def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any
                 "decision": v.decision.verdict,
                 "rule": v.decision.rule,
                 "models": {name: f.as_dict() for name, f in v.models.items()},
+                "coordinates": coordinates_json(outcome, v.payload),
             }
             for v in outcome.verified
         ],

@@ -8,7 +8,8 @@ from pathlib import Path
 from rich.table import Table
 
 from calibration.base.rounding import round_result
-from calibration.reduction.figures import COVERAGE_FACTOR, Figures
+from calibration.machine.description import COORDINATES
+from calibration.reduction.figures import COVERAGE_FACTOR, Figures, coordinate_errors
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.left_out_text import left_out_lines
 from pkm_rig.report.terminal import print_simulated, results
@@ -27,6 +28,9 @@ def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
     for name, position, orientation in short_table(outcome):
         table.add_row(name, position, orientation)
     results.print(table)
+    if outcome.back_end == "host":
+        results.print()
+        results.print(coordinate_table(outcome))
     last = outcome.verified[-1]
     comparison = Table(box=None, pad_edge=False)
     comparison.add_column(f"prediction at {last.payload_kg:g} kg by")
@@ -46,6 +50,23 @@ def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:
     results.print("accepted" if outcome.accepted else f"{outcome.decision}; {outcome.restored}")
     if report is not None:
         results.print(f"report: {report}", soft_wrap=True)
+
+
+def coordinate_table(outcome: CampaignOutcome) -> Table:
+    """RMS errors by free coordinate, before and after, also of those that the drives do not command."""
+    machine = outcome.reduction.recording.machine
+    table = Table(box=None, pad_edge=False)
+    table.add_column("RMS error (um, urad)")
+    for coordinate in machine.dof:
+        star = "" if coordinate in machine.commanded else "*"
+        table.add_column(COORDINATES[coordinate] + star, justify="right")
+    for verified in outcome.verified:
+        for phase in ("before", "after"):
+            rms = coordinate_errors(outcome.reduction, f"verification_{phase}", verified.payload)
+            table.add_row(f"{phase}, {verified.payload_kg:g} kg", *(f"{value * 1e6:.1f}" for value in rms.values()))
+    if len(machine.commanded) < len(machine.dof):
+        table.caption = "* not commanded: cannot be corrected"
+    return table
 
 
 def comparison_remark(verified: VerificationResult) -> str:

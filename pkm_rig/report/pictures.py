@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from calibration.base.arrays import Array
 from calibration.identification.calibration import Calibration
-from calibration.reduction.figures import free_axes
+from calibration.machine.description import COORDINATES
+from calibration.reduction.figures import coordinate_errors, figure_axes
 from calibration.reduction.nest_checks import nest_shift
 from calibration.reduction.reduction import CALIBRATION, Reduction
 from pkm_rig.report.notation import literal
@@ -84,6 +85,35 @@ def legend_above(axes: Axes, columns: int = 6) -> None:
         frameon=False, fontsize=9, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2,
         handletextpad=0.3, columnspacing=1.0,
     )  # fmt: skip
+
+
+def coordinate_bars(reduction: Reduction, payload: int, title: str) -> Figure:
+    """RMS errors at the verification poses by free coordinate, before and after; grey: the drives do not command it."""
+    machine = reduction.recording.machine
+    figure = Figure(figsize=(10.0, 3.6))
+    phases = ("verification_before", "verification_after")
+    rms = {phase: coordinate_errors(reduction, phase, payload) for phase in phases}
+    for place, (kind, unit) in enumerate((("position", "µm"), ("rotation", "µrad")), start=1):
+        chosen = [c for c in machine.dof.tolist() if (c < 3) == (kind == "position")]
+        axes = figure.add_subplot(1, 2, place)
+        for shift, phase, colour in zip((-0.2, 0.2), phases, (BEFORE, AFTER), strict=True):
+            for x, coordinate in enumerate(chosen):
+                is_commanded = coordinate in machine.commanded
+                axes.bar(
+                    x + shift,
+                    rms[phase][coordinate] * 1e6,
+                    0.36,
+                    color=colour if is_commanded else "0.7" if shift < 0.0 else "0.55",
+                )
+        names = [COORDINATES[c] + ("" if c in machine.commanded else "\n(not commanded)") for c in chosen]
+        axes.set_xticks(range(len(chosen)), names)
+        axes.set_ylabel(f"RMS error / {unit}")
+    figure.axes[0].plot([], [], "s", color=BEFORE, label="before")
+    figure.axes[0].plot([], [], "s", color=AFTER, label="after")
+    figure.axes[0].legend(frameon=False)
+    figure.suptitle(literal(title), fontsize=11)
+    figure.tight_layout()
+    return figure
 
 
 def residuals(calibration: Calibration) -> Figure:
@@ -184,7 +214,7 @@ def orientation_plot(reduction: Reduction, predicted: Array, payload: int) -> Fi
     """Measured against predicted orientation at the verification poses before compensation."""
     rows = reduction.rows("verification_before", payload)
     target = reduction.observations.visits.target_m[rows]
-    _, turns = free_axes(reduction.recording.machine)
+    _, turns = figure_axes(reduction.recording.machine)
     _, measured = reduction.report.tool_error(reduction.poses.coordinates[rows], target)
     _, expected = reduction.report.tool_error(predicted, target)
     figure = Figure(figsize=(4.6, 3.4))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.compensation.error_map import ErrorMap, error_map
+from calibration.compensation.tables import CompensationTable
 from calibration.identification.fit import Fit
 from calibration.identification.observability import observability_of
 from calibration.reduction.budget import position_budget
@@ -19,10 +20,10 @@ from pkm_rig.report.diagnosis_json import additions_by_gain, largest_shares
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.identity_json import identity_json
 from pkm_rig.report.left_out_text import REASONS
-from pkm_rig.report.outcome_json import campaign_json, outcome_json
+from pkm_rig.report.outcome_json import campaign_json, coordinates_json, outcome_json
 from pkm_rig.report.outcome_text import comparison_remark, model_rows
 from pkm_rig.report.residuals_json import residuals_json
-from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
+from pkm_rig.results.outcome import CampaignOutcome, VerificationResult, WrittenTable
 from pkm_rig.results.report_source import ReportSource
 from pkm_rig.version import __version__
 
@@ -71,13 +72,17 @@ def report_json(
     if outcome is not None:
         maps = maps or maps_of(outcome)
         for entry, verified in zip(found["payloads"], outcome.verified, strict=True):
-            entry.update(_payload(source, outcome, verified, maps[verified.payload]))
+            entry.update(_payload(source, outcome, verified, maps.get(verified.payload)))
     return found
 
 
 def maps_of(outcome: CampaignOutcome) -> dict[int, ErrorMap]:
-    """Predicted errors over the workspace without and with each payload's table."""
-    return {w.payload: error_map(outcome.calibration, w.table) for w in outcome.written}
+    """Predicted errors over the workspace without and with each payload's table; none where the host corrects."""
+    return {
+        w.payload: error_map(outcome.calibration, w.table)
+        for w in outcome.written
+        if isinstance(w.table, CompensationTable)
+    }
 
 
 def _conditions(source: ReportSource) -> dict[str, Any]:
@@ -179,7 +184,7 @@ def _diagnosed(source: ReportSource) -> dict[str, Any]:
 
 
 def _payload(
-    source: ReportSource, outcome: CampaignOutcome, verified: VerificationResult, predicted: ErrorMap
+    source: ReportSource, outcome: CampaignOutcome, verified: VerificationResult, predicted: ErrorMap | None
 ) -> dict[str, Any]:
     """What the page says of a payload beyond the result itself."""
     written = next(w for w in outcome.written if w.payload == verified.payload)
@@ -196,13 +201,25 @@ def _payload(
         "budget_before": position_budget(outcome.reduction, "verification_before", verified.payload).as_dict(),
         "budget_after": position_budget(outcome.reduction, "verification_after", verified.payload).as_dict(),
         "table_temperature_c": written.table.temperature_c,
-        "largest_correction_m": float(np.max(np.abs(written.table.correction_m))),
+        "largest_correction_m": _largest_correction(outcome, written),
         "drives": [{"drive": drive, **state} for drive, state in written.drives.items()],
-        "u_prediction_m": float(np.sqrt(np.mean(predicted.u_m**2))),
+        "u_prediction_m": None if predicted is None else float(np.sqrt(np.mean(predicted.u_m**2))),
         "verification_poses": _poses(outcome.reduction, verified.payload),
         "comparison": [row.__dict__ for row in model_rows(verified)],
         "comparison_remark": comparison_remark(verified),
+        "coordinates_rms": [
+            {"coordinate": name, **errors} for name, errors in coordinates_json(outcome, verified.payload).items()
+        ],
     }
+
+
+def _largest_correction(outcome: CampaignOutcome, written: WrittenTable) -> float:
+    """Largest correction of a drive (m, of a crank rad): in the table, or by the host at the verification poses."""
+    if isinstance(written.table, CompensationTable):
+        return float(np.max(np.abs(written.table.correction_m)))
+    reduction = outcome.reduction
+    target_m = reduction.observations.visits.target_m[reduction.rows("verification_before", written.payload)]
+    return float(np.max(np.abs(written.table.corrections(target_m))))
 
 
 def _poses(reduction: Reduction, payload: int) -> list[dict[str, Any]]:

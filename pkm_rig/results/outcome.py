@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from calibration.compensation.host import HostCorrection
 from calibration.compensation.tables import CompensationTable
 from calibration.identification.calibration import Calibration
 from calibration.reduction.figures import Figures
@@ -42,9 +43,12 @@ class VerificationResult:
 
 @dataclass(frozen=True)
 class WrittenTable:
-    """A table written for a payload; `drives`: drive to generation, CRC and whether it was active."""
+    """A correction that acted at a payload: a table in the drives, or the host's.
 
-    table: CompensationTable
+    `drives`: drive to generation, CRC and whether it was active; empty where the host corrects.
+    """
+
+    table: CompensationTable | HostCorrection
     payload: int
     drives: dict[str, dict[str, Any]]
 
@@ -78,6 +82,11 @@ class CampaignOutcome:
     def accepted(self) -> bool:
         """Whether the tables stay."""
         return self.decision == "accepted"
+
+    @property
+    def back_end(self) -> Literal["drive-tables", "host"]:
+        """What corrects."""
+        return "host" if any(isinstance(w.table, HostCorrection) for w in self.written) else "drive-tables"
 
     @property
     def simulated(self) -> bool:

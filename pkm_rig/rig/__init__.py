@@ -1,6 +1,7 @@
 """One rig: its file, its devices behind one set of verbs, its supervision, its clock, its record."""
 
 __all__ = [
+    "back_end",
     "campaign_sections",
     "capabilities",
     "certificate_section",
@@ -10,7 +11,9 @@ __all__ = [
     "device_sections",
     "devices",
     "drive_tables",
+    "expected_error",
     "kept_tables",
+    "led_motion",
     "operator",
     "plans",
     "plc_connection",

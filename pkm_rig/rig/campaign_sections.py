@@ -63,7 +63,9 @@ class CampaignSettings(Section):
     readings_per_nest: int = Field(ge=1, le=20, default=5, description="The same for floor nests.")
     two_face: bool = Field(default=False, description="Measure every point in both faces of the telescope.")
     speeds_m_per_s: tuple[Speed, Speed] = Field(
-        default=(0.5, 0.25), description="Speeds of approach, drawn for each visit."
+        default=(0.5, 0.25),
+        description="Speeds of approach, drawn for each visit: of the drives, or on led paths of what is fastest, a "
+        "platform joint, slider or leg.",
     )
     acceleration_m_per_s2: float = Field(gt=0.0, le=50.0, default=2.0, description="Acceleration of all motions.")
     approach_m: float = Field(
@@ -95,6 +97,16 @@ class CampaignSettings(Section):
         default_factory=dict,
         description="Largest error after compensation with which tables are accepted, by the payload's number; left "
         "out, it need only fall.",
+    )
+    compensation: Literal["drive-tables", "host"] | None = Field(
+        default=None,
+        description="What corrects: tables in the drives, or this computer's own targets; left out, tables where the "
+        "machine has two sliders, else this computer.",
+    )
+    motion: Literal["profile", "led"] | None = Field(
+        default=None,
+        description="How poses are reached: each drive by its own profile, or all led along paths by SYNC; left out, "
+        "led where the machine has more drives than commanded coordinates or cranks.",
     )
     on_interlock: Literal["stop", "suspend"] = Field(
         default="stop",

@@ -13,7 +13,10 @@ from calibration.base.errors import InputError
 from calibration.compensation.grid import GRID_MARGIN_M
 from calibration.machine.description import COORDINATES, Machine
 from calibration.machine.inverse import nominal_drives, platform_poses
+from drivers.drives.bus_load import MOST_LOAD, sync_load
 from pkm_rig.rig.config import RigFile, drive_profile
+from pkm_rig.rig.led_motion import is_led, require_possible_motion
+from pkm_rig.rig.schedule import require_reachable_poses
 
 ROUND_OFF_M = 1e-9
 EDGE_POINTS = 9  # along each coordinate of the workspace, ends included
@@ -30,13 +33,50 @@ class Need(Flag):
 
 def require_capabilities(file: RigFile, machine: Machine, rig_path: Path, needs: Need) -> None:
     """Raise InputError, in one line, if the rig cannot do what is needed."""
-    if Need.TABLES in needs:
+    tables = Need.TABLES in needs and uses_tables(file, machine)
+    if tables:
         _require_tables(file, rig_path)
     if Need.HOMING in needs:
         _require_homing(file, rig_path)
     if Need.MOTION in needs:
-        margin_m = GRID_MARGIN_M if Need.TABLES in needs else file.campaign.approach_m
-        require_travel(machine, margin_m)
+        require_possible_motion(machine, file.campaign)
+        _require_led_drives(file, machine, rig_path)
+        if has_table_drives(machine):
+            require_travel(machine, GRID_MARGIN_M if tables else file.campaign.approach_m)
+        else:
+            require_reachable_poses(machine, file.campaign, file.payloads)
+
+
+def _require_led_drives(file: RigFile, machine: Machine, rig_path: Path) -> None:
+    """Led drives need cyclic synchronous position mode."""
+    if not is_led(machine, file.campaign):
+        return
+    load = sync_load(len(file.drives), file.can.sync_period_s, file.can.bitrate)
+    if load > MOST_LOAD:
+        least_s = sync_load(len(file.drives), 1.0, file.can.bitrate) / MOST_LOAD
+        raise InputError(
+            f"{rig_path}: can.sync_period_s: {len(file.drives)} drives every {file.can.sync_period_s * 1e3:g} ms load "
+            f"the bus to {load:.0%}, {MOST_LOAD:.0%} is permitted; at this bit rate give "
+            f"{least_s * 1e3:.1f} ms or more"
+        )
+    for drive in file.drives:
+        profile = drive_profile(drive, rig_path)
+        if not profile.capabilities.cyclic_position:
+            raise InputError(
+                f"{rig_path}: drive {drive.name}: a '{profile.name}' has no cyclic synchronous position mode, in which "
+                f"the drives of {machine.name} are led along paths"
+            )
+
+
+def uses_tables(file: RigFile, machine: Machine) -> bool:
+    """Whether tables in the drives compensate, rather than the computer that leads them."""
+    chosen = file.campaign.compensation
+    return has_table_drives(machine) if chosen is None else chosen == "drive-tables"
+
+
+def has_table_drives(machine: Machine) -> bool:
+    """Whether a table of each drive over its own position and its one partner's can compensate the machine."""
+    return machine.drive_kinds == ("slider", "slider")
 
 
 def require_travel(machine: Machine, margin_m: float) -> None:

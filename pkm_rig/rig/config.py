@@ -16,11 +16,17 @@ from calibration.recording.header import DeclaredLevels, DisturbanceLevels, Leng
 from drivers.drives.drive_profile import DriveProfile, load_profile
 from pkm_rig.rig.campaign_sections import MOST_DRIVES, CampaignFile, CampaignSettings, Limits
 from pkm_rig.rig.certificate_section import CertificateSection
-from pkm_rig.rig.device_sections import CanConnection, DriveEntry, PlcConnection, StationConnection
+from pkm_rig.rig.device_sections import (
+    MOVING_HOMING_METHODS,
+    CanConnection,
+    DriveEntry,
+    PlcConnection,
+    StationConnection,
+)
 from pkm_rig.rig.recalibration_sections import CertificateEntry, RecalibrationSettings
 
 PART_SENSORS = ("struts", "columns", "base", "platform")  # of the PLC, beside the air's
-RIG_DRIVES = 2  # each drive interpolates its table over its own position and its one partner's
+TABLE_DRIVES = 2  # each drive interpolates its table over its own position and its one partner's
 SHIPPED_RIGS = Path(__file__).parent / "data"
 EMBEDDED = "embedded"  # the name of the embedded mock rig where a rig file is asked for
 
@@ -138,40 +144,69 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
         raise InputError(
             f"{path}: drives {', '.join(names)} do not match the machine's {', '.join(machine.drive_names)}"
         )
-    if len(names) != RIG_DRIVES:
+    _check_units(rig, machine, path)
+    if rig.campaign.compensation == "drive-tables" and machine.drive_kinds != ("slider",) * TABLE_DRIVES:
         raise InputError(
-            f"{path}: machine {machine.name} has {len(names)} drives, campaigns and tables are for {RIG_DRIVES}; "
-            "plan its poses with `pkm-rig poses --machine`"
+            f"{path}: campaign.compensation: tables in the drives fit machines with two sliders; {machine.name} has "
+            f"{len(names)} drives ({', '.join(sorted(set(machine.drive_kinds)))}): use 'host'"
         )
     profiles = [drive_profile(d, path) for d in rig.drives]
     if len({p.compensation is None for p in profiles}) > 1:
         raise InputError(f"{path}: drives: a machine is compensated by all of its drives or by none")
     for drive, profile, (low_m, high_m) in zip(rig.drives, profiles, machine.travel, strict=True):
         if drive.homing is not None:
-            _check_homing(drive.name, drive.homing.position_m, profile, (low_m, high_m), path)
+            _check_homing(drive, profile, (low_m, high_m), machine, path)
     if rig.nest_length is not None:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
                 raise InputError(f"{path}: nest_length names '{nest}', which is not a floor nest")
     try:
-        check_extra_columns(names, PART_SENSORS, rig.plc.extra_columns())
+        check_extra_columns(names, PART_SENSORS, rig.plc.extra_columns(), machine.rotary_drives)
     except ValueError as error:
         raise InputError(f"{path}: plc.readings: {error}") from error
     return rig, machine
 
 
+def _check_units(rig: RigFile, machine: Machine, path: Path) -> None:
+    """A crank counts in radians, any other drive in metres: the wrong key is refused by the drive's name."""
+    for drive, kind in zip(rig.drives, machine.drive_kinds, strict=True):
+        if kind == "crank" and drive.radians_per_increment is None:
+            raise InputError(
+                f"{path}: drives: {drive.name} is a crank, its coordinate is an angle: give radians_per_increment, not "
+                "metres_per_increment"
+            )
+        if kind != "crank" and drive.metres_per_increment is None:
+            raise InputError(
+                f"{path}: drives: {drive.name} is a {kind}, its coordinate is a length: give metres_per_increment, not "
+                "radians_per_increment"
+            )
+        homing = drive.homing
+        if homing is not None and (homing.position_rad is not None) != (kind == "crank"):
+            key, other = ("position_rad", "position_m") if kind == "crank" else ("position_m", "position_rad")
+            raise InputError(f"{path}: drives: {drive.name}: homing: a {kind} has {key}, not {other}; correct it")
+
+
 def _check_homing(
-    name: str, position_m: float, profile: DriveProfile, travel_m: tuple[float, float], path: Path
+    drive: DriveEntry, profile: DriveProfile, travel: tuple[float, float], machine: Machine, path: Path
 ) -> None:
+    homing, unit = drive.homing, "rad" if drive.radians_per_increment is not None else "m"
+    if homing is None:
+        return
     if profile.referenced is None:
         raise InputError(
-            f"{path}: drives: {name}: [drives.homing] needs a profile with [referenced]; without it a homing that "
-            "broke off would pass for one that went well"
+            f"{path}: drives: {drive.name}: [drives.homing] needs a profile with [referenced]; without it a homing "
+            "that broke off would pass for one that went well"
         )
-    if not travel_m[0] <= position_m <= travel_m[1]:
+    if not travel[0] <= homing.position <= travel[1]:
         raise InputError(
-            f"{path}: drives: {name}: homing.position_m = {position_m:g} is outside the machine's travel of "
-            f"{travel_m[0]:g} m to {travel_m[1]:g} m; correct it"
+            f"{path}: drives: {drive.name}: homing.position_{unit} = {homing.position:g} is outside the machine's "
+            f"travel of {travel[0]:g} {unit} to {travel[1]:g} {unit}; correct it"
+        )
+    if machine.redundantly_actuated and homing.method in MOVING_HOMING_METHODS:
+        raise InputError(
+            f"{path}: drives: {drive.name}: homing method {homing.method} moves one drive while the others stand, "
+            f"which strains {machine.name}: it has {len(machine.drive_names)} drives for {len(machine.commanded)} "
+            "commanded coordinates; use 35 or 37, or absolute encoders"
         )
 
 
@@ -198,6 +233,24 @@ def rig_path(name: str | Path) -> Path:
 def embedded_rig_path() -> Path:
     """The rig file of the embedded mock rig."""
     return SHIPPED_RIGS / "embedded.toml"
+
+
+def demo_rig_path(machine: str | None) -> Path:
+    """The rig file of a shipped machine's embedded mock rig; None is the default machine. InputError without one."""
+    if machine is None or machine == load_embedded_machine():
+        return embedded_rig_path()
+    path = SHIPPED_RIGS / f"demo-{machine}.toml"
+    if not path.is_file():
+        names = sorted(p.stem.removeprefix("demo-") for p in SHIPPED_RIGS.glob("demo-*.toml"))
+        raise InputError(
+            f"there is no demo rig of machine '{machine}'; there is one of {', '.join(['planar4', *names])}"
+        )
+    return path
+
+
+def load_embedded_machine() -> str:
+    """Name of the default machine."""
+    return read_toml(embedded_rig_path(), RigFile).machine
 
 
 def mock_rig_path() -> Path:

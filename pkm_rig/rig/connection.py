@@ -23,7 +23,7 @@ from drivers.station.geocom import StationLine
 from drivers.station.laser_tracker import EDMModeV2, LaserTracker, Prism
 from drivers.station.station_setup import StationSettings
 from pkm_rig.rig.clock import RigClock, ScaledClock
-from pkm_rig.rig.config import RigFile, drive_profile
+from pkm_rig.rig.config import TABLE_DRIVES, RigFile, drive_profile
 from pkm_rig.rig.plc_connection import plc_line, register_map
 from pkm_rig.rig.rig import PLC_POLL_S, Rig
 from pkm_rig.rig.supervision import BEAT_PERIOD_S
@@ -88,6 +88,7 @@ def connect_rig(
         group = DriveGroup(
             drives,
             clock,
+            only_led=machine.redundantly_actuated,
             timing=GroupTiming(poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s),
         )
         banks = [TableBank(drive) for drive in drives if drive.profile.compensation is not None]
@@ -143,8 +144,8 @@ def _servo_drives(
         heartbeat_lost_s=2.0 * file.limits.heartbeat_s * slow,
         master_lost_ms=min(60_000, round(1000 * file.limits.drive_watchdog_s * slow)),
     )
-    first, second = file.drives
-    partners = (second.node_id, first.node_id)
+    nodes = [drive.node_id for drive in file.drives]
+    partners = (nodes[1], nodes[0]) if len(nodes) == TABLE_DRIVES else (None,) * len(nodes)
     return [
         ServoDrive(
             line,
@@ -154,7 +155,7 @@ def _servo_drives(
             DriveExpectation(
                 vendor=entry.vendor_id,
                 product=entry.product_code,
-                metres_per_increment=entry.metres_per_increment,
+                metres_per_increment=entry.per_increment,
                 travel_m=(float(low_m), float(high_m)),
             ),
             profile=drive_profile(entry, rig_path),

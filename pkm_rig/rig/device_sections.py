@@ -44,6 +44,12 @@ class CanConnection(Section):
     port: int = Field(default=29536, description="Port of the socketcand server.")
     bitrate: int = Field(default=1_000_000, description="Bit rate that an slcan adapter is set to, in bit/s.")
     master_node_id: int = Field(ge=1, le=127, default=127, description="Node id of this computer's heartbeat.")
+    sync_period_s: float = Field(
+        ge=0.001, le=0.1, default=0.004, description="Time between two SYNCs of a machine that is led along paths."
+    )
+
+
+MOVING_HOMING_METHODS = (33, 34)
 
 
 class HomingEntry(Section):
@@ -56,7 +62,10 @@ class HomingEntry(Section):
     method: Literal[33, 34, 35, 37] = Field(
         description="Method of CiA 402: 33 to the next index below, 34 to the next index above, 35 or 37 on the spot."
     )
-    position_m: float = Field(description="Position of the drive at that mark, within the machine's travel.")
+    position_m: float | None = Field(
+        default=None, description="Position of the drive at that mark, within the machine's travel."
+    )
+    position_rad: float | None = Field(default=None, description="The same of a crank, whose position is an angle.")
     speed_m_per_s: float = Field(
         gt=0.0, le=0.05, default=HomingParameters.speed_m_per_s, description="Speed of the search."
     )
@@ -71,6 +80,18 @@ class HomingEntry(Section):
         description="Largest overrun past the mark while braking.",
     )
 
+    @property
+    def position(self) -> float:
+        """Position at the mark, in m, or of a crank in rad."""
+        given = self.position_rad if self.position_m is None else self.position_m
+        return 0.0 if given is None else given
+
+    @model_validator(mode="after")
+    def _one_position(self) -> HomingEntry:
+        if (self.position_m is None) == (self.position_rad is None):
+            raise ValueError("homing: give position_m, or of a crank position_rad")
+        return self
+
 
 class DriveEntry(Section):
     """One servo drive."""
@@ -83,8 +104,32 @@ class DriveEntry(Section):
     node_id: int = Field(ge=1, le=127, description="Address on the CAN bus.")
     vendor_id: int = Field(description="Vendor id that the drive must report (0x1018:01).")
     product_code: int = Field(description="Product code that the drive must report (0x1018:02).")
-    metres_per_increment: float = Field(gt=0.0, description="Travel of one increment of the drive's position.")
+    metres_per_increment: float | None = Field(
+        gt=0.0, default=None, description="Travel of one increment of the drive's position, of a slider or leg."
+    )
+    radians_per_increment: float | None = Field(
+        gt=0.0, default=None, description="Angle of one increment of the drive's position, of a crank."
+    )
+    torque_limit_ratio: float | None = Field(
+        gt=0.0,
+        le=10.0,
+        default=None,
+        description="Largest torque over the rated one (0x6072) that is set while the machine is led along paths.",
+    )
     homing: HomingEntry | None = Field(default=None, description="How the drive is homed; only `pkm-rig home` does it.")
+
+    @property
+    def per_increment(self) -> float:
+        """Travel in metres, or of a crank the angle in radians, of one increment."""
+        return self.metres_per_increment or self.radians_per_increment or 0.0
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> DriveEntry:
+        if (self.metres_per_increment is None) == (self.radians_per_increment is None):
+            raise ValueError(
+                f"drives: {self.name}: give metres_per_increment (slider, leg) or radians_per_increment (crank)"
+            )
+        return self
 
 
 class RegisterEntry(Section):

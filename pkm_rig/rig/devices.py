@@ -15,10 +15,15 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
+from calibration.base.rotation import rotation_matrix
 from calibration.instruments import station_geometry
+from calibration.machine.equilibrium import carried_point
+from calibration.machine.inverse import nominal_drives
+from calibration.machine.led_path import approach_point, tool_coordinates
 from calibration.recording.columns import columns_of
 from drivers.errors import DrivesMoved
 from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
+from pkm_rig.rig.led_motion import side_of
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
 from pkm_rig.rig.standstill import Standstill
@@ -105,15 +110,25 @@ class MachineDevice:
             self._rig.stop("the campaign ended")
 
     def _move_to_visit(self, visit: PlannedVisit) -> None:
-        settings = self._rig.file.campaign
-        offset = -np.array(visit.direction) * settings.approach_m
-        self._rig.move(visit.drives_m + offset, visit.speed_m_per_s)
-        self._rig.move(visit.drives_m, visit.speed_m_per_s)
+        if self._rig.led:
+            self._lead_to_visit(visit)
+        else:
+            offset = -np.array(visit.direction) * self._rig.file.campaign.approach_m
+            self._rig.move(visit.drives_m + offset, visit.speed_m_per_s)
+            self._rig.move(visit.drives_m, visit.speed_m_per_s)
         self._tags.visit = visit
         self._tags.visit_number += 1
         self._tags.arrived_s = self._rig.clock.now_s()
         self._tags.fresh_arrival = True
         self._rig.clock.sleep_s(visit.dwell_s)
+
+    def _lead_to_visit(self, visit: PlannedVisit) -> None:
+        machine, approach_m = self._rig.machine, self._rig.file.campaign.approach_m
+        commanded = tool_coordinates(machine, visit.target_m[None])[0]
+        correction = visit.drives_m - nominal_drives(machine, visit.target_m[None])[0]
+        side = side_of(machine, visit.target_m, visit.direction, approach_m)
+        for point in (approach_point(machine, commanded, side, approach_m), commanded):
+            self._rig.lead(point, correction, visit.speed_m_per_s)
 
 
 class PayloadDevice:
@@ -223,7 +238,9 @@ class StationDevice:
 
     def describe(self) -> dict[str, dict[str, Any]]:
         """Columns of a recording."""
-        columns = columns_of([d.name for d in self._rig.file.drives], self._rig.sensors, self._rig.extra_columns)
+        rig = self._rig
+        names = [d.name for d in rig.file.drives]
+        columns = columns_of(names, rig.sensors, rig.extra_columns, rig.machine.rotary_drives)
         return {
             c.name: {"source": "rig", "dtype": "string" if c.kind == "text" else "number", "shape": []}
             for c in columns
@@ -242,10 +259,11 @@ class StationDevice:
         if smr.on == "floor":
             return smr.position_m
         if smr.on == "slider":
-            return smr.position_m + machine.nominal.axis[smr.drive] * self._rig.positions_m()[smr.drive]
+            return carried_point(machine, smr.drive, smr.position_m, self._rig.positions_m())
         if visit is None:
             raise RuntimeError(f"reflector {self._smr} on the platform is measured before any visit")
-        return visit.target_m[:3] + smr.position_m
+        turn = rotation_matrix(visit.target_m[None, 3:])[0]
+        return np.asarray(visit.target_m[:3] + turn @ smr.position_m)
 
     def _frame(self) -> Frame:
         """The frame to aim in: the rough one of the rig file until points were measured."""

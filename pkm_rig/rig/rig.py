@@ -12,6 +12,7 @@ from calibration.base.arrays import Array
 from calibration.base.frame import Frame, station_frame
 from calibration.compensation.tables import CompensationTable
 from calibration.machine.description import Machine
+from drivers.drives.cia402 import CYCLIC_POSITION
 from drivers.drives.drive_group import DriveGroup
 from drivers.drives.servo_drive import DriveSample
 from drivers.drives.table_bank import CompensationState, TableBank
@@ -23,6 +24,7 @@ from drivers.plc.plc_registers import PlcState
 from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
 from pkm_rig.rig.config import PART_SENSORS, RigFile
+from pkm_rig.rig.led_motion import is_led, led_rows
 from pkm_rig.rig.operator import Nobody, Operator
 from pkm_rig.rig.station_air import StationAir
 from pkm_rig.rig.supervision import Supervisor
@@ -103,9 +105,20 @@ class Rig:
 
     # --- motion
 
+    @property
+    def led(self) -> bool:
+        """Whether its drives are led along paths by SYNC."""
+        return is_led(self.machine, self.file.campaign)
+
     def enable(self) -> None:
-        """Power the drives; supervision must be good."""
+        """Power the drives; supervision must be good. Led ones are set to cyclic synchronous position mode before."""
         self.supervisor.require_good()
+        if self.led and any(drive.mode != CYCLIC_POSITION for drive in self.drives.drives):
+            for drive, entry in zip(self.drives.drives, self.file.drives, strict=True):
+                if entry.torque_limit_ratio is not None:
+                    drive.set_torque_limit(entry.torque_limit_ratio)
+            self.drives.disable()
+            self.drives.set_cyclic_position(self.file.can.sync_period_s)
         self.drives.enable()
 
     def stop(self, reason: str) -> None:
@@ -116,6 +129,29 @@ class Rig:
         """Move all drives together to commanded positions (d,) and wait until they have settled."""
         with self.supervisor.during_motion():
             self.drives.move_to([float(q) for q in drives_m], speed_m_per_s, self.file.campaign.acceleration_m_per_s2)
+
+    def lead(self, commanded: Array, correction: Array, speed_m_per_s: float) -> None:
+        """Lead all drives along a path to commanded coordinates (k,) of the tool and wait until they have settled.
+
+        correction (d,): what is added to the nominal drive coordinates there. Raises InputError before anything moves.
+        """
+        campaign, payload = self.file.campaign, self.supervisor.state().payload
+        load = self.file.payloads[payload or 0]
+        with self.supervisor.during_motion():
+            rows = led_rows(
+                self.machine,
+                np.array([sample.demand_m for sample in self.drives.sample()]),
+                commanded,
+                correction,
+                speed_m_per_s=speed_m_per_s,
+                acceleration_m_per_s2=campaign.acceleration_m_per_s2,
+                period_s=self.file.can.sync_period_s,
+                payload_kg=load.mass_kg,
+                payload_com_m=load.com_m,
+            )
+            fastest = float(np.abs(np.diff(rows, axis=0)).max(initial=0.0)) / self.file.can.sync_period_s
+            self.drives.follow(rows.tolist(), max(fastest * 1.001, speed_m_per_s))
+            self.clock.sleep_s(self.drives.rest.hold_s)
 
     def positions_m(self) -> Array:
         """Actual drive positions (d,), sampled at one SYNC."""
@@ -245,7 +281,7 @@ class Rig:
                     partner_start_m=float(table.start_m[partner]),
                     partner_step_m=float(table.step_m[partner]),
                     corrections_m=corrections if axis == 0 else corrections.T,
-                    metres_per_increment=drive.metres_per_increment,
+                    metres_per_increment=drive.per_increment,
                 )
             )
         return out
@@ -255,7 +291,7 @@ class Rig:
     def rough_frame(self) -> Frame:
         """The station's frame from its rough place in the rig file."""
         entry = self.file.station
-        return station_frame(entry.position_m, entry.heading_rad)
+        return station_frame(entry.position_m, entry.heading_rad, self.machine.gravity_m_per_s2)
 
     def temperatures_c(self) -> dict[str, float]:
         """Temperatures of the machine's sensors, now."""
@@ -266,11 +302,12 @@ class Rig:
         """Drives, air, temperatures and payload as columns of a recording."""
         row: dict[str, float | str] = {}
         for sample, drive in zip(drives, self.file.drives, strict=True):
+            unit = "m" if drive.radians_per_increment is None else "rad"
             row |= {
-                f"{drive.name}_commanded_m": sample.demand_m,
-                f"{drive.name}_actual_m": sample.position_m,
-                f"{drive.name}_following_error_m": sample.following_error_m,
-                f"{drive.name}_velocity_m_per_s": sample.velocity_m_per_s,
+                f"{drive.name}_commanded_{unit}": sample.demand_m,
+                f"{drive.name}_actual_{unit}": sample.position_m,
+                f"{drive.name}_following_error_{unit}": sample.following_error_m,
+                f"{drive.name}_velocity_{unit}_per_s": sample.velocity_m_per_s,
                 f"{drive.name}_torque_ratio": sample.torque_fraction,
             }
         payload = state.payload

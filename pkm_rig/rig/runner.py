@@ -272,6 +272,7 @@ def describe_campaign(rig: Rig, campaign: str, created: str, known_tables: Seque
         created=created,
         software=f"pkm-rig {__version__}",
         drives=tuple(d.name for d in file.drives),
+        rotary_drives=rig.machine.rotary_drives,
         sensors=rig.sensors,
         extra_columns=rig.extra_columns,
         station=StationEntry(

@@ -11,10 +11,13 @@ from scipy.stats import qmc
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.machine.description import Machine
-from calibration.machine.inverse import nominal_drives, platform_poses
+from calibration.machine.inverse import nominal_drives, nominal_poses
+from calibration.model.payload import PayloadEntry
 from pkm_rig.rig.campaign_sections import CampaignSettings
+from pkm_rig.rig.led_motion import is_led, led_sides, require_clear_campaign
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2
+MOST_DRAWS = 6
 POSE_STREAM, ORDER_STREAM, VERIFICATION_STREAM = 1, 2, 3
 
 
@@ -70,18 +73,24 @@ def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Bl
 
 
 def verification_block(machine: Machine, settings: CampaignSettings, payload: int) -> Block:
-    """Verification poses at one payload: off the calibration targets, a quarter on the workspace's edge.
+    """Verification poses at one payload: off the calibration targets, a quarter on the workspace's faces.
 
-    They follow from the campaign's seed, which is fixed before the fit.
+    Poses that the drives do not reach are drawn again. All follow from the campaign's seed, which is fixed before the
+    fit.
     """
     rng = np.random.default_rng([settings.seed, VERIFICATION_STREAM])
     count = settings.verification_poses
-    unit = rng.uniform(0.0, 1.0, (count, 2))
-    on_edge = np.arange(count) % 4 == 0
-    edge_axis = rng.integers(0, 2, count)
-    edge_side = rng.integers(0, 2, count).astype(float)
-    unit[on_edge, edge_axis[on_edge]] = edge_side[on_edge]
-    targets = _in_workspace(machine, unit)
+    parts: list[Array] = []
+    while sum(len(part) for part in parts) < count:
+        if len(parts) == MOST_DRAWS:
+            raise _hardly_reachable(machine)
+        unit = rng.uniform(0.0, 1.0, (count, machine.commanded.size))
+        on_edge = np.arange(count) % 4 == 0
+        edge_axis = rng.integers(0, machine.commanded.size, count)
+        edge_side = rng.integers(0, 2, count).astype(float)
+        unit[on_edge, edge_axis[on_edge]] = edge_side[on_edge]
+        parts.append(_reached(machine, _in_workspace(machine, unit), settings.approach_m))
+    targets = np.concatenate(parts)[:count]
     pose_directions = [(n, 1 if n % 2 else -1) for n in range(count)]
     return _block(machine, settings, targets, payload, pose_directions, rng, {})
 
@@ -90,10 +99,48 @@ def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
     """Targets (n, 6): those of the settings, else a Sobol sequence drawn towards the edges, where poses inform most."""
     if settings.targets:
         return _listed_targets(machine, settings.targets)
-    sobol = qmc.Sobol(2, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
     count = settings.calibration_poses
-    unit = sobol.random_base2(int(np.ceil(np.log2(count))))[:count]
-    return _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
+    exponent = int(np.ceil(np.log2(count)))
+    for more in range(MOST_DRAWS):
+        sobol = qmc.Sobol(machine.commanded.size, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
+        unit = sobol.random_base2(exponent + more)
+        targets = _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
+        targets = _reached(machine, targets, settings.approach_m)
+        if len(targets) >= count:
+            return targets[:count]
+    raise _hardly_reachable(machine)
+
+
+def require_reachable_poses(machine: Machine, settings: CampaignSettings, payloads: Sequence[PayloadEntry]) -> None:
+    """Raise InputError unless calibration and verification have poses that the drives reach, by ways that are clear."""
+    blocks = [*calibration_blocks(machine, settings)]
+    blocks += [verification_block(machine, settings, payload) for payload in settings.verification_payloads]
+    for block in blocks:
+        load = payloads[block.payload]
+        require_clear_campaign(
+            machine,
+            settings,
+            [(visit.target_m, visit.direction[0], load.mass_kg, load.com_m) for visit in block.visits],
+        )
+
+
+def _reached(machine: Machine, targets: Array, margin: float) -> Array:
+    """Those of the targets (n, 6) that all drives reach, and `margin` (m or rad) beyond, within their travel.
+
+    All of them where tables compensate: the whole workspace must then be within the travel.
+    """
+    if machine.drive_kinds == ("slider", "slider"):
+        return targets
+    drives = nominal_drives(machine, targets)
+    low, high = machine.travel.T
+    return targets[np.all((drives >= low + margin) & (drives <= high - margin), axis=1)]
+
+
+def _hardly_reachable(machine: Machine) -> InputError:
+    return InputError(
+        f"machine {machine.name}: hardly any of its workspace is within the travel of its drives; make [workspace] "
+        "smaller or the travel longer"
+    )
 
 
 def _listed_targets(machine: Machine, chosen: tuple[tuple[float, ...], ...]) -> Array:
@@ -114,7 +161,7 @@ def _inside(machine: Machine, rows: Sequence[tuple[float, ...]], what: str) -> A
     outside = np.flatnonzero(~np.all((values >= low - 1e-9) & (values <= high + 1e-9), axis=1))
     if outside.size:
         raise InputError(f"{what} {outside[0] + 1} lies outside the workspace of {machine.name}")
-    return platform_poses(machine, values)
+    return nominal_poses(machine, values)
 
 
 def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
@@ -142,7 +189,7 @@ def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tu
                 target_m=targets[number],
                 drives_m=drives[number],
                 payload=visit.payload,
-                direction=visit.direction or (1,) * count,
+                direction=_listed_sides(machine, settings, targets[number], visit.direction, number),
                 speed_m_per_s=settings.speeds_m_per_s[0] if visit.speed_m_per_s is None else visit.speed_m_per_s,
                 dwell_s=settings.dwells_s[0] if visit.dwell_s is None else visit.dwell_s,
             )
@@ -150,9 +197,28 @@ def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tu
     return tuple(Block(payload, tuple(planned)) for payload, planned in blocks)
 
 
+def sides(machine: Machine, settings: CampaignSettings, target_m: Array, side: int) -> tuple[int, ...]:
+    """Side that each drive comes from on an approach to a pose (6,) from a side: led drives follow the tool."""
+    if is_led(machine, settings):
+        return led_sides(machine, target_m, side, settings.approach_m)
+    return (side,) * len(machine.drive_names)
+
+
+def _listed_sides(
+    machine: Machine, settings: CampaignSettings, target_m: Array, given: tuple[int, ...], number: int
+) -> tuple[int, ...]:
+    if not is_led(machine, settings):
+        return given or (1,) * len(machine.drive_names)
+    if len(set(given)) > 1 and tuple(given) not in (sides(machine, settings, target_m, side) for side in (1, -1)):
+        raise InputError(
+            f"campaign.visits: visit {number + 1}: led drives come from where the tool comes from: give all 1 or all -1"
+        )
+    return given if len(set(given)) > 1 else sides(machine, settings, target_m, given[0] if given else 1)
+
+
 def _in_workspace(machine: Machine, unit: Array) -> Array:
     low, high = machine.commanded_limits.T
-    return platform_poses(machine, low + (high - low) * unit)
+    return nominal_poses(machine, low + (high - low) * unit)
 
 
 def commanded_drives(machine: Machine, targets: Array) -> Array:
@@ -185,7 +251,7 @@ def _block(
                 target_m=targets[pose],
                 drives_m=drives[pose],
                 payload=payload,
-                direction=(direction,) * len(machine.drive_names),
+                direction=sides(machine, settings, targets[pose], direction),
                 speed_m_per_s=float(rng.choice(settings.speeds_m_per_s)),
                 dwell_s=float(rng.choice(settings.dwells_s)),
             )

@@ -109,6 +109,12 @@ class TableChange:
         self._rig.bring_tables_to([images[bank.drive.name] for bank in self._rig.banks], on=self.target.on)
         self._add(DONE, {})
 
+    def leave_off(self) -> None:
+        """End the change with no table in use on any drive: what was verified acts elsewhere. The banks stay."""
+        self._rig.switch_compensation(None)
+        self._rig.enable()
+        self._add(DONE, {})
+
     def fall_back(self) -> None:
         """After a failure: the same as far as the drives answer; while one is silent, the others use no table.
 

@@ -11,7 +11,8 @@ from canopen.objectdictionary import eds
 
 import mock_devices.drives.mock_drive
 from mock_devices.machine_file import MachineFileError
-from mock_devices.rig import MockPorts, MockRig, home_m
+from mock_devices.plant.plant import home_m
+from mock_devices.rig import MockPorts, MockRig
 from mock_devices.settings import MockSettings
 
 EDS = mock_devices.drives.mock_drive.__file__.replace("mock_drive.py", "mock_drive.eds")
@@ -80,5 +81,5 @@ def test_closing_twice_is_once_and_a_failed_start_leaves_nothing_behind(machine_
     bad.write_text("format = 2")
     with pytest.raises(MachineFileError):
         MockRig(bad, MockSettings(), clock, bus_factory)
-    with pytest.raises(ValueError, match="two drives"):
+    with pytest.raises(ValueError, match="2 drives, 1 node ids"):
         MockRig(machine_path, MockSettings(), clock, bus_factory, node_ids=(1,))

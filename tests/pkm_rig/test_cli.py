@@ -159,7 +159,7 @@ def takes_rig(function):
 
 def test_the_demo_has_the_options_of_calibrate():
     calibrate, demo = (set(inspect.signature(COMMANDS[name]).parameters) for name in ("calibrate", "demo"))
-    assert demo - calibrate == {"real_time", "seed"}
+    assert demo - calibrate == {"machine", "real_time", "seed"}
     assert calibrate - demo == {"rig"}
 
 

@@ -10,7 +10,7 @@ import pytest
 import pkm_rig.virtual.mock_rig
 from calibration.machine.description import shipped_machine
 from pkm_rig.cli import main
-from pkm_rig.rig.config import embedded_rig_path
+from pkm_rig.rig.config import demo_rig_path, embedded_rig_path
 
 NO_TABLES = ("metres_per_increment = 1.0e-8", 'metres_per_increment = 1.0e-8\nprofile = "plain-402"')
 HOMING = "\n[drives.homing]\nmethod = 33\nposition_m = 1.1\n"
@@ -74,7 +74,7 @@ def test_a_payload_that_is_not_in_the_list(refused):
     assert "payload 3 is not in [[payloads]]" in line
 
 
-def test_a_machine_of_another_number_of_drives(refused):
+def test_a_crank_counts_in_radians(refused):
     text = embedded_rig_path().read_text(encoding="utf-8")
     drives = text[text.index("[[drives]]") : text.index("[plc]")]
     three = "".join(
@@ -82,7 +82,62 @@ def test_a_machine_of_another_number_of_drives(refused):
         for node, name in enumerate(("a", "b", "c"), start=1)
     )
     line = refused("measure", rig=[('machine = "planar4"', 'machine = "rrr3"'), (drives, three)])
-    assert "rrr3 has 3 drives" in line
+    assert "a is a crank, its coordinate is an angle: give radians_per_increment, not metres_per_increment" in line
+
+
+def test_a_slider_counts_in_metres(refused):
+    line = refused("measure", rig=[("metres_per_increment = 1.0e-8", "radians_per_increment = 1.0e-8")])
+    assert "left is a slider, its coordinate is a length: give metres_per_increment, not radians_per_increment" in line
+
+
+def test_a_drive_has_one_unit(refused):
+    both = "metres_per_increment = 1.0e-8\nradians_per_increment = 1.0e-8"
+    assert "left: give metres_per_increment" in refused("check", rig=[("metres_per_increment = 1.0e-8", both)])
+
+
+@pytest.fixture
+def refused_for(tmp_path, run):
+    """The last line with which `measure` refuses a demo rig with other text, before any device is touched."""
+
+    def line(machine, *changes):
+        path, text = tmp_path / "rig.toml", demo_rig_path(machine).read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        path.write_text(text, encoding="utf-8")
+        done = run("measure", "--rig", path, "--out", tmp_path / "runs")
+        assert done.returncode == 2
+        return done.stderr.strip().splitlines()[-1]
+
+    return line
+
+
+def test_drives_that_must_agree_are_not_moved_by_profiles(refused_for):
+    assert "each on its own profile would strain it" in refused_for(
+        "gough8", ("[campaign]", '[campaign]\nmotion = "profile"')
+    )
+
+
+@pytest.mark.parametrize("method", [33, 34])
+def test_drives_that_must_agree_are_not_homed_by_moving(refused_for, method):
+    homing = f"torque_limit_ratio = 3.5\n\n[drives.homing]\nmethod = {method}\nposition_m = 0.2"
+    assert f"homing method {method} moves one drive while the others stand" in refused_for(
+        "gough8", ("torque_limit_ratio = 3.5", homing)
+    )
+
+
+def test_a_crank_is_homed_in_radians(refused_for):
+    homing = "per_increment = 1.0e-8\n\n[drives.homing]\nmethod = 37\nposition_m = 0.2"
+    assert "a crank has position_rad, not position_m" in refused_for("rrr3", ("per_increment = 1.0e-8", homing))
+
+
+def test_a_crank_has_no_profile_in_metres_a_second(refused_for):
+    assert "speeds are in m/s: use 'led'" in refused_for("rrr3", ("[campaign]", '[campaign]\nmotion = "profile"'))
+
+
+def test_tables_fit_two_sliders_only(refused_for):
+    line = refused_for("stewart6", ("[campaign]", '[campaign]\ncompensation = "drive-tables"'))
+    assert "tables in the drives fit machines with two sliders" in line
 
 
 OWN_MACHINE = ('machine = "planar4"', 'machine = "machine.toml"')

@@ -1,0 +1,305 @@
+"""A machine in space as it truly is: the file's machine with errors drawn within its tolerances, and where parts stand.
+
+Not modelled: friction, backlash and flexibility of joints and drives, flexible platform, straightness of guides,
+hysteresis of any kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mock_devices.machine_file import Expansion
+from mock_devices.plant.spatial_equilibrium import Assembly, SpatialPose, equilibrium, pose_of, quaternion_of
+from mock_devices.plant.structure import NoEquilibrium
+from mock_devices.seeds import generator
+from mock_devices.settings import MockSettings, Payload
+from mock_devices.spatial_file import GROUND, Actuator, Reflector, Rod, SpatialMachine, across
+
+Array = NDArray[np.float64]
+
+_FLOOR_HALF_WIDTH_M = 3.0e-3
+
+
+@dataclass(frozen=True)
+class Load:
+    """A mass and its centre (3,) in the platform frame."""
+
+    mass_kg: float
+    centre_m: Array
+
+
+@dataclass(frozen=True)
+class TrueSpatialMachine:
+    """A machine file's machine with its errors; `scales` are those of the drives, `payloads` by number."""
+
+    file: SpatialMachine
+    scales: Array
+    payloads: tuple[Load, ...]
+
+    def assembly(self, drives: Sequence[float], payload: int, temperatures_c: Mapping[str, float]) -> Assembly:
+        """What holds the platform with the drives at these encoder positions."""
+        file, grown = self.file, self._growth(temperatures_c)
+        travel = self.scales * np.asarray(drives, dtype=np.float64)
+        length = np.array([rod.length_m * grown["struts"] for rod in file.rods])
+        for i, rod in enumerate(file.rods):
+            if rod.drive != GROUND and file.drives[rod.drive].kind == "leg":
+                length[i] += travel[rod.drive] * grown["drives"]
+        joint = np.array([rod.platform_joint_m for rod in file.rods]) * grown["platform"]
+        load = self.payloads[payload]
+        planes = file.planes
+        return Assembly(
+            platform_m=joint,
+            base_m=np.array([self._carried(rod.drive, rod.base_joint_m, travel, grown) for rod in file.rods]),
+            length_m=length,
+            stiffness=np.array([rod.stiffness_n_per_m for rod in file.rods]),
+            held_m=joint[[plane.rod for plane in planes]].reshape(-1, 3),
+            point_m=np.array([plane.point_m * grown["base"] for plane in planes]).reshape(-1, 3),
+            normal=np.array([plane.normal for plane in planes]).reshape(-1, 3),
+            plane_stiffness=np.array([plane.stiffness_n_per_m for plane in planes]),
+            mass_kg=np.array([file.moving_mass_kg, load.mass_kg]),
+            centre_m=np.array([file.centre_of_mass_m, load.centre_m]) * grown["platform"],
+            gravity=file.gravity,
+        )
+
+    def pose(
+        self,
+        drives: Sequence[float],
+        payload: int,
+        t_c: Mapping[str, float],
+        start: SpatialPose | None = None,
+    ) -> SpatialPose:
+        """The pose at rest; raises NoEquilibrium, also for one on another assembly branch than the machine's."""
+        assembly = self.assembly(drives, payload, t_c)
+        pose = equilibrium(assembly, start or middle_pose(self.file), self.file.free)
+        reach = assembly.rods(pose)[0]
+        for a, drive in enumerate(self.file.drives):
+            first = next(i for i, rod in enumerate(self.file.rods) if rod.drive == a)
+            if drive.branch * _side(drive, assembly.base_m[first], reach[first]) < 0.0:
+                raise NoEquilibrium(f"drive {drive.name}: the machine has left its assembly branch")
+        return pose
+
+    def rod_forces_n(self, drives: Sequence[float], payload: int, pose: SpatialPose, t_c: Mapping[str, float]) -> Array:
+        """Forces (m,) of the rods at a pose, tension positive."""
+        return self.assembly(drives, payload, t_c).rods(pose)[1]
+
+    def drive_loads(self, drives: Sequence[float], payload: int, pose: SpatialPose, t_c: Mapping[str, float]) -> Array:
+        """What each drive has to hold (d,): N along a slider or leg, N m about a crank's pivot."""
+        assembly = self.assembly(drives, payload, t_c)
+        reach, force = assembly.rods(pose)
+        pull = force[:, None] * reach / np.sqrt((reach**2).sum(axis=1))[:, None]
+        out = np.zeros(len(self.file.drives))
+        for i, rod in enumerate(self.file.rods):
+            if rod.drive == GROUND:
+                continue
+            drive = self.file.drives[rod.drive]
+            if drive.kind == "leg":
+                out[rod.drive] += force[i]
+            elif drive.kind == "slider":
+                out[rod.drive] -= pull[i] @ drive.axis
+            else:
+                out[rod.drive] -= np.cross(assembly.base_m[i] - drive.pivot_m, pull[i]) @ drive.axis
+        return out
+
+    def tool(self, pose: SpatialPose, temperatures_c: Mapping[str, float]) -> Array:
+        """Position of the tool point and rotation vector (6,)."""
+        place = pose.place(self.file.tool_point_m * self._growth(temperatures_c)["platform"])
+        return np.concatenate([place, pose.vector()[3:]])
+
+    def reflectors(
+        self, pose: SpatialPose, drives: Sequence[float], temperatures_c: Mapping[str, float]
+    ) -> list[tuple[Array, Array | None]]:
+        """Where each reflector is (3,) and where it looks to (3,) or None, in the order of the file."""
+        grown = self._growth(temperatures_c)
+        travel = self.scales * np.asarray(drives, dtype=np.float64)
+        out: list[tuple[Array, Array | None]] = []
+        for smr in self.file.smrs:
+            facing = smr.facing
+            if smr.on == "platform":
+                place = pose.place(smr.position_m * grown["platform"])
+                facing = None if facing is None else pose.turn @ facing
+            elif smr.on == "floor":
+                place = smr.position_m
+            else:
+                place = self._carried(smr.drive, smr.position_m, travel, grown)
+                drive = self.file.drives[smr.drive]
+                if facing is not None and drive.kind == "crank":
+                    facing = _turned(facing, drive.axis, float(travel[smr.drive]))
+            out.append((place, facing))
+        return out
+
+    def _growth(self, temperatures_c: Mapping[str, float]) -> dict[str, float]:
+        return {
+            part: 1.0 + e.coefficient_per_k * (temperatures_c[e.sensor] - self.file.reference_temperature_c)
+            for part, e in self.file.expansion.items()
+        }
+
+    def _carried(self, drive: int, point_m: Array, travel: Array, grown: Mapping[str, float]) -> Array:
+        """Where a point of the base or of a drive is."""
+        actuator = None if drive == GROUND else self.file.drives[drive]
+        if actuator is None or actuator.kind == "leg":
+            return np.asarray(point_m * grown["base"])
+        if actuator.kind == "slider":
+            return np.asarray(point_m * grown["base"] + actuator.axis * (travel[drive] * grown["drives"]))
+        arm = _turned(point_m, actuator.axis, float(travel[drive]))
+        return np.asarray(actuator.pivot_m * grown["base"] + arm * grown["drives"])
+
+
+def middle_pose(file: SpatialMachine) -> SpatialPose:
+    """The pose that has the tool in the middle of the workspace."""
+    middle = file.workspace.mean(axis=1)
+    pose = pose_of(middle)
+    return SpatialPose(pose.p - pose.turn @ file.tool_point_m, pose.quaternion)
+
+
+def closed_drive(file: SpatialMachine, drive: int, pose: SpatialPose) -> float:
+    """Nominal coordinate of a drive that closes its first rod at a pose. Raises NoEquilibrium out of reach."""
+    actuator = file.drives[drive]
+    rod = next(r for r in file.rods if r.drive == drive)
+    joint = pose.place(rod.platform_joint_m)
+    if actuator.kind == "leg":
+        return float(np.linalg.norm(joint - rod.base_joint_m)) - rod.length_m
+    if actuator.kind == "slider":
+        apart = joint - rod.base_joint_m
+        along = float(apart @ actuator.axis)
+        inside = rod.length_m**2 - float(apart @ apart) + along**2
+        if inside < 0.0:
+            raise NoEquilibrium(f"drive {actuator.name}: its strut does not reach")
+        return along + actuator.branch * math.sqrt(inside)
+    return _crank_angle(actuator, rod, joint)
+
+
+def _crank_angle(actuator: Actuator, rod: Rod, joint: Array) -> float:
+    """The angle in the travel at which the arm's end is a rod's length from the joint: bisection between turns."""
+    towards = joint - actuator.pivot_m
+
+    def gap(angle: float) -> tuple[float, float]:
+        arm = _turned(rod.base_joint_m, actuator.axis, angle)
+        side = actuator.branch * float(actuator.axis @ np.cross(arm, towards))
+        return float(np.linalg.norm(towards - arm)) - rod.length_m, side
+
+    low, high = actuator.travel
+    angles = np.linspace(low - 0.5, high + 0.5, 400)
+    gaps = [gap(float(angle)) for angle in angles]
+    for (a, (before, _)), (b, (after, side)) in zip(
+        zip(angles, gaps, strict=True), list(zip(angles, gaps, strict=True))[1:], strict=False
+    ):
+        if before * after <= 0.0 and side > 0.0:
+            left, right = float(a), float(b)
+            for _ in range(60):
+                middle = 0.5 * (left + right)
+                left, right = (middle, right) if gap(middle)[0] * before > 0.0 else (left, middle)
+            return 0.5 * (left + right)
+    raise NoEquilibrium(f"drive {actuator.name}: its link does not reach")
+
+
+def _side(drive: Actuator, base: Array, reach: Array) -> float:
+    """Positive on branch 1 (docs/reference/machine.md), from the base end of a drive's first rod and its direction."""
+    if drive.kind == "slider":
+        return float(-drive.axis @ reach)
+    if drive.kind == "crank":
+        arm = base - drive.pivot_m
+        return float(drive.axis @ np.cross(arm, arm + reach))
+    return 1.0
+
+
+def _turned(point: Array, axis: Array, angle: float) -> Array:
+    """A point turned about an axis through the origin."""
+    return SpatialPose(np.zeros(3), quaternion_of(axis * angle)).turn @ point
+
+
+def draw_spatial_machine(file: SpatialMachine, settings: MockSettings) -> TrueSpatialMachine:
+    """Draw the true machine of a seed. A nest length holds to its certificate's error (first two floor SMRs)."""
+    seed, scale, width = settings.seed, settings.error_scale, file.tolerances
+    in_plane = np.array([1.0, 1.0, 0.0 if file.planar else 1.0])
+
+    def uniform(purpose: str, half_width: float, *shape: int) -> Array:
+        return half_width * generator(seed, purpose).uniform(-1.0, 1.0, shape)
+
+    n, count = len(file.rods), len(file.drives)
+    length = uniform("strut length", scale * width["strut_length_m"], n)
+    platform = uniform("platform joint", scale * width["platform_joint_m"], n, 3) * in_plane
+    base = uniform("base joint", scale * width["base_joint_m"], n, 3) * in_plane
+    ln_k = uniform("ln stiffness", width["ln_stiffness"], n + len(file.planes))
+    rods = tuple(
+        replace(
+            rod,
+            length_m=rod.length_m + float(length[i]),
+            platform_joint_m=rod.platform_joint_m + platform[i],
+            base_joint_m=rod.base_joint_m + base[i],
+            stiffness_n_per_m=rod.stiffness_n_per_m * math.exp(ln_k[i]),
+        )
+        for i, rod in enumerate(file.rods)
+    )
+    tilt = uniform("axis tilt", scale * width.get("axis_tilt_rad", 0.0), count, 2)
+    pivot = uniform("pivot", scale * width.get("pivot_m", 0.0), count, 3) * in_plane
+    drives = tuple(
+        drive
+        if drive.kind == "leg"
+        else replace(
+            drive,
+            axis=_tilted(drive.axis, tilt[a], planar=file.planar),
+            pivot_m=drive.pivot_m + (pivot[a] if drive.kind == "crank" else 0.0),
+        )
+        for a, drive in enumerate(file.drives)
+    )
+    shift = uniform("guide position", scale * width.get("guide_position_m", 0.0), len(file.planes))
+    lean = uniform("guide tilt", scale * width.get("guide_tilt_rad", 0.0), len(file.planes), 2)
+    planes = tuple(
+        replace(
+            plane,
+            point_m=plane.point_m + shift[i] * plane.normal,
+            normal=_tilted(plane.normal, lean[i], planar=False),
+            stiffness_n_per_m=plane.stiffness_n_per_m * math.exp(ln_k[n + i]),
+        )
+        for i, plane in enumerate(file.planes)
+    )
+    true_file = replace(
+        file,
+        rods=rods,
+        drives=drives,
+        planes=planes,
+        smrs=_draw_reflectors(file, settings),
+        expansion={part: _draw_expansion(part, e, seed) for part, e in file.expansion.items()},
+    )
+    scales = 1.0 + uniform("drive scale", scale * width["drive_scale"], count)
+    return TrueSpatialMachine(
+        true_file, scales, tuple(_draw_payload(i, p, seed) for i, p in enumerate(settings.payloads))
+    )
+
+
+def _tilted(direction: Array, tilt: Array, *, planar: bool) -> Array:
+    """A direction turned about the two directions across it; of a planar machine about z alone, where that turns it."""
+    about = np.array([0.0, 0.0, tilt[0]]) if planar else tilt[0] * across(direction)[0] + tilt[1] * across(direction)[1]
+    return SpatialPose(np.zeros(3), quaternion_of(about)).turn @ direction
+
+
+def _draw_expansion(part: str, stated: Expansion, seed: int) -> Expansion:
+    error = stated.u_per_k * float(generator(seed, part).uniform(-1.0, 1.0))
+    return replace(stated, coefficient_per_k=stated.coefficient_per_k + error)
+
+
+def _draw_reflectors(file: SpatialMachine, settings: MockSettings) -> tuple[Reflector, ...]:
+    smrs = []
+    for i, smr in enumerate(file.smrs):
+        width_m = _FLOOR_HALF_WIDTH_M if smr.on == "floor" else file.tolerances["smr_position_m"]
+        shift = generator(settings.seed, "smr", i).uniform(-width_m, width_m, 3)
+        smrs.append(replace(smr, position_m=smr.position_m + shift))
+    nests = [i for i, smr in enumerate(file.smrs) if smr.on == "floor"][:2]
+    if len(nests) == 2:
+        a, b = nests
+        stated = float(np.linalg.norm(file.smrs[b].position_m - file.smrs[a].position_m))
+        stated += settings.certificate_sd_m * float(generator(settings.seed, "certificate").standard_normal())
+        apart = smrs[b].position_m - smrs[a].position_m
+        smrs[b] = replace(smrs[b], position_m=smrs[a].position_m + apart * (stated / float(np.linalg.norm(apart))))
+    return tuple(smrs)
+
+
+def _draw_payload(index: int, payload: Payload, seed: int) -> Load:
+    mass, *shift = generator(seed, "payload", index).standard_normal(4)
+    centre = np.array(payload.com_m) + payload.u_com_m * np.array(shift)
+    return Load(payload.mass_kg + payload.u_mass_kg * float(mass), centre)

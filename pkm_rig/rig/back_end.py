@@ -1,0 +1,138 @@
+"""Ways to have an identified correction act on a connected rig: tables in the drives, or this computer's own targets.
+
+Each can build a correction, say its limits by refusing, put it on trial (write, read back, activate), say what to
+command, confirm that it is what acts, keep it, and go back to what was before.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration.compensation.host import HostCorrection, host_correction
+from calibration.compensation.tables import CompensationTable, table_for_payload
+from calibration.identification.calibration import Calibration
+from drivers.drives.table_bank import CompensationMode
+from drivers.errors import TableError
+from pkm_rig.rig.capabilities import uses_tables
+from pkm_rig.rig.drive_tables import read_states
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.schedule import Block
+from pkm_rig.rig.table_change import TableChange
+
+Correction = CompensationTable | HostCorrection
+
+
+class BackEnd(ABC):
+    """One way; `change` records what the drives had before. Methods raise DeviceError, StoreError and InputError."""
+
+    name: str
+
+    def __init__(self, rig: Rig, change: TableChange) -> None:
+        self.rig, self.change = rig, change
+
+    @abstractmethod
+    def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> Correction:
+        """The correction for a payload at some temperatures; InputError where limits do not permit it."""
+
+    @abstractmethod
+    def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
+        """Write it, read it back and have it act on trial; what each drive has, for the store."""
+
+    @abstractmethod
+    def commanded(self, block: Block, correction: Correction) -> Block:
+        """Visits as they are to be commanded while it acts."""
+
+    @abstractmethod
+    def require_in_use(self) -> None:
+        """Raise TableError unless what was tried last still acts, and nothing else."""
+
+    @abstractmethod
+    def keep(self) -> None:
+        """Have it act for good: it is verified, and the verdict is stored."""
+
+    def roll_back(self) -> None:
+        """Go back to what was before."""
+        self.change.bring_to_target()
+
+
+class DriveTables(BackEnd):
+    """Tables in two drives, which each drive interpolates over its own position and its partner's."""
+
+    name = "drive-tables"
+
+    def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> CompensationTable:
+        """A table over both drives' commanded positions."""
+        return table_for_payload(calibration, payload, temperatures_c)
+
+    def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
+        """Write the tables into all drives and use them on trial."""
+        if not isinstance(correction, CompensationTable):
+            raise TypeError("a table is needed")
+        states = self.change.compensate(self.rig.images(correction, self.rig.next_generation()))
+        return {
+            drive.name: {"generation": state.generation, "crc": state.crc, "active": state.valid}
+            for drive, state in zip(self.rig.file.drives, states, strict=True)
+        }
+
+    def commanded(self, block: Block, correction: Correction) -> Block:
+        """The same visits: the drives correct."""
+        del correction
+        return block
+
+    def require_in_use(self) -> None:
+        """The drives are asked."""
+        self.change.require_in_use()
+
+    def keep(self) -> None:
+        """Use the tables for good."""
+        self.change.keep()
+
+
+class Host(BackEnd):
+    """This computer corrects its targets before it sends them. The drives' own tables are off meanwhile, and stay so.
+
+    There is nothing in the drives to read back; what acts is what is commanded, and every reading records that.
+    """
+
+    name = "host"
+
+    def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> HostCorrection:
+        """The identified model itself."""
+        return host_correction(calibration, payload, temperatures_c)
+
+    def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
+        """Refuse it while a drive has a table on."""
+        del correction
+        self.rig.compensate(None)
+        self.require_in_use()
+        return {}
+
+    def commanded(self, block: Block, correction: Correction) -> Block:
+        """The visits with corrected drive positions. InputError beyond travel or limits."""
+        if not isinstance(correction, HostCorrection):
+            raise TypeError("a correction by the host is needed")
+        drives = correction.drives(np.array([visit.target_m for visit in block.visits]))
+        visits = (replace(visit, drives_m=row) for visit, row in zip(block.visits, drives, strict=True))
+        return replace(block, visits=tuple(visits))
+
+    def require_in_use(self) -> None:
+        """No drive may correct as well."""
+        for bank, state in zip(self.rig.banks, read_states(self.rig), strict=True):
+            if state.mode is not CompensationMode.OFF:
+                raise TableError(
+                    bank.drive.name, bank.drive.where, "its own table is on: both would correct",
+                    "switch it off with `pkm-rig tables off`",
+                )  # fmt: skip
+
+    def keep(self) -> None:
+        """The accepted correction is in the store, by its campaign; the drives keep what they had, switched off."""
+        self.change.leave_off()
+
+
+def back_end_of(rig: Rig, change: TableChange) -> BackEnd:
+    """The back end that the rig file names, or that its machine needs."""
+    return DriveTables(rig, change) if uses_tables(rig.file, rig.machine) else Host(rig, change)

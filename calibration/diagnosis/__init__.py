@@ -15,6 +15,7 @@ __all__ = [
     "level_posterior",
     "levels_and_causes",
     "linear_model",
+    "linearisation",
     "non_parametric",
     "observed_model",
     "outlying_readings",

@@ -6,6 +6,7 @@ that an effect is credited only with what they cannot explain. Rows are readings
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,30 +15,24 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.frame import Frame, station_frame
 from calibration.diagnosis.disturbances import disturbance_columns
+from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights, project_out
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
-from calibration.model.model import Model, Poses, SystematicUncertainties
-from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
 from calibration.recording.header import DisturbanceLevels
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
 from calibration.reduction.recording_setups import in_first_frame, setups_of
-from calibration.reduction.report_frame import fit_report_frame
 
 NEST_PRIOR_M = 5.0e-3
-FRAME_PRIOR = 5.0e-3  # m and rad, about the frame that was fitted to the commanded poses
-LINEARISATION_STEPS = 2
 GATINGS = 4
 LEAST_VISITS = 20
-STIFFNESS_LIMIT_SIGMA = 3.0
 NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
@@ -96,16 +91,19 @@ class LinearModel(ObservedModel):
         return whitened_shift(self.whiten, self.frame, shift_m)
 
 
-def linearise_recording(recording: Recording, *, judge: bool = True) -> LinearModel:
+def linearise_recording(
+    recording: Recording, *, judge: bool = True, held: Mapping[str, float] | None = None
+) -> LinearModel:
     """Fit the model to a recording and linearise it there, wrong readings left out (outlying_readings).
 
-    judge: whether wrong readings are looked for; the costliest part, in vain where there are none. Raises
-    InputError if the readings do not allow it.
+    judge: whether wrong readings are looked for; the costliest part, in vain where there are none. held: values of
+    unknowns, in SI units, at which it is linearised whatever the readings say; the others are fitted. Raises InputError
+    if the readings do not allow it.
     """
     usable = usable_rows(recording)
     rows = usable
     for _ in range(GATINGS):
-        linear, keep = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge)
+        linear, keep = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
         if np.all(keep):
             break
         rows = rows[keep]
@@ -113,15 +111,20 @@ def linearise_recording(recording: Recording, *, judge: bool = True) -> LinearMo
 
 
 def _linearise_rows(
-    recording: Recording, rows: NDArray[np.intp], wrong: NDArray[np.intp], *, judge: bool
+    recording: Recording,
+    rows: NDArray[np.intp],
+    wrong: NDArray[np.intp],
+    *,
+    judge: bool,
+    held: Mapping[str, float] | None,
 ) -> tuple[LinearModel, NDArray[np.bool_]]:
     """The linear model of some rows (n,) without wrong ones (k,), and which of them (n,) fit the others."""
     setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
     used = in_first_frame(recording.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
     _require_enough_visits(used.machine, observations.visits)
-    unknowns = _Unknowns.of(used, observations, setups)
-    point = _linearise(unknowns, SmrPositions(observations, unknowns.station), recording.file.campaign)
+    unknowns = Unknowns.of(used, observations, setups)
+    point = linearise(unknowns, SmrPositions(observations, unknowns.station), recording.file.campaign, held)
     observed = ObservedModel(
         machine=used.machine,
         context=context_of_recording(used),
@@ -174,97 +177,11 @@ def _linearise_rows(
     return linear, keep
 
 
-@dataclass(frozen=True)
-class _Unknowns:
-    """Unknowns (u) of the machine's model, then of the station's: names and prior standard deviations."""
-
-    model: Model
-    station: StationModel
-    names: tuple[str, ...]
-    sigma: Array
-
-    @classmethod
-    def of(cls, used: Recording, observations: ReflectorObservations, setups: Setups) -> _Unknowns:
-        """All unknowns that the readings used concern."""
-        machine = used.machine
-        systematic = SystematicUncertainties.from_declared(
-            used.file.payloads, machine, used.file.nuisance.temperature_k
-        )
-        model = Model(ParameterSet.of(machine), systematic)
-        smrs = tuple(sorted(set(observations.smr.tolist())))
-        accuracy = used.file.station.accuracy.to_station_accuracy()
-        station = StationModel.from_accuracy(_initial_frame(used, observations), smrs, accuracy)
-        if len(setups) > 1:  # the nests are readings of the same model
-            station = replace(station, setups=setups.with_error(FRAME_PRIOR))
-        unknowns = (*model.unknowns, *station.unknowns(machine))
-        sigma = np.array([unknown.sigma for unknown in unknowns])
-        out = cls(model, station, tuple(unknown.name for unknown in unknowns), sigma)
-        sigma[out.of_frame] = FRAME_PRIOR
-        return out
-
-    @property
-    def of_model(self) -> int:
-        """Number of the model's unknowns: those of the station follow."""
-        return len(self.model)
-
-    @property
-    def of_frame(self) -> slice:
-        """Where the six unknowns of the station's frame are."""
-        first = self.of_model + self.station.frame_column
-        return slice(first, first + 6)
-
-    def mounted_m(self, machine: Machine, values: Array) -> Array:
-        """Fitted positions (smrs, 3) of the reflectors on their parts; those of the machine file if not measured."""
-        of_station = values[self.of_model :]
-        return np.array([
-            self.station.mounting_m(machine, of_station, i) if i in self.station.smrs else smr.position_m
-            for i, smr in enumerate(machine.smrs)
-        ])  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _LinearisationPoint:
-    """The model at values (u,) of its unknowns: poses; of the readings at poses (r), whitened: columns (r, 3, u), each
-    times sigma, and residual (r, 3), extrapolated to zero values."""
-
-    values: Array
-    poses: Poses
-    columns: Array
-    residual: Array
-
-
-def _linearise(unknowns: _Unknowns, readings: SmrPositions, campaign: str) -> _LinearisationPoint:
-    """Gauss-Newton steps from nominal values to the point at which the model is linear."""
-    model, sigma, observations = unknowns.model, unknowns.sigma, readings.observations
-    stiffness = model.parameters.rows("ln_stiffness")
-
-    def point(values: Array, start: Array) -> _LinearisationPoint:
-        poses = model.predict(values[: len(model)], observations.visits, start)
-        if not np.all(poses.equilibrium.converged):
-            raise InputError(
-                f"recording {campaign}: the model finds no equilibrium for a visit; check units, drive coordinates and "
-                "that the machine file fits the machine"
-            )
-        compared = readings.compare(poses, observations.visit[:, None], values[len(model) :])
-        columns = np.concatenate([compared.by_model, compared.by_own], axis=2) * sigma
-        residual = np.einsum("nwu,u->nw", columns, values / sigma) - compared.residual
-        return _LinearisationPoint(values, poses, columns, residual)
-
-    current = point(np.zeros(sigma.size), observations.visits.target_m)
-    for _ in range(LINEARISATION_STEPS):
-        flat = current.columns.reshape(-1, sigma.size)
-        scaled = np.linalg.solve(flat.T @ flat + np.eye(sigma.size), flat.T @ current.residual.ravel())
-        # A strong effect can drive the stiffness to any value; the point of linearisation has to remain plausible.
-        scaled[stiffness] = np.clip(scaled[stiffness], -STIFFNESS_LIMIT_SIGMA, STIFFNESS_LIMIT_SIGMA)
-        current = point(scaled * sigma, current.poses.equilibrium.coordinates())
-    return current
-
-
 def _all_readings(
     observed: ObservedModel,
     whiten: Array,
-    unknowns: _Unknowns,
-    point: _LinearisationPoint,
+    unknowns: Unknowns,
+    point: LinearisationPoint,
     setup: NDArray[np.intp],
 ) -> tuple[Array, Array]:
     """Columns (n, 3, u) and residual (n, 3) of all readings: those at poses, and those of the floor nests.
@@ -329,11 +246,6 @@ def _observations(used: Recording, setups: Setups) -> tuple[ReflectorObservation
     all_visits = np.full(len(smr), -1, dtype=np.intp)
     all_visits[rows] = observations.visit
     return observations, all_visits, smr
-
-
-def _initial_frame(used: Recording, observations: ReflectorObservations) -> Frame:
-    entry = used.file.station
-    return fit_report_frame(used.machine, observations, station_frame(entry.position_m, entry.heading_rad)).frame
 
 
 def _require_enough_visits(machine: Machine, visits: Visits) -> None:

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
+.PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -104,6 +104,12 @@ gapbench: $(VENV)/gapbench.stamp
 # cores. N=20 for a first look, PROCESSES=4. What is scored with which catalogue is a line in the log. Stopped, it goes on.
 emergent: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.emergent.run $(if $(N),--n $(N)) $(if $(PROCESSES),--processes $(PROCESSES))
+
+# What changed between two campaigns, on 1,000 pairs whose change is known (docs/explanation/comparison.md): about an hour on
+# two free cores. N=50 for a first look; SEED=1 is for development; TABLE=1 prints what is there. Stopped, it goes on.
+compare-study: $(VENV)/dev.stamp
+	nice -n 10 $(BIN)/python -m benchmarks.comparison.run $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED)) \
+		$(if $(PROCESSES),--processes $(PROCESSES)) $(if $(TABLE),--table)
 
 # The diagnosis of one drive alone on six measured recordings of a robot (docs/explanation/axis.md), if they lie in
 # ../shared/real-data/kuka-kr300 or DATA=FOLDER. Stopped, it begins anew: it takes one or two minutes.

@@ -3,6 +3,7 @@
 __all__ = [
     "axis",
     "base",
+    "comparison",
     "compensation",
     "diagnosis",
     "effects",

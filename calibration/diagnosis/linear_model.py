@@ -79,12 +79,12 @@ class LinearModel(ObservedModel):
             self,
             recording=replace(self.recording, file=file),
             columns=columns,
-            q=_inverse_covariance_factor(columns),
+            q=inverse_covariance_factor(columns),
         )
 
     @cached_property
     def _q_of_calibration(self) -> Array:
-        return _inverse_covariance_factor(self.columns[:, :, : self.of_calibration])
+        return inverse_covariance_factor(self.columns[:, :, : self.of_calibration])
 
     def whiten_shift(self, shift_m: Array) -> Array:
         """Shifts (n, 3) in the machine's frame, whitened."""
@@ -144,11 +144,11 @@ def _linearise_rows(
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
     keep = fitting_readings(observed, whiten, residual, columns) if judge else np.ones(len(rows), dtype=np.bool_)
-    q = _inverse_covariance_factor(columns)
+    q = inverse_covariance_factor(columns)
     weight = outlier_weights(residual, q)
     if weight is not None:
         columns = columns * weight[:, None, None]
-        q = _inverse_covariance_factor(columns)
+        q = inverse_covariance_factor(columns)
         whiten, residual = whiten * weight[:, None, None], residual * weight[:, None]
     linear = LinearModel(
         machine=observed.machine,
@@ -254,7 +254,7 @@ def _require_enough_visits(machine: Machine, visits: Visits) -> None:
         raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
 
 
-def _inverse_covariance_factor(columns: Array) -> Array:
+def inverse_covariance_factor(columns: Array) -> Array:
     """q (n, 3, r) such that 1 - q q' is the inverse of 1 + A A' for columns A (n, 3, b).
 
     Directions that are determined by the priors alone are omitted.

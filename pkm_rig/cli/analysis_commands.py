@@ -1,4 +1,4 @@
-"""Commands that compute: identify, diagnose, poses, compensate."""
+"""Commands that compute: identify, diagnose, compare, poses, compensate."""
 
 from __future__ import annotations
 
@@ -91,6 +91,32 @@ def diagnose(
         is_stored = store is not None and not Path(campaign).is_dir()
         measure_with = measure_more(store, campaign, out) if store is not None and is_stored else None
     print_result(json, result | repaired, describe_diagnosis(diagnosis, result, measure_with))
+
+
+def compare(
+    before: CampaignArgument,
+    after: CampaignArgument,
+    out: OutOption = Path("runs"),
+    json: JsonOption = False,
+    by_sequence: SequenceOption = False,
+) -> None:
+    """Say what changed on the machine between two campaigns, and what that does at the tool point."""
+    from pkm_rig.jobs.compare import run_comparison
+    from pkm_rig.jobs.measured_machine import find_measurement_folder
+    from pkm_rig.report.comparison_text import describe_comparison
+    from pkm_rig.report.terminal import print_result, say_repaired
+    from pkm_rig.store.store import find_recording
+
+    for campaign in (before, after):
+        if find_measurement_folder(campaign, out) is not None:
+            raise InputError(
+                f"{campaign}: a measurement folder; a comparison needs recordings (docs/reference/recording.md)"
+            )
+    recordings = [find_recording(campaign, out, by_sequence=by_sequence) for campaign in (before, after)]
+    for recording in recordings:
+        say_repaired(recording)
+    comparison, result = run_comparison(recordings[0], recordings[1], out)
+    print_result(json, result, describe_comparison(comparison, result))
 
 
 def poses(

@@ -53,6 +53,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "poses": analysis_commands.poses,
     "identify": analysis_commands.identify,
     "diagnose": analysis_commands.diagnose,
+    "compare": analysis_commands.compare,
     "compensate": analysis_commands.compensate,
     "health": life_commands.health,
     "history": life_commands.history,

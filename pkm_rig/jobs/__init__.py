@@ -8,6 +8,7 @@ __all__ = [
     "campaign_file",
     "check",
     "check_readings",
+    "compare",
     "compensate",
     "control_files",
     "diagnose",

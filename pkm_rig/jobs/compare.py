@@ -1,0 +1,38 @@
+"""Comparison of two campaigns as a command does it: with pictures beside the store."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from calibration.base.errors import InputError
+from calibration.comparison.compare import compare
+from calibration.comparison.result import Comparison
+from calibration.identification.calibration import calibration_part
+from calibration.recording.recording import Recording
+from calibration.reduction.nest_checks import drop_unclosed_readings
+from pkm_rig.report import comparison_pictures
+from pkm_rig.report.comparison_json import comparison_json
+from pkm_rig.report.diagnosis_pictures import save
+from pkm_rig.store.store import campaign_folder
+
+PICTURES_FOLDER = "compared-with"
+
+
+def run_comparison(before: Recording, after: Recording, out: Path) -> tuple[Comparison, dict[str, Any]]:
+    """Compare two recordings; the object of docs/reference/comparison.schema.json, whose pictures are written.
+
+    They are put into `out`, in the folder of the later campaign. Raises InputError.
+    """
+    readings = [drop_unclosed_readings(calibration_part(recording)) for recording in (before, after)]
+    folder = campaign_folder(out, after.file.campaign) / PICTURES_FOLDER / before.file.campaign
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        comparison = compare(*readings)
+        result = comparison_json(comparison)
+        result["simulated"] = any(recording.file.simulated for recording in readings)
+        figures = comparison_pictures.draw_all(comparison, after.machine)
+        result["pictures"] = save(figures, folder, simulated=result["simulated"])
+    except OSError as error:
+        raise InputError(f"compare: {error}; choose another --out") from error
+    return comparison, result

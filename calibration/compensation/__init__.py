@@ -7,6 +7,7 @@ __all__ = [
     "formats",
     "grid",
     "host",
+    "kinematics",
     "limits",
     "piecewise",
     "tables",

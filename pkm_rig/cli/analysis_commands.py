@@ -176,7 +176,8 @@ def compensate(
         typer.Option(
             "--format",
             help="files for a control: csv, linuxcnc-comp, linuxcnc-comp-0, siemens-cec, beckhoff-plane, "
-            "heidenhain-com. No vendor's software has read a file of ours yet, csv has no vendor",
+            "heidenhain-com; calibrated geometry: genhexkins, lineardeltakins, klipper-delta. No vendor's software has "
+            "read a file of ours yet, csv has no vendor",
         ),
     ] = None,
     control: Annotated[
@@ -196,9 +197,11 @@ def compensate(
     by_sequence: SequenceOption = False,
 ) -> None:
     """Compute the compensation tables of a recording and save them; `verify` writes them to the drives."""
+    from calibration.compensation.kinematics.catalogue import KINEMATICS
     from pkm_rig.jobs.compensate import compensate_recording
     from pkm_rig.jobs.control_files import Choice, write_control_files
-    from pkm_rig.report.control_text import print_control_files
+    from pkm_rig.jobs.kinematics_files import write_kinematics_files
+    from pkm_rig.report.control_text import print_control_files, print_kinematics_files
     from pkm_rig.report.terminal import print_either, print_message, print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
@@ -211,5 +214,9 @@ def compensate(
         print_result(json, tables, f"tables: {tables['folder']}")
         return
     choice = Choice(form, control, axes, accept_loss=accept_loss, accept_change=accept_change)
+    if form in KINEMATICS:
+        geometry = repaired | write_kinematics_files(recording, payload, out, choice, print_message)
+        print_either(json, geometry, print_kinematics_files)
+        return
     result = repaired | write_control_files(recording, payload, out, choice, print_message)
     print_either(json, result, print_control_files)

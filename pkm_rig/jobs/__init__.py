@@ -19,6 +19,7 @@ __all__ = [
     "identify",
     "interim",
     "interval_settings",
+    "kinematics_files",
     "life_record",
     "measure",
     "measured_machine",

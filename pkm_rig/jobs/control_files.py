@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ from calibration.base.plain_file import read_text
 from calibration.compensation.correction import Correction, ToolError, measured_box, model_error
 from calibration.compensation.decomposition import DriveTables, Loss, corrections_at
 from calibration.compensation.error_map import predicted_errors
-from calibration.compensation.formats.catalogue import table_format
+from calibration.compensation.formats.catalogue import FORMATS, table_format
 from calibration.compensation.formats.control import ControlFiles, Order, TableFormat, axis_names
+from calibration.compensation.kinematics.catalogue import KINEMATICS
 from calibration.compensation.limits import (
     FormerCorrection,
     check_change,
@@ -88,6 +89,15 @@ class IdentifiedLoad:
         """The predicted tool error."""
         return model_error(self.calibration.fit, self.calibration.report, self.load)
 
+    def other_loads(self) -> list[IdentifiedLoad]:
+        """The same at every payload of the list within those that were measured, its own among them."""
+        measured_kg = self.calibration.reduction.calibration().visits.payload_kg
+        return [
+            replace(self, payload=n, load=self.calibration.operating_conditions(n, self.load.temperatures_c))
+            for n, entry in enumerate(self.recording.file.payloads)
+            if np.min(measured_kg) <= entry.mass_kg <= np.max(measured_kg)
+        ]
+
     def notes(self) -> tuple[str, ...]:
         """Lines for the head of a file."""
         file = self.recording.file
@@ -113,6 +123,8 @@ def write_control_files(
     Raises CampaignRefused for a format that removes too little, InputError for what the control cannot take and for
     corrections beyond their limits. Nothing is written then.
     """
+    if choice.form not in FORMATS:
+        raise InputError(f"format '{choice.form}' is unknown; known: {', '.join((*FORMATS, *KINEMATICS))}")
     form = table_format(choice.form)
     control = form.control(choice.control)
     axes = axis_names(form, control, choice.axes, recording.machine)

@@ -27,3 +27,21 @@ def print_control_files(result: dict[str, Any]) -> None:
     lines += [f"axes: {axes}", f"files: {result['folder']}: {', '.join(result['files'])}"]
     for line in lines:
         results.print(line, soft_wrap=True)
+
+
+def print_kinematics_files(result: dict[str, Any]) -> None:
+    """The files with calibrated geometry, and what rigid parameters cannot carry."""
+    lines = [
+        f"{result['format']} for {result['control']}, {result['payload_kg']:g} kg: {result['parameters']} take "
+        f"{result['removed_share']:.1%} of the corrections' RMS",
+        result["trial"],
+        "what rigid parameters cannot carry (single errors that they lack, stiffness, payload), predicted position "
+        "error, RMS:",
+    ]
+    lines += [
+        f"  at {mass} kg: {rms['before'] * 1e6:.1f} um without, {rms['after'] * 1e6:.2f} um with this geometry"
+        for mass, rms in result["tool_position_rms_m"].items()
+    ]
+    lines.append(f"files: {result['folder']}: {', '.join(result['files'])}")
+    for line in lines:
+        results.print(line, soft_wrap=True)

@@ -62,6 +62,10 @@ class DrawnMachine:
         point = target[:, :3] + wanted @ self.machine.tool_point_m
         return np.concatenate([tool - point, rotation_vector(rotation @ wanted.transpose(0, 2, 1))], axis=1)
 
+    def tool_error_free(self):
+        """The error without load as a function of drives and targets."""
+        return lambda drives, target: self.tool_error(drives, target, self.load())
+
     def _fitted(self, target: Array) -> DrawnMachine:
         """One step of the least-squares fit of frame and tool offset, without load."""
         error = self.tool_error(nominal_drives(self.machine, target), target, self.load())

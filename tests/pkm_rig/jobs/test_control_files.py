@@ -10,6 +10,7 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.compensation.formats.catalogue import FORMATS
+from calibration.compensation.kinematics.catalogue import KINEMATICS
 from calibration.compensation.tables import corrected_drives
 from calibration.machine.inverse import nominal_drives, platform_poses
 from calibration.recording.folder import write_folder
@@ -105,6 +106,9 @@ def test_a_damaged_record_of_what_was_written_is_named(recording, tmp_path, text
         (("--format", "heidenhain-com", "--axes", "x,y"), "'x' is no name of an axis"),
         (("--axes", "X,Y"), "are for --format"),
         (("--format", "csv", "--payload", "7"), "payload 7"),
+        (("--format", "genhexkins"), "planar4 is none for it: genhexkins has telescopic struts"),
+        (("--format", "klipper-delta"), "planar4 is none for it: a linear delta has three sliders"),
+        (("--format", "genhexkins", "--axes", "X,Y"), "leave out --control, --axes"),
     ],
 )
 def test_bad_choices_are_one_line_and_status_2(run, folder, tmp_path, arguments, complaint):
@@ -117,7 +121,7 @@ def test_bad_choices_are_one_line_and_status_2(run, folder, tmp_path, arguments,
 def test_the_help_names_every_format_and_says_what_no_vendor_has_read(run):
     text = " ".join(run("compensate", "--help").stdout.replace("│", " ").split())
     flat = text.replace(" ", "")
-    for form in FORMATS.values():
+    for form in (*FORMATS.values(), *KINEMATICS.values()):
         assert form.name in flat
         assert (form.read_by is None) == (form.name != "csv")
     assert "Novendor'ssoftwarehasreadafileofoursyet" in flat

@@ -6,6 +6,7 @@ __all__ = [
     "columns",
     "delta_printer",
     "folder",
+    "hdf5",
     "header",
     "klipper",
     "measurement_folder",

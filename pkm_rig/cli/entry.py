@@ -19,6 +19,7 @@ from calibration.base.errors import InputError
 from drivers.errors import DeviceError
 from pkm_rig.cli import (
     analysis_commands,
+    certificate_command,
     life_commands,
     mock_command,
     record_commands,
@@ -60,6 +61,7 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "list": store_commands.list_campaigns,
     "show": store_commands.show,
     "report": store_commands.report,
+    "certificate": certificate_command.certificate,
     "export": store_commands.export_campaign,
     "import": store_commands.import_folder,
     "audit": record_commands.audit,

@@ -115,23 +115,30 @@ def export_campaign(
     folder: Annotated[Path, typer.Argument(help="new folder")],
     out: OutOption = Path("runs"),
     json: JsonOption = False,
+    hdf5: Annotated[bool, typer.Option("--hdf5", help="FOLDER.h5 beside it too (needs the extra [hdf5])")] = False,
 ) -> None:
     """Write a campaign as a recording folder (docs/reference/recording.md)."""
     from calibration.recording.folder import write_folder
+    from calibration.recording.hdf5 import require_hdf5, write_hdf5
     from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import open_existing_store
 
+    beside = folder.with_name(f"{folder.name}.h5") if hdf5 else None
+    if beside is not None:
+        require_hdf5(beside)
     with open_existing_store(out) as store:
         recording, head = store.recording(campaign), store.head(campaign)
     repaired = say_repaired(recording)
     write_folder(recording, folder)
+    if beside is not None:
+        write_hdf5(recording, beside, head)
     if head:  # in a file of its own, so that versions without a chain can read the recording
         record = f'campaign = "{campaign}"\nhead = "{head}"\nreadings = {len(recording)}\n'
         (folder / "record.toml").write_text(record, encoding="utf-8")
     simulated = recording.file.simulated
     result = {"campaign": campaign, "simulated": simulated, "folder": str(folder), "readings": len(recording)}
-    result |= {"head": head or None, **repaired}
-    print_result(json, result, f"{len(recording)} readings: {folder}")
+    result |= {"head": head or None, "hdf5": None if beside is None else str(beside), **repaired}
+    print_result(json, result, f"{len(recording)} readings: {folder}{'' if beside is None else f', {beside}'}")
 
 
 def import_folder(

@@ -6,6 +6,7 @@ __all__ = [
     "axis",
     "calibrate",
     "campaign_file",
+    "certificate",
     "check",
     "check_readings",
     "compare",

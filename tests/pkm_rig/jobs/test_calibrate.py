@@ -5,17 +5,21 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
 
 import jsonschema
 import numpy as np
 import pytest
 
+from calibration.base.errors import InputError
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.folder import read_folder, write_folder
 from calibration.reduction.left_out import LeftOutReading
 from drivers.drives.table_image import encode_table
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.jobs.calibrate import calibrate
+from pkm_rig.jobs.certificate import Wanted, issue
 from pkm_rig.jobs.identify import identify_with_checks
 from pkm_rig.jobs.measure import measure
 from pkm_rig.jobs.report import report_source
@@ -26,6 +30,7 @@ from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.outcome_json import outcome_json
 from pkm_rig.report.outcome_text import print_outcome, short_table
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
+from pkm_rig.rig.certificate_section import CertificateSection
 from pkm_rig.store.audit import audit
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
@@ -147,6 +152,41 @@ def test_a_campaign_on_the_mock_says_that_it_is_simulated(run, capsys):
     assert capsys.readouterr().out.startswith("SIMULATED")
     page = make_report(report_source(store, outcome.campaign, outcome), draw=False)
     assert "SIMULATED: by simulated devices" in page.html
+
+
+def test_a_certificate_s_number_is_used_once_and_a_mock_s_is_never_signed(run, tmp_path):
+    pytest.importorskip("dcclib")
+    outcome, store, *_ = run
+    file = short_rig_file()[0]
+    party = {"name": "A", "city": "B", "country": "DE"}
+    section = CertificateSection.model_validate({
+        "laboratory": party, "customer": party, "machine": {"manufacturer": "M", "serial": "1"},
+        "operator": "O", "procedure": "P",
+    })  # fmt: skip
+    file = file.model_copy(update={"certificate": section})
+
+    def issued(**wanted):
+        return issue(store, outcome.campaign, tmp_path, Wanted(**wanted), file, outcome=outcome)
+
+    with pytest.raises(InputError, match="never signed"):
+        issued(key=lambda: pytest.fail("the key was opened"))
+    with pytest.raises(InputError, match=r"not stated: laboratory\.name"):
+        issue(store, outcome.campaign, tmp_path, Wanted(), outcome=outcome)
+    assert not store.events(outcome.campaign, "certificate")
+    first, second = issued(), issued()
+    assert (first["number"], second["number"]) == (f"PKM-{outcome.campaign}-1", f"PKM-{outcome.campaign}-2")
+    with pytest.raises(InputError, match="issued: PKM"):
+        issued(replaces=("amended", "PKM-other", "wrong place"))
+    third = issued(replaces=("substituted", second["number"], "wrong place"))
+    with pytest.raises(InputError, match=f"was replaced by {third['number']}"):
+        issued(replaces=("amended", second["number"], "once more"))
+    paths = [Path(one[kind]) for one in (first, second, third) for kind in ("certificate", "page")]
+    assert all(path.is_file() for path in paths)
+    assert "SIMULATED" in paths[1].read_text(encoding="utf-8")
+    assert sha256(paths[4].read_bytes()).hexdigest() == third["sha256"]
+    paths[0].unlink()
+    assert issued()["number"].endswith("-4")
+    assert audit(store, outcome.campaign)[0].state == "whole"
 
 
 def test_report_is_one_file_without_outside_requests(run):

@@ -8,6 +8,7 @@ __all__ = [
     "can",
     "clock",
     "commands",
+    "control_port",
     "drives",
     "effects",
     "faults",

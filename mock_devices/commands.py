@@ -17,9 +17,15 @@ USAGE = {
     "drive restart": "drive restart NAME",
     "silent": "silent plc|can|station|none",
     "fault": "fault NAME@N|none",
+    "effect": "effect NAME=VALUE[,place=...,variant=...]|none",
+    "payload": "payload NUMBER",
+    "temperature": "temperature struts|columns|base|platform|air KELVIN",
+    "interlock": "interlock guard|stop|power|air open|good",
     "status": "status",
 }
 _FARTHEST_M = 100.0
+_MOST_K = 100.0
+INTERLOCKS = {"guard": 0, "stop": 1, "power": 2, "air": 3}
 
 
 def execute(mock: MockRig, line: str) -> str:
@@ -68,6 +74,40 @@ def _fault(mock: MockRig, words: list[str]) -> str:
     return f"armed: {words[0]}, counted from now on"
 
 
+def _effect(mock: MockRig, words: list[str]) -> str:
+    if len(words) != 1:
+        raise ValueError(USAGE["effect"])
+    texts = [] if words == ["none"] else [*mock.effects, words[0]]
+    mock.plant.set_effects(texts)
+    mock.effects = tuple(texts)
+    return f"effects: {', '.join(texts) or 'none'}"
+
+
+def _payload(mock: MockRig, words: list[str]) -> str:
+    if len(words) != 1 or not words[0].isascii() or not words[0].isdigit():
+        raise ValueError(USAGE["payload"])
+    mock.plant.put_on(int(words[0][:9]))
+    return f"payload {mock.plant.payload}: {mock.plant.settings.payloads[mock.plant.payload].name}"
+
+
+def _temperature(mock: MockRig, words: list[str]) -> str:
+    try:
+        name, by_k = words[0], float(words[1])
+    except (IndexError, ValueError):
+        raise ValueError(USAGE["temperature"]) from None
+    if len(words) != 2 or not math.isfinite(by_k) or abs(by_k) > _MOST_K:
+        raise ValueError(f"{USAGE['temperature']}, at most {_MOST_K:g}")
+    mock.plant.thermal.heat(name, by_k)
+    return f"{name}: {mock.plant.thermal.sensor_c(name, mock.plant.clock.now_s()):.2f} degC"
+
+
+def _interlock(mock: MockRig, words: list[str]) -> str:
+    if len(words) != 2 or words[0] not in INTERLOCKS or words[1] not in ("open", "good"):
+        raise ValueError(USAGE["interlock"])
+    mock.plc.set_interlock(INTERLOCKS[words[0]], words[1] == "good")
+    return f"interlock {words[0]}: {words[1]}"
+
+
 def _status(mock: MockRig, words: list[str]) -> str:
     if words:
         raise ValueError(USAGE["status"])
@@ -84,7 +124,8 @@ def _status(mock: MockRig, words: list[str]) -> str:
         }
         for drive in mock.drives
     }
-    return json.dumps({"t_rig_s": t_s, "payload": mock.plant.payload, "drives": drives})
+    told = {"effects": list(mock.effects), "faults": list(mock.faults.armed), "struck": list(mock.faults.struck)}
+    return json.dumps({"t_rig_s": t_s, "payload": mock.plant.payload, "drives": drives, **told})
 
 
 _ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
@@ -92,5 +133,9 @@ _ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
     "drive restart": _restart_drive,
     "silent": _silence,
     "fault": _fault,
+    "effect": _effect,
+    "payload": _payload,
+    "temperature": _temperature,
+    "interlock": _interlock,
     "status": _status,
 }

@@ -131,6 +131,12 @@ class FaultPlan:
             return dict(self._count)
 
     @property
+    def armed(self) -> tuple[str, ...]:
+        """The faults that are armed, as NAME@N."""
+        with self._lock:
+            return tuple(f"{name}@{at}" for name, at in self._at.items())
+
+    @property
     def struck(self) -> tuple[str, ...]:
         """Names of the faults that have struck, first to last."""
         with self._lock:

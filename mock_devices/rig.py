@@ -57,6 +57,7 @@ class MockRig:
     master's heartbeat. `client_bus_factory` gives socketcand clients another kind of bus. The nodes in
     `without_blocks` have no SDO block transfer. `plant` is another one to serve, on the same clock. `faults`
     strike in all servers; those of the host's bus (can-...) belong to the code that makes that bus (`FaultyBus`).
+    `effects`: those of the settings as they were written, to which more may be added while it runs.
     It begins with what `state_file` holds, as hardware does after a power failure, and keeps its own state there.
     """
 
@@ -75,10 +76,12 @@ class MockRig:
         faults: FaultPlan = NO_FAULTS,
         plant: BasePlant | None = None,
         state_file: StateFile | None = None,
+        effects: tuple[str, ...] = (),
     ) -> None:
         ports = ports or MockPorts()
         self._state_file = state_file
         self.faults = faults
+        self.effects = effects
         self._without_blocks = without_blocks
         self.strained: str | None = None  # what the machine did not bear, last
         self.drives: tuple[DriveServer, ...] = ()

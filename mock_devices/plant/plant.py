@@ -5,12 +5,15 @@ Readings reveal no true values; `Plant.truth` is for scoring and tests only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from mock_devices.clock import RigClock
+from mock_devices.effects import parse
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, MotionState
 from mock_devices.machine_file import MachineFile, read_machine_file
 from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, motion_states
@@ -51,6 +54,19 @@ class Plant(BasePlant):
     def machine(self) -> MachineFile:
         """The machine as its file states it."""
         return self.nominal
+
+    def set_effects(self, texts: Sequence[str]) -> None:
+        """Have these effects act from now on, and no others; what has a memory begins anew.
+
+        Raises EffectError, which is a ValueError, and changes nothing, if one cannot be.
+        """
+        settings = replace(self.settings, effects=tuple(parse(text, self.nominal) for text in texts))
+        affected = affected_machine(
+            self._machine, self.view, self.nominal, settings, start_s=max(0.0, self.clock.now_s())
+        )
+        with self._lock:
+            self.settings, self._affected, self._history = settings, affected, None
+            self._force_n = [0.0] * len(self.nominal.sliders)
 
     def load_kg(self, drive: int) -> float:
         """Its share of the moving mass, and what effects add as a mass at the last observation of the machine."""

@@ -66,17 +66,24 @@ class Thermal:
             name: settings.temperature_sensor_bias_k * float(bias.standard_normal()) for name in (*SENSORS, "air")
         }
         self._programme = _Programme(settings.temperature_programme) if settings.temperature_programme else None
+        self._heated_k = dict.fromkeys((*SENSORS, "air"), 0.0)
+
+    def heat(self, name: str, by_k: float) -> None:
+        """Make the air or a part warmer from now on, at once; its sensor shows it. Raises ValueError without such."""
+        if name not in self._heated_k:
+            raise ValueError(f"there is no '{name}'; there are {', '.join(self._heated_k)}")
+        self._heated_k[name] += by_k
 
     def part_c(self, name: str, t_s: float) -> float:
         """True temperature of a part."""
         warming = self._gap_k[name] * math.exp(-max(t_s, 0.0) / self._tau_s)
-        ordinary_c = self._steady_c[name] - warming + self._wander[name].at(t_s)
+        ordinary_c = self._steady_c[name] - warming + self._wander[name].at(t_s) + self._heated_k[name]
         return ordinary_c if self._programme is None else ordinary_c + self._programme.at(name, t_s)
 
     def part_series_c(self, name: str, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """True temperature of a part at several times (n,)."""
         warming = self._gap_k[name] * np.exp(-np.maximum(t_s, 0.0) / self._tau_s)
-        ordinary_c = self._steady_c[name] - warming + self._wander[name].series(t_s)
+        ordinary_c = self._steady_c[name] - warming + self._wander[name].series(t_s) + self._heated_k[name]
         return ordinary_c if self._programme is None else ordinary_c + self._programme.series(name, t_s)
 
     def parts_c(self, t_s: float) -> dict[str, float]:
@@ -85,12 +92,12 @@ class Thermal:
 
     def air_c(self, t_s: float) -> float:
         """True temperature of the air."""
-        ordinary_c = self._air_c + self._air_wander.at(t_s)
+        ordinary_c = self._air_c + self._air_wander.at(t_s) + self._heated_k["air"]
         return ordinary_c if self._programme is None else ordinary_c + self._programme.at("air", t_s)
 
     def air_series_c(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """True temperature of the air at several times (n,)."""
-        ordinary_c = self._air_c + self._air_wander.series(t_s)
+        ordinary_c = self._air_c + self._air_wander.series(t_s) + self._heated_k["air"]
         return ordinary_c if self._programme is None else ordinary_c + self._programme.series("air", t_s)
 
     def pressure_hpa(self, t_s: float) -> float:

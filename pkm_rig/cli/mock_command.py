@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import secrets
 import signal
 import sys
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +18,9 @@ from pkm_rig.cli.options import OutOption, campaigns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+TOKEN = "PKM_RIG_CONTROL_TOKEN"  # environment variable with the token of the control port
+MOST_PORT = 65535
 
 
 def mock(
@@ -43,6 +49,9 @@ def mock(
         ),
     ] = None,
     effects: Annotated[list[Path] | None, typer.Option(help="Python file with own effects that the twin has")] = None,
+    control: Annotated[
+        int | None, typer.Option(help="port on which programs of this computer change the running mock; 0: a free one")
+    ] = None,
     out: OutOption = Path("runs"),
 ) -> None:
     """Serve the three mock devices on real transports until interrupted; lines on stdin change the running rig."""
@@ -50,7 +59,7 @@ def mock(
     from pkm_rig.rig.config import load_rig, mock_rig_path
     from pkm_rig.virtual import mock_rig
     from pkm_rig.virtual.new_rig import write_new_rig
-    from pkm_rig.virtual.served_rig import how_to_connect, serve_mock_rig, tell
+    from pkm_rig.virtual.served_rig import control_port, how_to_connect, serve_mock_rig, tell, what_it_is
     from pkm_rig.virtual.twin_files import find_twin
 
     if list_faults:
@@ -63,11 +72,20 @@ def mock(
         path = new_rig
     file = mock_rig.with_mock_options(load_rig(path)[0], seed, effect or ())
     twin_files = None if twin is None else mock_rig.TwinFiles(find_twin(twin, out), tuple(effects or ()))
-    with serve_mock_rig(file, path, fault or (), twin_files, state) as devices:
+    if control is not None and not 0 <= control <= MOST_PORT:
+        raise InputError(f"--control {control}: no port; choose 0 to {MOST_PORT}")
+    with ExitStack() as stack:
+        devices = stack.enter_context(serve_mock_rig(file, path, fault or (), twin_files, state))
+        lines = [*what_it_is(file, devices, twin_files), *how_to_connect(file, path, devices)]
+        if control is not None:
+            token = os.environ.get(TOKEN) or secrets.token_hex(16)
+            served = stack.enter_context(control_port(devices, control, token))
+            shown = f"that of {TOKEN}" if os.environ.get(TOKEN) else token
+            lines.insert(-1, f"control: 127.0.0.1:{served.port}, token {shown}")
         stopped = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stopped.set())
-        for line in how_to_connect(file, path, devices):
+        for line in lines:
             results.print(line, soft_wrap=True, markup=False)
         sys.stdout.flush()
         _listen(lambda line: tell(devices, line))

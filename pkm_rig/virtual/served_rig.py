@@ -15,6 +15,7 @@ import can
 from calibration.base.errors import InputError
 from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.commands import execute
+from mock_devices.control_port import ControlPort
 from mock_devices.lasting_state import LastingStateError, RigState, StateFile, read_state
 from mock_devices.rig import MockPorts, MockRig
 from mock_devices.stepped_clock import SteppedClock
@@ -84,6 +85,7 @@ def serve_mock_rig(
                 socketcand_port=file.can.port,
             ),
             state_file=None if state_path is None else StateFile(state_path, state, clock, time.time),
+            effects=(file.mock or MockSection()).effects,
         )
         stack.enter_context(mock)
         if state_path is not None:
@@ -172,6 +174,31 @@ def _link_terminal(device: str, link: Path, terminal: Path) -> Iterator[None]:
             yield
         finally:
             link.unlink(missing_ok=True)
+
+
+@contextmanager
+def control_port(mock: MockRig, port: int, token: str) -> Iterator[ControlPort]:
+    """Let programs of this computer change a running mock rig (docs/reference/mock.md); InputError if it is taken."""
+    try:
+        served = ControlPort(port, token, lambda line: execute(mock, line))
+    except (OSError, ValueError) as error:
+        raise InputError(f"--control {port}: {error}; choose another one") from error
+    try:
+        yield served
+    finally:
+        served.close()
+
+
+def what_it_is(file: RigFile, mock: MockRig, twin: TwinFiles | None = None) -> list[str]:
+    """Which machine is served, and what is wrong with it."""
+    section = file.mock or MockSection()
+    return [
+        f"machine: {mock.plant.machine.name}, seed {section.seed}"
+        + ("" if section.error_scale == 1.0 else f", errors {section.error_scale:g} times as large"),
+        f"effects: {'; '.join(mock.effects) or 'none'}",
+        f"faults:  {', '.join(mock.faults.armed) or 'none'}",
+        f"twin:    {'none' if twin is None else twin.folder}",
+    ]
 
 
 def how_to_connect(file: RigFile, rig_path: Path, mock: MockRig) -> list[str]:

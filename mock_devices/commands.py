@@ -21,6 +21,8 @@ USAGE = {
     "payload": "payload NUMBER",
     "temperature": "temperature struts|columns|base|platform|air KELVIN",
     "interlock": "interlock guard|stop|power|air open|good",
+    "release": "release on|off",
+    "acknowledge": "acknowledge",
     "status": "status",
 }
 _FARTHEST_M = 100.0
@@ -108,6 +110,20 @@ def _interlock(mock: MockRig, words: list[str]) -> str:
     return f"interlock {words[0]}: {words[1]}"
 
 
+def _release(mock: MockRig, words: list[str]) -> str:
+    if words not in (["on"], ["off"]):
+        raise ValueError(USAGE["release"])
+    mock.plc.state.set_release(words == ["on"])
+    return f"the key switch is {words[0]}"
+
+
+def _acknowledge(mock: MockRig, words: list[str]) -> str:
+    if words:
+        raise ValueError(USAGE["acknowledge"])
+    mock.plc.state.acknowledge()
+    return "acknowledged at the PLC"
+
+
 def _status(mock: MockRig, words: list[str]) -> str:
     if words:
         raise ValueError(USAGE["status"])
@@ -137,5 +153,7 @@ _ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
     "payload": _payload,
     "temperature": _temperature,
     "interlock": _interlock,
+    "release": _release,
+    "acknowledge": _acknowledge,
     "status": _status,
 }

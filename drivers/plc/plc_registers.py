@@ -114,10 +114,10 @@ class RegisterMap:
     """Addresses of all registers. Commands (sequence, command, argument) are three in a row, the answer two.
 
     `interlocks_inverted` holds the complement of `interlocks`, so that a stuck bit is detected; `master_heartbeat` is
-    where ours is written, `master_seen` is 1 while the PLC sees it, `simulated` holds SIMULATED in a simulated PLC;
-    None where the PLC has none. `readings` are further
-    analogue values by name: they are read in the same request, checked for range and age like the others, and stand
-    in `PlcState.readings`:
+    where ours is written, `master_seen` is 1 while the PLC sees it, `simulated` holds SIMULATED in a simulated PLC,
+    `local_release` is 1 while the key switch lets a remote operator move the machine; None where the PLC has none.
+    `readings` are further analogue values by name: they are read in the same request, checked for range and age like
+    the others, and stand in `PlcState.readings`:
 
         RegisterMap(readings={"coolant": ReadingRegister(40, 5.0, 50.0, type="i16", scale=0.1, unit="degC")})
 
@@ -145,6 +145,7 @@ class RegisterMap:
     sequence_taken: int = 34
     simulated: int | None = None
     acknowledge: int | None = None
+    local_release: int | None = None
     readings: Mapping[str, ReadingRegister] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -186,7 +187,7 @@ class RegisterMap:
         return {**temperatures, "air pressure": self.pressure_hpa, "humidity": self.humidity_percent}
 
     def _single(self) -> list[int]:
-        optional = [self.interlocks_inverted, self.master_seen, self.simulated, self.acknowledge]
+        optional = [self.interlocks_inverted, self.master_seen, self.simulated, self.acknowledge, self.local_release]
         return [self.heartbeat, self.interlocks, self.payload, *(a for a in optional if a is not None)]
 
     def _addresses(self) -> list[int]:
@@ -199,6 +200,7 @@ class PlcState:
 
     `humidity` is relative, 0 to 1; `readings` are the further values of the map, each in its register's unit.
     While `heartbeat_fresh` is False all interlocks read open. `acknowledge` changes with each acknowledgement.
+    `local_release`: whether the key switch at the machine lets a remote operator move it, None without its register.
     """
 
     heartbeat: int
@@ -214,6 +216,7 @@ class PlcState:
     master_seen: bool = True
     simulated: bool = False
     acknowledge: int = 0
+    local_release: bool | None = None
     readings: Mapping[str, float] = field(default_factory=dict)
 
     def values(self) -> dict[str, float]:
@@ -305,5 +308,6 @@ def decode(
         master_seen=master_seen_address is None or word(master_seen_address) == 1,
         simulated=simulated_address is not None and word(simulated_address) == SIMULATED,
         acknowledge=0 if registers.acknowledge is None else word(registers.acknowledge),
+        local_release=None if registers.local_release is None else fresh and word(registers.local_release) == 1,
         readings={name: number(name) for name in registers.readings},
     )

@@ -19,6 +19,7 @@ DONE, REFUSED, IN_PROGRESS = 0, 1, 2
 _HEARTBEAT_PERIOD_S = 0.1
 _SIMULATED_AT, _SIMULATED = 18, int.from_bytes(b"SI", "big")
 _ACKNOWLEDGE_AT = 19
+_RELEASE_AT = 20
 _MASTER_HEARTBEAT, _SEQUENCE, _MASTER_SEEN = 30, 31, 36
 _FOREIGN = 0x5A5A
 _REQUEST_PAYLOAD = 1
@@ -55,6 +56,7 @@ class PlcState:
         self._lock = threading.Lock()
         self._interlocks = GOOD_INTERLOCKS
         self._acknowledged = 0
+        self._released = True
         self._command = [0, 0, 0]
         self._taken, self._result = 0, DONE
         self._cancel: Callable[[], None] | None = None
@@ -71,6 +73,11 @@ class PlcState:
         """Press the button by which a campaign that waits may go on."""
         with self._lock:
             self._acknowledged = (self._acknowledged + 1) & 0xFFFF
+
+    def set_release(self, released: bool) -> None:
+        """Turn the key switch by which whoever stands at the machine lets a remote operator move it."""
+        with self._lock:
+            self._released = released
 
     def answer(self) -> list[int]:
         """All registers for one request, with the faults that strike at it."""
@@ -96,6 +103,7 @@ class PlcState:
             words[3] = self._interlocks ^ 0xFFFF
             words[_SIMULATED_AT] = _SIMULATED
             words[_ACKNOWLEDGE_AT] = self._acknowledged
+            words[_RELEASE_AT] = int(self._released)
             words[_MASTER_HEARTBEAT] = self._master_beat
             words[_SEQUENCE : _SEQUENCE + 5] = [*self._command, self._taken, self._result]
             words[_MASTER_SEEN] = int(t_s - self._master_seen_s <= self._master_limit_s)

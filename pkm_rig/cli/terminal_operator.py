@@ -19,6 +19,8 @@ PAUSING = b"\npausing after this reading; Ctrl-C again stops\n"
 class TerminalOperator:
     """Asked from the signal's handler and from the rig's worker."""
 
+    hint = "press Enter"
+
     def __init__(self, keyboard: int, screen: int) -> None:
         self._keyboard, self._screen = keyboard, screen
         self._asked = self._waits = False

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from calibration.base.errors import InputError
+from calibration.machine.description import Machine
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.added_visits import adds_visits, first_pose, has_repeated_visits, is_same_rig, renumber_poses
 from pkm_rig.jobs.life_record import note_devices
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.results.callbacks import Notify, Progress
+from pkm_rig.rig.campaign_sections import CampaignSettings
 from pkm_rig.rig.kept_tables import kept_tables
 from pkm_rig.rig.plans import Plan, calibration, prepare
 from pkm_rig.rig.rig import Rig
@@ -67,7 +69,7 @@ def open_campaign(
     blocks = calibration_blocks(rig.machine, rig.file.campaign)
     if verify and not has_repeated_visits(blocks):
         raise InputError("campaign.visits: none is made three times, so there would be no noise floor; repeat some")
-    total = PlannedReadings(planned_readings(rig, blocks, verify=verify))
+    total = PlannedReadings(planned_readings(rig.file.campaign, rig.machine, blocks, verify=verify))
     campaign = new_campaign_id(rig.file.rig)
     store.work_on(campaign)  # so that nobody sees it as one that was given up
     header = describe_campaign(rig, campaign, now_text(), kept_tables(rig, store))
@@ -106,7 +108,7 @@ def reopen_campaign(
             f"campaign {campaign}: its measurement is complete; go on with `calibrate --resume {campaign}`, or measure "
             "a new one, without --resume"
         )
-    verification = planned_readings(rig, (), verify=True) if verify else 0
+    verification = planned_readings(rig.file.campaign, rig.machine, (), verify=True) if verify else 0
     if complete and verify and not adds:
         notify(f"campaign {campaign}: going on; it is measured")
         return campaign, (), PlannedReadings(verification, verification)
@@ -114,7 +116,8 @@ def reopen_campaign(
     if adds:
         blocks = renumber_poses(first_pose(store, campaign, current_rig_file["campaign"]["visits"]), blocks)
     notify(f"campaign {campaign}: going on{' with further visits' if adds else ''}")
-    return campaign, blocks, PlannedReadings(planned_readings(rig, blocks, verify=verify), verification)
+    planned = planned_readings(rig.file.campaign, rig.machine, blocks, verify=verify)
+    return campaign, blocks, PlannedReadings(planned, verification)
 
 
 def go_on(runner: Runner, blocks: Sequence[Block], total: PlannedReadings, *, new_setup: bool = False) -> None:
@@ -125,15 +128,15 @@ def go_on(runner: Runner, blocks: Sequence[Block], total: PlannedReadings, *, ne
     if new_setup:
         runner.begin_setup(recording)
     runner.resume(recording)
-    to_come = planned_readings(runner.rig, runner.devices.missing_of(blocks), verify=False) if blocks else 0
+    settings, machine = runner.rig.file.campaign, runner.rig.machine
+    to_come = planned_readings(settings, machine, runner.devices.missing_of(blocks), verify=False) if blocks else 0
     total.total = len(recording) + to_come + total.verification
     runner.devices.progress(len(recording), "stored")
 
 
-def planned_readings(rig: Rig, blocks: Sequence[Block], *, verify: bool) -> int:
+def planned_readings(settings: CampaignSettings, machine: Machine, blocks: Sequence[Block], *, verify: bool) -> int:
     """Number of readings of a campaign, nests included."""
-    settings = rig.file.campaign
-    on = [smr.on for smr in rig.machine.smrs]
+    on = [smr.on for smr in machine.smrs]
     platform, floor, slider = (on.count(part) for part in ("platform", "floor", "slider"))
     visits = [len(block.visits) for block in blocks]
     readings = sum(visits) * (platform + slider)

@@ -49,7 +49,7 @@ def verify(
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))
-    planned = planned_readings(rig, (), verify=True)
+    planned = planned_readings(rig.file.campaign, rig.machine, (), verify=True)
     total = PlannedReadings(planned, planned)
     show = total.show_by(progress)
     show(0, "identifying")

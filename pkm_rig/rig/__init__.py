@@ -14,7 +14,10 @@ __all__ = [
     "expected_error",
     "kept_tables",
     "led_motion",
+    "live",
+    "observer",
     "operator",
+    "operator_devices",
     "plans",
     "plc_connection",
     "recalibration_sections",
@@ -30,6 +33,7 @@ __all__ = [
     "supervision",
     "table_change",
     "table_recovery",
+    "tool_place",
     "waiting",
     "worker",
 ]

@@ -123,11 +123,16 @@ class RigFile(Section):
 
 def with_visits(rig: RigFile, path: Path) -> RigFile:
     """The rig file with the visits of a campaign file for its own poses; InputError if it lacks their payload."""
-    section = read_toml(path, CampaignFile).campaign
+    return with_visits_of(rig, read_toml(path, CampaignFile), str(path))
+
+
+def with_visits_of(rig: RigFile, campaign_file: CampaignFile, name: str) -> RigFile:
+    """The same of a campaign file that was read, whose `name` errors begin with."""
+    section = campaign_file.campaign
     visits = section.visits
     most = max(visit.payload for visit in visits)
     if most >= len(rig.payloads):
-        raise InputError(f"{path}: payload {most} is not in the rig file's [[payloads]]; add it there")
+        raise InputError(f"{name}: payload {most} is not in the rig file's [[payloads]]; add it there")
     campaign = rig.campaign.model_copy(update={"visits": visits, "made_for": section.made_for, "targets": ()})
     return rig.model_copy(update={"campaign": campaign})
 

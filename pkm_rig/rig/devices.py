@@ -7,7 +7,6 @@ lends the campaign's turn on the rig clock.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,7 +26,6 @@ from pkm_rig.rig.led_motion import side_of
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
 from pkm_rig.rig.standstill import Standstill
-from pkm_rig.rig.waiting import Waiting
 from pkm_rig.rig.worker import Worker, WorkStatus
 
 TARGET_TOLERANCE_M = 0.02
@@ -38,7 +36,6 @@ SETTLED_ACROSS_M = 40e-6
 SETTLE_READINGS = 3
 SETTLE_LIMIT_S = 60.0
 POINTS_TO_FIT = 5
-PAYLOAD_ASKED, PAYLOAD_ON = "payload_asked", "payload_on"  # events of the campaign
 
 
 @dataclass
@@ -53,6 +50,11 @@ class PointingFrame:
     def is_fitted(self) -> bool:
         """Whether the frame rests on measured points."""
         return len(self.measured_m) >= POINTS_TO_FIT
+
+    @property
+    def is_final(self) -> bool:
+        """Whether further points change it no more."""
+        return len(self.measured_m) > 3 * POINTS_TO_FIT
 
     def add_point(self, expected_m: Array, measured_m: Array) -> None:
         """Take one more point; from the fifth on, the frame is the rigid motion that fits them best."""
@@ -110,6 +112,7 @@ class MachineDevice:
             self._rig.stop("the campaign ended")
 
     def _move_to_visit(self, visit: PlannedVisit) -> None:
+        self._rig.observer.going_to(visit.target_m, visit.pose)
         if self._rig.led:
             self._lead_to_visit(visit)
         else:
@@ -131,67 +134,6 @@ class MachineDevice:
             self._rig.lead(point, correction, visit.speed_m_per_s)
 
 
-class PayloadDevice:
-    """`set(number)`: ask the PLC for a payload and wait until it reports that it is on; both are in the record."""
-
-    name = "payload"
-    parent = None
-
-    def __init__(
-        self,
-        rig: Rig,
-        worker: Worker,
-        say: Callable[[str], None],
-        note: Callable[[str, dict[str, Any]], None],
-        progress: Callable[[int, str], None],
-    ) -> None:
-        self._rig, self._worker, self._say, self._note, self._progress = rig, worker, say, note, progress
-
-    def set(self, number: int) -> WorkStatus:
-        """Have a payload put on; the PLC is told, and whoever stands at the terminal or reads the log."""
-        what = f"payload {number}"
-        state = self._rig.supervisor.state()
-        if state.payload == number:
-            return self._worker.submit(what, lambda: self._rig.change_payload(number))
-        load = self._rig.file.payloads[number]
-        who = "the simulated PLC has it put on" if state.simulated else "put it on and acknowledge at the PLC"
-        self._say(f"payload needed: '{load.name}' ({load.mass_kg:g} kg); {who}")
-        self._note(PAYLOAD_ASKED, {"payload": number, "name": load.name, "mass_kg": load.mass_kg})
-        self._progress(0, "payload exchange")
-        return self._worker.submit(what, lambda: self._exchange(number))
-
-    def _exchange(self, number: int) -> None:
-        """Wait for the payload. The PLC acknowledges it; who stands at the PLC it does not say."""
-        self._rig.change_payload(number)
-        plc, simulated = self._rig.plc, self._rig.supervisor.state().simulated
-        by = {"acknowledged_by": f"{plc.name} ({plc.where})", "simulated": simulated}
-        self._note(PAYLOAD_ON, {"payload": number, "name": self._rig.file.payloads[number].name, **by})
-
-
-class WaitingDevice:
-    """`set(why)`: have the campaign wait, without power, until it is acknowledged."""
-
-    name = "waiting"
-    parent = None
-
-    def __init__(self, worker: Worker, waiting: Waiting) -> None:
-        self._worker, self._waiting = worker, waiting
-
-    def broken(self) -> bool:
-        """Whether an interlock has broken what was done last."""
-        return self._worker.pardoned is not None
-
-    def asked(self) -> bool:
-        """Whether it has to wait: the operator has asked for a pause, or an interlock has opened."""
-        return self.broken() or self._waiting.asked()
-
-    def set(self, _why: object = None) -> WorkStatus:
-        """Wait for the operator."""
-        error, self._worker.pardoned = self._worker.pardoned, None
-        why = "paused" if error is None else f"suspended: {error}"
-        return self._worker.submit(why, lambda: self._waiting.hold(why))
-
-
 class WaitDevice:
     """`set(seconds)`: let rig time pass."""
 
@@ -209,6 +151,7 @@ class WaitDevice:
 class StationDevice:
     """`set(smr)`, `trigger`, `read`: aim at a reflector by its predicted place, measure it, give the whole row.
 
+    `last_deviation_m` (3,): from where the nominal machine has the last point to where it is; NaN before that is known.
     `moved` is set where a measurement found that the drives have moved since their visit began: there is no row then.
     """
 
@@ -221,11 +164,13 @@ class StationDevice:
         self._row: dict[str, float | str] = {}
         self._stamp_s = 0.0
         self.moved: DrivesMoved | None = None
+        self.last_deviation_m = np.full(3, np.nan)
         self._standstill = Standstill(rig.drives.drives, rig.file.limits.moved_m, rig.drives.rest.following_error_m)
 
     def set(self, smr: str) -> WorkStatus:
         """Choose the reflector and aim at it."""
         self._smr = smr
+        self._rig.observer.aiming_at(smr)
         return self._worker.submit(f"station to {smr}", self._aim)
 
     def trigger(self) -> WorkStatus:
@@ -337,7 +282,10 @@ class StationDevice:
         }
         tags.sequence += 1
         self._row, self._stamp_s = row, first.t_host_s
-        tags.aim.add_point(self._expected_position_m(), position)
+        expected_m = self._expected_position_m()
+        away_m = position - self._frame().to_station(expected_m[None])[0]
+        self.last_deviation_m = away_m if tags.aim.is_final else np.full(3, np.nan)
+        tags.aim.add_point(expected_m, position)
 
     def _visit_columns(self) -> dict[str, float | str]:
         tags, rig = self._tags, self._rig

@@ -6,7 +6,9 @@ from typing import Protocol
 
 
 class Operator(Protocol):
-    """Whoever may be at a terminal."""
+    """Whoever may be at a terminal, or at a page; `hint` says how they have a campaign go on."""
+
+    hint: str
 
     def asks_to_pause(self) -> bool:
         """Whether a pause was asked for and has not begun."""
@@ -27,6 +29,8 @@ class Operator(Protocol):
 
 class Nobody:
     """No terminal: only the PLC can acknowledge."""
+
+    hint = "press Enter"
 
     def asks_to_pause(self) -> bool:
         """Never."""

@@ -17,7 +17,8 @@ from calibration.instruments.station_geometry import across_line_of_sight
 from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DrivesMoved
 from pkm_rig.errors import CampaignRefused, StationMoved
-from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, WaitingDevice
+from pkm_rig.rig.devices import MachineDevice, ReadingTags, StationDevice, WaitDevice
+from pkm_rig.rig.operator_devices import PayloadDevice, WaitingDevice
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block, PlannedVisit
 from pkm_rig.rig.waiting import VisitBroken
@@ -173,6 +174,7 @@ def _measure_nests(devices: CampaignDevices) -> Plan:
         for nest in devices.smrs("floor"):
             yield from _read(devices, "nests", nest)
         shift = devices.nest_shift_m()
+        devices.rig.observer.checked("nest shift", shift, limit, "m")
         if shift <= limit:
             return
         if attempt:
@@ -251,6 +253,8 @@ def _warm_up(devices: CampaignDevices, between: Sequence[PlannedVisit]) -> Plan:
         state = devices.rig.supervisor.state()
         history.append((devices.rig.clock.now_s(), dict(state.temperatures_c)))
         rate = _fastest_rate(history[-6:])
+        if rate is not None:
+            devices.rig.observer.checked("warm-up", rate, settings.warm_up_rate_k_per_h, "K/h")
         if rate is not None and rate <= settings.warm_up_rate_k_per_h:
             return
         if devices.rig.clock.now_s() - started >= settings.warm_up_max_s:
@@ -285,6 +289,7 @@ def _repeatability(devices: CampaignDevices, visit: PlannedVisit) -> Plan:
     mean = np.mean(points, axis=0)
     across = across_line_of_sight(np.array(points) - mean, mean)
     rms = float(np.sqrt(np.sum(across**2) / (len(points) - 1)))
+    devices.rig.observer.checked("repeatability", rms, settings.repeatability_limit_m, "m")
     if rms > settings.repeatability_limit_m:
         raise CampaignRefused(
             f"repeatability: {rms * 1e6:.0f} um RMS over {len(points)} visits "

@@ -18,13 +18,14 @@ from drivers.drives.servo_drive import DriveSample
 from drivers.drives.table_bank import CompensationState, TableBank
 from drivers.drives.table_group import bring_to, switch_off, use_on_trial
 from drivers.drives.table_image import TableImage, encode_table, machine_id_of
-from drivers.errors import DeviceError, PlcError, TableError
+from drivers.errors import DeviceError, InterlockOpen, PlcError, Stopped, TableError
 from drivers.plc.plc import Plc
 from drivers.plc.plc_registers import PlcState
 from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
 from pkm_rig.rig.config import PART_SENSORS, RigFile
 from pkm_rig.rig.led_motion import is_led, led_rows
+from pkm_rig.rig.observer import Observer, Unobserved
 from pkm_rig.rig.operator import Nobody, Operator
 from pkm_rig.rig.station_air import StationAir
 from pkm_rig.rig.supervision import Supervisor
@@ -62,13 +63,16 @@ class Rig:
         self.path: Path | None = None  # of its rig file, where there is one
         self._poll_period_s = poll_period_s
         self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
+        self.needs_release = False
+        self._stop_order: Stopped | None = None
         self.supervisor = self.new_supervisor()
         self.operator: Operator = Nobody()
+        self.observer: Observer = Unobserved()
 
     def new_supervisor(self) -> Supervisor:
         """Supervision that has not been started: one that has tripped stays so."""
         file, drives = self.file, self.drives
-        return Supervisor(
+        supervisor = Supervisor(
             self.plc,
             drives,
             self.clock,
@@ -78,6 +82,36 @@ class Rig:
             beat=lambda: drives.line.send_heartbeat(file.can.master_node_id),
             poll_period_s=self._poll_period_s,
         )
+        supervisor.needs_release = self.needs_release
+        if self._stop_order is not None:
+            supervisor.order_stop(self._stop_order)
+        return supervisor
+
+    def require_release(self) -> None:
+        """From now on drives have power only while the PLC reports its local release, and whoever is far goes on anew.
+
+        InterlockOpen where it is off, or where the PLC has no register of it.
+        """
+        state = self.supervisor.look()
+        if not state.local_release:
+            is_there = state.local_release is not None
+            raise InterlockOpen(
+                self.plc.name, self.plc.where,
+                "the local release is off" if is_there else "it has no register 'local_release'",
+                "turn the key at the machine" if is_there else "name it in [plc.registers], or use the command line",
+            )  # fmt: skip
+        self.needs_release = self.supervisor.needs_release = True
+
+    def order_stop(self, why: str) -> None:
+        """Stop all drives now, for good: whatever this connection is used for ends with Stopped. From any thread."""
+        self._stop_order = Stopped("drives", self.drives.line.name, why, "go on when the machine may move again")
+        with self.clock.activity():
+            self.supervisor.order_stop(self._stop_order)
+
+    def missing_to_move(self, state: PlcState) -> list[str]:
+        """What has to be put right at the machine before it may move."""
+        withheld = self.needs_release and not state.local_release
+        return [*state.open_interlocks(), *(["local release"] if withheld else [])]
 
     @property
     def simulated_devices(self) -> tuple[str, ...]:
@@ -167,10 +201,11 @@ class Rig:
 
     # --- payload
 
-    def change_payload(self, number: int) -> None:
+    def change_payload(self, number: int, *, enable: bool = True) -> None:
         """Ask for a payload and wait until the PLC reports it and all interlocks are good again.
 
-        The drives are without power meanwhile, so that whoever loads the platform may open the guard.
+        The drives are without power meanwhile, so that whoever loads the platform may open the guard; they stay so
+        without `enable`.
         """
         if self.supervisor.state().payload == number:
             return
@@ -184,7 +219,8 @@ class Rig:
                         "PLC", "interlocks", "not all good again after the payload was changed", "close the guard"
                     )
                 self.clock.sleep_s(PLC_POLL_S)
-        self.enable()
+        if enable:
+            self.enable()
 
     def payload_mass_kg(self, number: int | None) -> float | None:
         """Mass of a payload of the rig's list; None while it is unknown."""

@@ -25,7 +25,8 @@ from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DeviceError, NoAnswer, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.config import EMBEDDED, embedded_rig_path
-from pkm_rig.rig.devices import MachineDevice, PayloadDevice, ReadingTags, StationDevice, WaitDevice, WaitingDevice
+from pkm_rig.rig.devices import MachineDevice, ReadingTags, StationDevice, WaitDevice
+from pkm_rig.rig.operator_devices import PayloadDevice, WaitingDevice
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.session_record import session
@@ -80,7 +81,7 @@ class Runner:
             rig=rig,
             tags=tags,
             machine=MachineDevice(rig, self._worker, tags),
-            payload=PayloadDevice(rig, self._worker, notify, note, progress),
+            payload=PayloadDevice(rig, self._worker, notify, note, progress, self._waiting.hold),
             station=StationDevice(rig, self._worker, tags),
             wait=WaitDevice(rig, self._worker),
             progress=progress,
@@ -186,6 +187,7 @@ class Runner:
         data = {**document["data"], "uid": document["uid"]}
         try:
             self.store.add_reading(self.campaign, document["uid"], int(data["sequence"]), data)
+            self.rig.observer.reading(data, self.devices.station.last_deviation_m)
         except StoreError as error:
             self._failure = error
             raise
@@ -226,6 +228,7 @@ def open_runner(
     """A runner that is closed in the end: one session of the campaign."""
     with session(rig, store, campaign, command, notify):
         runner = Runner(rig, store, campaign, progress, notify)
+        rig.observer.campaign(campaign)
         try:
             yield runner
         finally:

@@ -63,6 +63,7 @@ class Supervisor:
         self._payload: int | None = None
         self._trip: DeviceError | None = None
         self._loading = False
+        self.needs_release = False
         self._beat = beat
         self._beaten_s = -math.inf
         self.polls = 0
@@ -71,6 +72,20 @@ class Supervisor:
     def trip(self) -> DeviceError | None:
         """What stopped the drives, if anything did."""
         return self._trip
+
+    @property
+    def last_state(self) -> PlcState | None:
+        """What the PLC said last, however old, also after a trip: to be shown, not to act on."""
+        return self._state
+
+    def look(self) -> PlcState:
+        """Poll now, and the PLC's values of this poll; raises what it found."""
+        self._poll()
+        return self.state()
+
+    def order_stop(self, error: DeviceError) -> None:
+        """Stop all drives because somebody wants it, from any thread, without waiting for a poll under way."""
+        self._stop_all(error)
 
     def start(self) -> None:
         """Poll once, then keep polling; raises what the first poll found."""
@@ -183,6 +198,7 @@ class Supervisor:
             replace(state, interlocks={}).require_safe()
         else:
             state.require_safe()
+            self._require_release(state)
         missing = [name for name in self._required if name not in state.interlocks]
         if missing:
             raise PlcError("PLC", "register map", f"no interlock '{missing[0]}'", "correct the rig file")
@@ -195,7 +211,13 @@ class Supervisor:
             self._on_payload(state.payload)
         self._state = state
 
+    def _require_release(self, state: PlcState) -> None:
+        if self.needs_release and not state.local_release:
+            raise InterlockOpen(
+                self._plc.name, state.where, "the local release is withdrawn", "turn the key at the machine, then start"
+            )
+
     def _stop_all(self, error: DeviceError) -> None:
-        self._trip = error
+        self._trip = self._trip or error  # a stop that somebody ordered stays the cause
         with suppress(DeviceError):
             self._drives.stop_all(str(error))

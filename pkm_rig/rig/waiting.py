@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.errors import InterlockOpen, PlcError, Stopped
+from pkm_rig.rig.observer import Request
 from pkm_rig.rig.rig import Rig
 
 LOOK_S = 0.1  # of rig time, and as much of host time
@@ -58,10 +59,14 @@ class Waiting:
         rig = self._rig
         self._note("held", {"reason": why})
         with rig.supervised_without_power() as payload:
-            where = "press Enter" if rig.plc.map.acknowledge is None else "press Enter, or acknowledge at the PLC"
+            where = self._operator.hint + ("" if rig.plc.map.acknowledge is None else ", or acknowledge at the PLC")
             self._operator.begin_wait()
+            rig.observer.asks(Request("go on", why))
             self._say(f"{why}; the drives are without power: {where} to go on")
-            self._wait_for_acknowledgement()
+            try:
+                self._wait_for_acknowledgement()
+            finally:
+                rig.observer.asks(None)
             if rig.supervisor.state().payload != payload:
                 raise PlcError("PLC", "payload", "it was changed while the campaign waited", "go on with --resume")
         rig.drives.clear_stop()
@@ -77,7 +82,7 @@ class Waiting:
                 raise Stopped("campaign", "operator", "ended while it waited", "go on with --resume")
             state = supervisor.state()
             if self._operator.acknowledges() or state.acknowledge != at_begin:
-                missing = state.open_interlocks()
+                missing = self._rig.missing_to_move(state)
                 if not missing:
                     self._operator.end_wait()
                     return

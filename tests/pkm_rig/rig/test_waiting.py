@@ -19,6 +19,8 @@ GUARD = 0
 class Script:
     """An operator who does what is written down: one thing each time the waiting campaign looks."""
 
+    hint = "press Enter"
+
     def __init__(self, mock, rig):
         self.mock, self.rig = mock, rig
         self.pause = False

@@ -1,0 +1,21 @@
+"""The page in a browser: guides through a calibration, by the jobs that the commands run."""
+
+__all__ = [
+    "access",
+    "actions",
+    "control",
+    "files",
+    "follower",
+    "history_view",
+    "login_page",
+    "machine_view",
+    "measure_view",
+    "page",
+    "page_parts",
+    "rig_view",
+    "server",
+    "tasks",
+    "titles",
+    "trend",
+    "work",
+]

@@ -19,7 +19,7 @@ from mock_devices.commands import USAGE
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig, mock_rig_path
 from pkm_rig.rig.connection import connect_rig
-from pkm_rig.rig.devices import PayloadDevice
+from pkm_rig.rig.operator_devices import PayloadDevice
 from pkm_rig.rig.worker import Worker
 from pkm_rig.virtual.new_rig import with_values, write_new_rig
 from pkm_rig.virtual.ownership import owned, require_free_port

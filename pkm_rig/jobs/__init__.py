@@ -28,6 +28,7 @@ __all__ = [
     "planning",
     "reference",
     "report",
+    "running_estimate",
     "session",
     "setup_tie",
     "standard_figures",

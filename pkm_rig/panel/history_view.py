@@ -75,7 +75,7 @@ class HistoryView:
                 ui.button("Details", on_click=lambda: self._open(campaign)).props("no-caps flat dense")
                 if report_of(self._page.work.out, campaign) is not None:
                     ui.link("Report", report_url(campaign), new_tab=True)
-                elif summary.state in ("accepted", "refused"):
+                elif summary.state != "running":
                     self._button("Write the report", Action("report", campaign))
                 kind: Kind = "calibrate" if self._page.work.stores_tables else "measure"
                 if summary.state == "measured" and kind == "calibrate":

@@ -51,7 +51,7 @@ export default {
       g.setTransform(dense, 0, 0, dense, 0, 0);
       g.clearRect(0, 0, wide, high);
       const [cx, cy, cz] = this.scene.centre, away = 3.2 * this.scene.radius;
-      const scale = (this.zoom * 0.95 * Math.min(wide, high * 1.2) * away) / (1.25 * this.scene.radius);
+      const scale = (this.zoom * 0.64 * Math.min(wide, high * 1.2) * away) / this.scene.radius;
       const cosYaw = Math.cos(this.yaw), sinYaw = Math.sin(this.yaw), cosPitch = Math.cos(this.pitch), sinPitch = Math.sin(this.pitch);
       const project = ([x, y, z]) => {
         const X = x - cx, Y = y - cy, Z = z - cz;

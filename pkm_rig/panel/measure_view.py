@@ -15,6 +15,7 @@ from pkm_rig.panel.trend import trend_svg
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.rig.live import Guard, LastReading, Snapshot
 
+TREND = "median over the parameters of standard uncertainty / tolerance"
 RESIDUAL = "residual: from the nominal machine, the mean of the reflector's readings taken off"
 SIGNS = {"good": "●", "bad": "▲", "unknown": "○"}
 
@@ -53,6 +54,7 @@ class MeasureView:
             with ui.element("div").classes("card"):
                 title("The model so far")
                 self._model = ui.label("not identified yet").classes("note")
+                self._trend_note = ui.label(TREND).classes("note")
                 self._trend = ui.html("", sanitize=False).classes("full-width trend")
             with ui.element("div").classes("card whole"):
                 title("Messages")
@@ -155,10 +157,12 @@ class MeasureView:
         if not estimates:
             self._model.set_text("not identified yet")
             self._trend.set_content("")
+            self._trend_note.set_visibility(False)
             self._machine.field(None)
             self._field_note.set_text("")
             return
         last = estimates[-1]
+        self._trend_note.set_visibility(True)
         self._model.set_text(with_symbols(last.line))
         self._trend.set_content(trend_svg([e.readings for e in estimates], [e.share_left for e in estimates]))
         self._machine.field(mesh_of(last.field_m, last.field_error_m, last.columns))

@@ -33,18 +33,16 @@ class Page:
 
     def _build(self) -> None:
         work = self.work
-        with ui.header().classes("panel-head row items-center no-wrap"):
-            with ui.column().classes("col tight"):
-                ui.label(work.file.rig).classes("name")
-                if work.is_simulated:
-                    ui.label("SIMULATED").classes("simulated")
-            with ui.column().classes("items-end tight"):
+        with ui.header().classes("panel-head"):
+            with ui.row().classes("full-width items-center no-wrap"):
+                ui.label(work.file.rig).classes("name col")
                 self._control = ui.button("Take control", on_click=self._take_control).props("dense flat no-caps")
-                self._controller = ui.label().classes("note")
-            with ui.column().classes("items-end tight"):
                 ui.button("Stop", on_click=self._stop).classes("stop").props("color=negative unelevated")
-                ui.label(STOP_NOTE).classes("note stop-note")
-        self._dialog = ui.dialog().props("persistent")
+            with ui.row().classes("full-width items-center justify-between no-wrap note"):
+                self._simulated = ui.label("SIMULATED").classes("simulated")
+                self._controller = ui.label()
+                ui.label(STOP_NOTE).classes("text-right")
+        self._dialog = ui.dialog().props("persistent seamless position=bottom")  # Stop can be pressed beside it
         with ui.tabs().props("dense no-caps align=left") as tabs:
             for name in ("Measure", "Rig", "History"):
                 ui.tab(name)
@@ -69,7 +67,7 @@ class Page:
         if prepared is None:
             return
         self._dialog.clear()
-        with self._dialog, ui.card().classes("card"):
+        with self._dialog, ui.card().classes("card question"):
             ui.label(f"{action.kind.capitalize()}?").classes("big")
             ui.label(prepared.text)
             with ui.row().classes("full-width justify-end"):
@@ -117,6 +115,7 @@ class Page:
         version = (work.live.version, work.version, work.control.changes)
         if version == self._shown and (not work.is_busy or now_s - self._shown_s < REMIND_S):
             return
+        self._simulated.set_visibility(work.is_simulated)
         if version[2:] != self._shown[2:]:
             self._show_control()
         self._measure.refresh(work.snapshot())

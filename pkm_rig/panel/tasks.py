@@ -16,6 +16,7 @@ from pkm_rig.jobs.check import check_devices
 from pkm_rig.jobs.homing import home_drives
 from pkm_rig.jobs.interim import run_interim_test
 from pkm_rig.jobs.measure import measure
+from pkm_rig.jobs.report import report_source, write_outcome_report
 from pkm_rig.jobs.session import store_if_there
 from pkm_rig.jobs.verify import verify
 from pkm_rig.panel.actions import NEED_RELEASE, Action
@@ -27,6 +28,7 @@ from pkm_rig.rig.capabilities import Need
 from pkm_rig.rig.config import with_visits_of
 from pkm_rig.rig.live import Live
 from pkm_rig.rig.operator import Operator
+from pkm_rig.rig.release import require_release
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.session_record import last_moment
 from pkm_rig.rig.table_recovery import end_unfinished_change, settle_tables
@@ -74,7 +76,7 @@ class Workplace:
             self.hold_of(rig)
             try:
                 if action.kind in NEED_RELEASE:
-                    rig.require_release()
+                    require_release(rig)
                 yield rig
             finally:
                 self.hold_of(None)
@@ -156,7 +158,7 @@ def _end_of(action: Action, place: Workplace) -> Moment | None:
 
 def _judged(outcome: CampaignOutcome, place: Workplace) -> Result:
     try:
-        write_report(outcome, report_path(outcome, place.out))
+        write_outcome_report(outcome, place.out)
     except OSError as error:  # the result stands, whatever becomes of its report
         raise StoreError(f"report: {error}; the result is in the store, have it written again") from error
     rules = "; ".join(f"{v.payload_kg:g} kg: {v.decision.rule}" for v in outcome.verified)
@@ -186,13 +188,12 @@ def _diagnose(action: Action, place: Workplace) -> Result:
 
 
 def _report(action: Action, place: Workplace) -> Result:
-    from pkm_rig.jobs.acceptance import stored_outcome  # noqa: PLC0415
-
+    campaign = str(action.campaign)
     place.live.progress(0, 0, "writing the report")
     with open_existing_store(place.out) as store:
-        outcome = stored_outcome(store, str(action.campaign))
-    write_report(outcome, report_path(outcome, place.out))
-    return Result(True, f"the report of {outcome.campaign} is written", outcome.campaign)
+        source = report_source(store, campaign)
+    write_report(source, report_path(campaign, place.out))
+    return Result(True, f"the report of {campaign} is written", campaign)
 
 
 def find_stored(campaign: str, out: Path) -> Any:

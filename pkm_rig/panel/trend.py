@@ -33,6 +33,5 @@ def trend_svg(readings: Sequence[int], shares: Sequence[float]) -> str:
         f'<text x="{LEFT - 5}" y="12" text-anchor="end">{top * 100:.0f} %</text>'
         f'<text x="{LEFT - 5}" y="{base[1]}" text-anchor="end">0 %</text>'
         f'<text x="{WIDE - 8}" y="{HIGH - 8}" text-anchor="end">after {most} readings: {shares[-1] * 100:.0f} %</text>'
-        f'<text x="{LEFT + 6}" y="12">standard uncertainty / tolerance, median of the parameters</text>'
         "</svg>"
     )

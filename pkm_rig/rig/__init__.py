@@ -21,6 +21,7 @@ __all__ = [
     "plans",
     "plc_connection",
     "recalibration_sections",
+    "release",
     "rig",
     "rig_checks",
     "rig_lock",

@@ -18,7 +18,7 @@ from drivers.drives.servo_drive import DriveSample
 from drivers.drives.table_bank import CompensationState, TableBank
 from drivers.drives.table_group import bring_to, switch_off, use_on_trial
 from drivers.drives.table_image import TableImage, encode_table, machine_id_of
-from drivers.errors import DeviceError, InterlockOpen, PlcError, Stopped, TableError
+from drivers.errors import DeviceError, PlcError, Stopped, TableError
 from drivers.plc.plc import Plc
 from drivers.plc.plc_registers import PlcState
 from drivers.station.laser_tracker import LaserTracker
@@ -87,31 +87,11 @@ class Rig:
             supervisor.order_stop(self._stop_order)
         return supervisor
 
-    def require_release(self) -> None:
-        """From now on drives have power only while the PLC reports its local release, and whoever is far goes on anew.
-
-        InterlockOpen where it is off, or where the PLC has no register of it.
-        """
-        state = self.supervisor.look()
-        if not state.local_release:
-            is_there = state.local_release is not None
-            raise InterlockOpen(
-                self.plc.name, self.plc.where,
-                "the local release is off" if is_there else "it has no register 'local_release'",
-                "turn the key at the machine" if is_there else "name it in [plc.registers], or use the command line",
-            )  # fmt: skip
-        self.needs_release = self.supervisor.needs_release = True
-
     def order_stop(self, why: str) -> None:
         """Stop all drives now, for good: whatever this connection is used for ends with Stopped. From any thread."""
         self._stop_order = Stopped("drives", self.drives.line.name, why, "go on when the machine may move again")
         with self.clock.activity():
             self.supervisor.order_stop(self._stop_order)
-
-    def missing_to_move(self, state: PlcState) -> list[str]:
-        """What has to be put right at the machine before it may move."""
-        withheld = self.needs_release and not state.local_release
-        return [*state.open_interlocks(), *(["local release"] if withheld else [])]
 
     @property
     def simulated_devices(self) -> tuple[str, ...]:

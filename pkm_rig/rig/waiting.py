@@ -12,6 +12,7 @@ from typing import Any
 
 from drivers.errors import InterlockOpen, PlcError, Stopped
 from pkm_rig.rig.observer import Request
+from pkm_rig.rig.release import missing_to_move
 from pkm_rig.rig.rig import Rig
 
 LOOK_S = 0.1  # of rig time, and as much of host time
@@ -82,7 +83,7 @@ class Waiting:
                 raise Stopped("campaign", "operator", "ended while it waited", "go on with --resume")
             state = supervisor.state()
             if self._operator.acknowledges() or state.acknowledge != at_begin:
-                missing = self._rig.missing_to_move(state)
+                missing = missing_to_move(self._rig, state)
                 if not missing:
                     self._operator.end_wait()
                     return

@@ -9,6 +9,7 @@ from pkm_rig.panel.actions import Action
 from pkm_rig.panel.work import Work
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.device_sections import RegisterEntry
+from pkm_rig.rig.release import missing_to_move
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 REGISTERS = {"acknowledge": RegisterEntry(address=19), "local_release": RegisterEntry(address=20)}
@@ -62,6 +63,6 @@ class Bench:
     def go_on_whenever_asked(self, page="a"):
         """Lets the campaign go on each time that it waits, until it has ended."""
         while not self.work.wait(0.02):
-            if self.work.operator.waits and not self.rig.missing_to_move(self.rig.supervisor.last_state):
+            if self.work.operator.waits and not missing_to_move(self.rig, self.rig.supervisor.last_state):
                 self.press_twice(Action("go on"), page)
         return self.work.job.result

@@ -106,7 +106,9 @@ def test_without_a_session_there_is_the_login_page_only():
     assert stranger.send("GET", "/login")[0]["status"] == 200
     assert stranger.send("GET", "/_nicegui/static/x.js")[0]["status"] == 401
     assert stranger.send("POST", "/upload", [(b"origin", ORIGIN)])[0]["status"] == 401
-    assert stranger.send("GET", "/_nicegui_ws/", [(b"origin", ORIGIN)], kind="websocket")[0]["type"] == "websocket.close"
+    assert (
+        stranger.send("GET", "/_nicegui_ws/", [(b"origin", ORIGIN)], kind="websocket")[0]["type"] == "websocket.close"
+    )
     assert stranger.behind.reached == []
 
 
@@ -114,7 +116,12 @@ def test_a_token_is_good_once_and_a_new_one_is_announced(browser):
     used = browser.tokens[0]
     assert len(browser.tokens) == 2
     again = Browser()
-    again.tokens, again.door, again.guarded, again.behind = browser.tokens, browser.door, browser.guarded, browser.behind
+    again.tokens, again.door, again.guarded, again.behind = (
+        browser.tokens,
+        browser.door,
+        browser.guarded,
+        browser.behind,
+    )
     sent = again.login(used)
     assert sent[0]["status"] == 403
     assert again.cookie is None
@@ -146,7 +153,8 @@ def test_a_token_in_an_address_is_refused_even_if_it_is_right(browser):
 
 
 @pytest.mark.parametrize(
-    "origin", [b"http://evil.example", b"null", b"https://127.0.0.1:8765", b"http://127.0.0.1:8766", b"http://127.0.0.1"]
+    "origin",
+    [b"http://evil.example", b"null", b"https://127.0.0.1:8765", b"http://127.0.0.1:8766", b"http://127.0.0.1"],
 )
 def test_a_foreign_origin_reaches_nothing(browser, origin):
     for kind, method in (("http", "POST"), ("http", "GET"), ("websocket", "GET")):
@@ -162,7 +170,9 @@ def test_a_websocket_and_a_post_name_their_origin(browser):
     assert browser.send("GET", "/", [(b"origin", ORIGIN)], kind="websocket")[0]["type"] == "websocket.accept"
 
 
-@pytest.mark.parametrize("host", [b"evil.example", b"evil.example:8765", b"127.0.0.1", b"127.0.0.1:80", b"", b"0.0.0.0:8765"])
+@pytest.mark.parametrize(
+    "host", [b"evil.example", b"evil.example:8765", b"127.0.0.1", b"127.0.0.1:80", b"", b"0.0.0.0:8765"]
+)
 def test_a_rebound_host_reaches_nothing(browser, host):
     assert browser.send("GET", "/", [(b"host", host)])[0]["status"] == 421
     sent = browser.send("GET", "/", [(b"host", host), (b"origin", ORIGIN)], kind="websocket")

@@ -197,7 +197,10 @@ def test_the_second_press_names_what_will_move(bench):
     assert "0.5 m/s" in text
     assert "plates 400 kg" in text
     assert "No drive moves" in bench.work.press("a", Action("tables off")).text
-    assert "left" in bench.work.press("a", Action("home")).text or "says of none" in bench.work.press("a", Action("home")).text
+    assert (
+        "left" in bench.work.press("a", Action("home")).text
+        or "says of none" in bench.work.press("a", Action("home")).text
+    )
 
 
 def test_what_needs_a_campaign_names_one():

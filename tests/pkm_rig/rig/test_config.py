@@ -9,7 +9,9 @@ from pkm_rig.rig.plc_connection import plc_line, register_map
 
 @pytest.fixture
 def text():
-    return embedded_rig_path().read_text(encoding="utf-8")
+    """The embedded rig's, with the default map of the PLC."""
+    before, rest = embedded_rig_path().read_text(encoding="utf-8").split("[plc.registers]\n")
+    return before + rest[rest.index("[[payloads]]") :]
 
 
 def load(tmp_path, text):

@@ -9,6 +9,7 @@ import os
 from pkm_rig.api import (
     build_tables,
     calibrate,
+    compare,
     connect,
     diagnose,
     identify,
@@ -24,6 +25,7 @@ from pkm_rig.version import __version__ as __version__
 __all__ = [
     "build_tables",
     "calibrate",
+    "compare",
     "connect",
     "diagnose",
     "identify",

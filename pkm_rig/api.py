@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from calibration.comparison.result import Comparison
     from calibration.compensation.tables import CompensationTable
     from calibration.diagnosis.result import Diagnosis
     from calibration.identification.calibration import Calibration
@@ -138,6 +139,16 @@ def diagnose(recording: Recording, effects: tuple[str | Path, ...] = ()) -> Diag
 
     readings = drop_unclosed_readings(calibration_part(recording))
     return diagnose(readings, load_catalogue(tuple(Path(path) for path in effects)))
+
+
+def compare(before: Recording, after: Recording) -> Comparison:
+    """What changed on the machine between two campaigns. InputError if they cannot be compared."""
+    from calibration.comparison.compare import compare
+    from calibration.identification.calibration import calibration_part
+    from calibration.reduction.nest_checks import drop_unclosed_readings
+
+    first, second = (drop_unclosed_readings(calibration_part(recording)) for recording in (before, after))
+    return compare(first, second)
 
 
 def build_tables(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import subprocess
 import sys
 import tempfile
@@ -21,10 +22,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from benchmarks.comparison.cases import make_pair
+from benchmarks.comparison import planar, spatial
+from benchmarks.comparison.cases import DESIGNS, FAMILIES, make_pair
+from benchmarks.comparison.change import Change
 from benchmarks.comparison.table import measures, printed
+from benchmarks.comparison.visible import Campaign, derivatives
 from benchmarks.results_file import ROOT, code_digest
+from calibration.machine.description import Machine
 from calibration.recording.folder import write_folder
+from mock_devices.settings import DisturbanceLevels
 from tests.kept_results import KeptResults, key_of, until_stopped
 
 OUT = ROOT / "runs" / "comparison"
@@ -51,7 +57,9 @@ def compare_all(options: argparse.Namespace) -> list[dict[str, Any]]:
     missing = [k for k, key in enumerate(keys) if key not in results]
     if options.table:
         return [results[key]["row"] for key in keys if key in results]
-    started, pool = time.monotonic(), ProcessPoolExecutor(options.processes)
+    if missing:
+        prepare()
+    started, pool = time.monotonic(), ProcessPoolExecutor(options.processes, multiprocessing.get_context("fork"))
     try:
         tasks = {pool.submit(row_of, options.seed, k): k for k in missing}
         for done, task in enumerate(as_completed(tasks), start=1):
@@ -62,6 +70,21 @@ def compare_all(options: argparse.Namespace) -> list[dict[str, Any]]:
     finally:
         pool.shutdown(cancel_futures=True)
     return [results[key]["row"] for key in keys]
+
+
+def prepare() -> None:
+    """What visible sizes need of each design, computed once for all processes, which inherit it."""
+    for family in dict.fromkeys(FAMILIES):
+        for number in range(DESIGNS):
+            if family == planar.NAME:
+                machine: Machine = planar.nominal()[1]
+                flat = planar.Circumstances(1, 1, number)
+                reference: Campaign = planar.PlanarCampaign(1, flat, DisturbanceLevels(), Change())
+            else:
+                machine = spatial.machine_of(family)[1]
+                spot = spatial.Circumstances(1, 1, number)
+                reference = spatial.SpatialCampaign(family, 1, spot, DisturbanceLevels(), Change())
+            derivatives((family, number), machine, reference)
 
 
 def row_of(seed: int, number: int) -> dict[str, Any]:

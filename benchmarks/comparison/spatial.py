@@ -1,4 +1,4 @@
-"""Campaigns on machines that the mock plant does not know: the reference model of the tests finds where they stand.
+"""Campaigns on spatial machines: the reference model of the tests finds where they stand.
 
 That model is written from docs/reference/machine.md alone and shares no code with `calibration`. Station, air and
 temperatures are simple ones of this module's own.

@@ -23,6 +23,7 @@ from calibration.comparison.search import (
 )
 from calibration.comparison.two_campaigns import TwoCampaigns, again_at, curve_of_drive, linearise_pair
 from calibration.comparison.workspace import WorkspaceChanges
+from calibration.diagnosis.linear_model import usable_rows
 from calibration.diagnosis.settings import VERDICT
 from calibration.machine.description import Machine
 from calibration.recording.recording import Recording
@@ -169,8 +170,8 @@ def _remarks(recordings: tuple[Recording, Recording], pair: TwoCampaigns) -> lis
                 f"{name}: readings scatter {scatter:.1f} times as much as stated about the fit of their campaign and "
                 f"count for less; `pkm-rig diagnose {name}` says why"
             )
-        if linear.wrong.size:
-            out.append(f"{name}: {linear.wrong.size} readings that do not fit the others were left out")
+        if wrong := len(usable_rows(recording)) - len(linear.rows):
+            out.append(f"{name}: {wrong} of its readings, which do not fit the others, left out")
         unknown = int(np.sum((recording["compensation"] > 0.0) & (np.asarray(recording["phase"]) != "nests")))
         if unknown:
             out.append(f"{name}: {unknown} readings under tables that it does not hold were left out")

@@ -25,12 +25,12 @@ def run_comparison(before: Recording, after: Recording, out: Path) -> tuple[Comp
     They are put into `out`, in the folder of the later campaign. Raises InputError.
     """
     readings = [drop_unclosed_readings(calibration_part(recording)) for recording in (before, after)]
+    comparison = compare(*readings)
+    result = comparison_json(comparison)
+    result["simulated"] = any(recording.file.simulated for recording in readings)
     folder = campaign_folder(out, after.file.campaign) / PICTURES_FOLDER / before.file.campaign
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        comparison = compare(*readings)
-        result = comparison_json(comparison)
-        result["simulated"] = any(recording.file.simulated for recording in readings)
         figures = comparison_pictures.draw_all(comparison, after.machine)
         result["pictures"] = save(figures, folder, simulated=result["simulated"])
     except OSError as error:

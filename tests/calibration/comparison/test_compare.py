@@ -169,7 +169,10 @@ def test_rough_readings_count_for_less_and_are_remarked():
     after = recorded()
     rng = np.random.default_rng(3)
     shaken = {c: after[c] + 3e-5 * rng.standard_normal(len(after)) for c in ("x_m", "y_m")}
+    row = int(np.flatnonzero(after["phase"] == "calibration")[40])
+    shaken["x_m"][row] += 5e-3
     result = compare(first(), replace(after, columns={**after.columns, **shaken}))
     assert result.verdict == "nothing"
     assert result.scatter[1] > 2.0
+    assert any(remark.startswith("after: 1 of its readings") for remark in result.remarks)
     assert any("after" in remark and "scatter" in remark for remark in result.remarks)

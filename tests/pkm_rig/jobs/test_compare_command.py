@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import pkm_rig
 from benchmarks.comparison.change import Change
 from calibration.comparison.result import ChangedQuantity, Comparison, FoundChange, WorkspaceChange
 from calibration.machine.description import load_machine, shipped_machine
@@ -52,6 +53,15 @@ def test_json_follows_its_schema_and_pictures_are_written(run, folders, tmp_path
     for path in map(Path, document["pictures"].values()):
         assert path.stat().st_size > 5000
         assert path.parent == tmp_path / "after" / "compared-with" / "before"
+
+
+def test_python_and_the_command_say_the_same(folders, tmp_path):
+    recordings = [read_folder(folders / name) for name in ("before", "after")]
+    comparison, result = run_comparison(*recordings, tmp_path)
+    assert (
+        comparison_json(pkm_rig.compare(*recordings)) | {"pictures": result["pictures"], "simulated": False} == result
+    )
+    assert comparison.readings == (result["readings"]["before"], result["readings"]["after"])
 
 
 def test_words_name_what_changed_and_what_it_does():
@@ -102,10 +112,11 @@ def test_what_cannot_be_compared_is_refused_in_one_line(run, folders, tmp_path):
     assert "struts have other names (right_upper, strut_c)" in other.stderr.splitlines()[-1]
 
 
-def test_a_place_where_nothing_can_be_written_is_said(folders, tmp_path):
+def test_a_place_where_nothing_can_be_written_is_said(run, folders, tmp_path):
     (tmp_path / "after").write_text("in the way")
-    with pytest.raises(ValueError, match="choose another --out"):
-        run_comparison(*(read_folder(folders / name) for name in ("before", "after")), tmp_path)
+    done = run("compare", folders / "before", folders / "after", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "choose another --out" in done.stderr.splitlines()[-1]
 
 
 def planar():

@@ -47,7 +47,8 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Rod:
-    """A strut: `drive` carries its base end (GROUND: nothing does). `force_limit_n`: what it must not exceed."""
+    """A strut: `drive` carries its base end (GROUND: nothing does). `force_limit_n`: what it must not exceed;
+    `diameter_m`: None where it hides nothing."""
 
     name: str
     drive: int
@@ -56,6 +57,7 @@ class Rod:
     length_m: float
     stiffness_n_per_m: float
     force_limit_n: float = float("inf")
+    diameter_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,7 @@ def _rod(entry: dict[str, Any], index: dict[str, int]) -> Rod:
         length_m=float(entry["length_m"]),
         stiffness_n_per_m=float(entry["stiffness_n_per_m"]),
         force_limit_n=float(entry.get("force_limit_n", "inf")),
+        diameter_m=float(entry["diameter_m"]) if "diameter_m" in entry else None,
     )
 
 

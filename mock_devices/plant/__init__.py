@@ -10,6 +10,7 @@ __all__ = [
     "noise",
     "optics",
     "plant",
+    "sight_lines",
     "spatial_equilibrium",
     "spatial_machine",
     "spatial_plant",

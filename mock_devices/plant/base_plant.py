@@ -54,11 +54,15 @@ class DriveMotion(Protocol):
 
 @dataclass(frozen=True)
 class Sighting:
-    """A reflector as the station would see it, free of noise: index and name of the SMR, face I."""
+    """A reflector as the station would see it, free of noise: index and name of the SMR, face I.
+
+    Not `visible`: it looks elsewhere, or something stands in the beam.
+    """
 
     smr: int
     name: str
     polar: Polar
+    visible: bool = True
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,12 @@ class Assembly:
         return float(0.5 * (force**2 / self.stiffness).sum() + 0.5 * (self.plane_stiffness * held**2).sum()) - work
 
 
-def equilibrium(assembly: Assembly, start: SpatialPose, free: tuple[int, ...]) -> SpatialPose:
-    """The pose at rest nearest to `start` in the free coordinates; raises NoEquilibrium."""
-    pose, moves, is_near = start, np.array(free), False
+def equilibrium(assembly: Assembly, start: SpatialPose, free: tuple[int, ...], *, is_near: bool = False) -> SpatialPose:
+    """The pose at rest nearest to `start` in the free coordinates; raises NoEquilibrium.
+
+    `is_near`: the start is a pose of a moment ago. From there the whole expansion is used at once.
+    """
+    pose, moves = start, np.array(free)
     for _ in range(_MOST_STEPS):
         slope, bend = _expansion(assembly, pose, whole=is_near)
         try:
@@ -109,7 +112,7 @@ def equilibrium(assembly: Assembly, start: SpatialPose, free: tuple[int, ...]) -
         pose = pose.moved(motion)
         if is_near and size < _SMALL_STEP:
             return pose
-        is_near = is_near or size < _NEAR
+        is_near = size < _NEAR
     raise NoEquilibrium(f"no equilibrium near {start.vector()}")
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,26 +47,41 @@ class TrueSpatialMachine:
         """What holds the platform with the drives at these encoder positions."""
         file, grown = self.file, self._growth(temperatures_c)
         travel = self.scales * np.asarray(drives, dtype=np.float64)
-        length = np.array([rod.length_m * grown["struts"] for rod in file.rods])
-        for i, rod in enumerate(file.rods):
-            if rod.drive != GROUND and file.drives[rod.drive].kind == "leg":
-                length[i] += travel[rod.drive] * grown["drives"]
-        joint = np.array([rod.platform_joint_m for rod in file.rods]) * grown["platform"]
+        parts = self._arrays
+        length = parts["length_m"] * grown["struts"]
+        length[parts["legs"]] += travel[parts["leg_drives"]] * grown["drives"]
+        joint = parts["joint_m"] * grown["platform"]
         load = self.payloads[payload]
-        planes = file.planes
         return Assembly(
             platform_m=joint,
             base_m=np.array([self._carried(rod.drive, rod.base_joint_m, travel, grown) for rod in file.rods]),
             length_m=length,
-            stiffness=np.array([rod.stiffness_n_per_m for rod in file.rods]),
-            held_m=joint[[plane.rod for plane in planes]].reshape(-1, 3),
-            point_m=np.array([plane.point_m * grown["base"] for plane in planes]).reshape(-1, 3),
-            normal=np.array([plane.normal for plane in planes]).reshape(-1, 3),
-            plane_stiffness=np.array([plane.stiffness_n_per_m for plane in planes]),
+            stiffness=parts["stiffness"],
+            held_m=joint[parts["held"]].reshape(-1, 3),
+            point_m=parts["point_m"] * grown["base"],
+            normal=parts["normal"],
+            plane_stiffness=parts["plane_stiffness"],
             mass_kg=np.array([file.moving_mass_kg, load.mass_kg]),
             centre_m=np.array([file.centre_of_mass_m, load.centre_m]) * grown["platform"],
             gravity=file.gravity,
         )
+
+    @cached_property
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        """What of the machine never changes, as arrays."""
+        rods, planes, drives = self.file.rods, self.file.planes, self.file.drives
+        legs = [i for i, rod in enumerate(rods) if rod.drive != GROUND and drives[rod.drive].kind == "leg"]
+        return {
+            "length_m": np.array([rod.length_m for rod in rods]),
+            "stiffness": np.array([rod.stiffness_n_per_m for rod in rods]),
+            "joint_m": np.array([rod.platform_joint_m for rod in rods]),
+            "legs": np.array(legs, dtype=np.intp),
+            "leg_drives": np.array([rods[i].drive for i in legs], dtype=np.intp),
+            "held": np.array([plane.rod for plane in planes], dtype=np.intp),
+            "point_m": np.array([plane.point_m for plane in planes]).reshape(-1, 3),
+            "normal": np.array([plane.normal for plane in planes]).reshape(-1, 3),
+            "plane_stiffness": np.array([plane.stiffness_n_per_m for plane in planes]),
+        }
 
     def pose(
         self,
@@ -75,20 +92,28 @@ class TrueSpatialMachine:
     ) -> SpatialPose:
         """The pose at rest; raises NoEquilibrium, also for one on another assembly branch than the machine's."""
         assembly = self.assembly(drives, payload, t_c)
-        pose = equilibrium(assembly, start or middle_pose(self.file), self.file.free)
+        pose = equilibrium(assembly, start or middle_pose(self.file), self.file.free, is_near=start is not None)
         reach = assembly.rods(pose)[0]
         for a, drive in enumerate(self.file.drives):
-            first = next(i for i, rod in enumerate(self.file.rods) if rod.drive == a)
+            first = self._first_rods[a]
             if drive.branch * _side(drive, assembly.base_m[first], reach[first]) < 0.0:
                 raise NoEquilibrium(f"drive {drive.name}: the machine has left its assembly branch")
         return pose
+
+    @cached_property
+    def _first_rods(self) -> tuple[int, ...]:
+        return tuple(
+            next(i for i, rod in enumerate(self.file.rods) if rod.drive == a) for a in range(len(self.file.drives))
+        )
 
     def rod_forces_n(self, drives: Sequence[float], payload: int, pose: SpatialPose, t_c: Mapping[str, float]) -> Array:
         """Forces (m,) of the rods at a pose, tension positive."""
         return self.assembly(drives, payload, t_c).rods(pose)[1]
 
-    def drive_loads(self, drives: Sequence[float], payload: int, pose: SpatialPose, t_c: Mapping[str, float]) -> Array:
-        """What each drive has to hold (d,): N along a slider or leg, N m about a crank's pivot."""
+    def loads(
+        self, drives: Sequence[float], payload: int, pose: SpatialPose, t_c: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        """Forces (m,) of the rods, and what each drive has to hold (d,): N along a slider or leg, N m about a pivot."""
         assembly = self.assembly(drives, payload, t_c)
         reach, force = assembly.rods(pose)
         pull = force[:, None] * reach / np.sqrt((reach**2).sum(axis=1))[:, None]
@@ -103,7 +128,7 @@ class TrueSpatialMachine:
                 out[rod.drive] -= pull[i] @ drive.axis
             else:
                 out[rod.drive] -= np.cross(assembly.base_m[i] - drive.pivot_m, pull[i]) @ drive.axis
-        return out
+        return force, out
 
     def tool(self, pose: SpatialPose, temperatures_c: Mapping[str, float]) -> Array:
         """Position of the tool point and rotation vector (6,)."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mock_devices.clock import RigClock
 from mock_devices.plant.base_plant import BasePlant, DrivePart, Sighting
 from mock_devices.plant.optics import StationView
+from mock_devices.plant.sight_lines import hides, looks_here
 from mock_devices.plant.spatial_equilibrium import SpatialPose
 from mock_devices.plant.spatial_machine import TrueSpatialMachine, closed_drive, draw_spatial_machine, middle_pose
 from mock_devices.plant.structure import NoEquilibrium
@@ -25,7 +26,8 @@ from mock_devices.spatial_file import SpatialMachine, read_spatial_machine
 Array = NDArray[np.float64]
 
 _GRAVITY_M_PER_S2 = 9.80665
-_FEED_M = 0.010  # of a drive's screw; a crank's torque is that of a motor with the same rating
+_FEED_M = 0.010  # of a drive's screw
+_GEAR = 200.0  # of a crank, whose motor has the rating of the others
 
 
 class SpatialTruth:
@@ -96,7 +98,7 @@ class SpatialPlant(BasePlant):
         self._pose: SpatialPose | None = None
         self.can_be_strained = any(np.isfinite(rod.force_limit_n) for rod in self.nominal.rods)
         self._pose_lock = threading.Lock()
-        self._loads = np.zeros(len(parts))
+        self._loads, self._forces_n = np.zeros(len(parts)), np.zeros(len(self.nominal.rods))
 
     @property
     def machine(self) -> SpatialMachine:
@@ -107,7 +109,7 @@ class SpatialPlant(BasePlant):
         """The mass whose weight is the force that a drive held when the machine was last looked at."""
         load = abs(float(self._loads[drive]))
         if self.nominal.drives[drive].kind == "crank":
-            load *= 2.0 * np.pi / _FEED_M
+            load *= 2.0 * np.pi / (_FEED_M * _GEAR)
         return load / _GRAVITY_M_PER_S2
 
     def sightings(self, t_s: float) -> list[Sighting]:
@@ -115,23 +117,29 @@ class SpatialPlant(BasePlant):
         drives, temperatures_c = self._drive_positions(t_s), self.thermal.parts_c(t_s)
         pose = self._pose_at(drives, temperatures_c)
         places = self._machine.reflectors(pose, drives, temperatures_c)
-        return [
-            Sighting(i, smr.name, self.view.polar((float(place[0]), float(place[1]), float(place[2])), t_s))
-            for i, (smr, (place, _)) in enumerate(zip(self.nominal.smrs, places, strict=True))
-        ]
+        station_m = -self.view.rotation.T @ self.view.translation_m
+        thick = [i for i, rod in enumerate(self.nominal.rods) if rod.diameter_m is not None]
+        struts = self._machine.assembly(drives, self._payload, temperatures_c)
+        seen = []
+        for i, (smr, (place, facing)) in enumerate(zip(self.nominal.smrs, places, strict=True)):
+            visible = facing is None or looks_here(facing, smr.acceptance_rad, place, station_m)
+            for k in thick:
+                joint, diameter_m = pose.place(struts.platform_m[k]), self.nominal.rods[k].diameter_m or 0.0
+                visible = visible and not hides(struts.base_m[k], joint, diameter_m, place, station_m)
+            polar = self.view.polar((float(place[0]), float(place[1]), float(place[2])), t_s)
+            seen.append(Sighting(i, smr.name, polar, visible))
+        return seen
 
     def overloaded(self, t_s: float) -> str | None:
         """The strut whose force is beyond its limit, or why nothing is at rest there; None while all is well."""
         drives, temperatures_c = self._drive_positions(t_s), self.thermal.parts_c(t_s)
         try:
-            pose = self._pose_at(drives, temperatures_c)
+            self._pose_at(drives, temperatures_c)
         except NoEquilibrium as error:
             return str(error)
-        for rod, force in zip(
-            self.nominal.rods, self._machine.rod_forces_n(drives, self._payload, pose, temperatures_c), strict=True
-        ):
-            if abs(float(force)) > rod.force_limit_n:
-                return f"{rod.name}: {float(force):.0f} N, {rod.force_limit_n:.0f} N permitted"
+        for rod, force in zip(self.nominal.rods, self._forces_n.tolist(), strict=True):
+            if abs(force) > rod.force_limit_n:
+                return f"{rod.name}: {force:.0f} N, {rod.force_limit_n:.0f} N permitted"
         return None
 
     def _drive_positions(self, t_s: float) -> list[float]:
@@ -140,7 +148,10 @@ class SpatialPlant(BasePlant):
     def _pose_at(self, drives: Sequence[float], temperatures_c: Mapping[str, float]) -> SpatialPose:
         """The pose at rest, found from the last one; the same to round-off from wherever it is sought."""
         with self._pose_lock:
-            pose = self._machine.pose(drives, self._payload, temperatures_c, self._pose)
+            try:
+                pose = self._machine.pose(drives, self._payload, temperatures_c, self._pose)
+            except NoEquilibrium:  # the last pose was far away, or on no good way to this one
+                pose = self._machine.pose(drives, self._payload, temperatures_c)
             self._pose = pose
-            self._loads = self._machine.drive_loads(drives, self._payload, pose, temperatures_c)
+            self._forces_n, self._loads = self._machine.loads(drives, self._payload, pose, temperatures_c)
             return pose

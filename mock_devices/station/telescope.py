@@ -118,7 +118,9 @@ class Telescope:
         inside = [
             s
             for s in seen
-            if abs(hz_difference(s.polar.hz_rad, hz)) <= 0.5 * width_rad and abs(s.polar.v_rad - v) <= 0.5 * height_rad
+            if s.visible
+            and abs(hz_difference(s.polar.hz_rad, hz)) <= 0.5 * width_rad
+            and abs(s.polar.v_rad - v) <= 0.5 * height_rad
         ]
         if not inside:
             raise AimError(NO_TARGET)
@@ -127,7 +129,7 @@ class Telescope:
             others = [s for s in seen if s is not nearest]
             nearest = min(others, key=lambda s: direction_between(s.polar, hz, v))
         spot = nearest.polar
-        near = [s for s in seen if direction_between(s.polar, spot.hz_rad, spot.v_rad) < _NEIGHBOUR_RAD]
+        near = [s for s in seen if s.visible and direction_between(s.polar, spot.hz_rad, spot.v_rad) < _NEIGHBOUR_RAD]
         if len(near) > 1:
             raise AimError(MULTIPLE_TARGETS)
         self._point_at(nearest)
@@ -185,6 +187,8 @@ class Telescope:
         if self._faults.strikes("tracker-beam-break"):
             self.locked = None
             raise AimError(ANGLE_OK)
+        if self.locked is not None and not seen[self.locked].visible:
+            self.locked = None
         target = seen[self.locked] if self.locked is not None else self._in_line(seen)
         if target is None:
             raise AimError(ANGLE_OK)
@@ -215,7 +219,10 @@ class Telescope:
 
     def _in_line(self, seen: list[Sighting]) -> Sighting | None:
         hz, v = self._line_of_sight()
-        nearest = min(seen, key=lambda s: direction_between(s.polar, hz, v))
+        in_sight = [s for s in seen if s.visible]
+        if not in_sight:
+            return None
+        nearest = min(in_sight, key=lambda s: direction_between(s.polar, hz, v))
         return nearest if direction_between(nearest.polar, hz, v) <= LINE_OF_SIGHT_RAD else None
 
     def _point_at(self, target: Sighting) -> None:

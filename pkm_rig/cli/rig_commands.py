@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -75,7 +76,7 @@ def _calibrate(
     from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_store
 
-    needs = Need.MOTION | Need.TABLES
+    needs, begun_s = Need.MOTION | Need.TABLES, time.monotonic()
     _require_campaign(resume, out, new_setup=new_setup)
     with goes_on, open_store(out, hold=True, campaign=resume) as store:
         after = None if resume is None else last_moment(store, resume)
@@ -85,6 +86,12 @@ def _calibrate(
             progress_bar() as progress,
         ):
             outcome = calibrate(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
+    recording = outcome.reduction.recording
+    duration_s = float(recording["t_rig_s"].max() - recording["t_rig_s"].min())
+    print_message(
+        f"{int(recording['visit'].max()) + 1} visits, {len(recording)} readings, {duration_s / 3600.0:.2f} h of rig "
+        f"time in {time.monotonic() - begun_s:.0f} s"
+    )
     _report_outcome(outcome, out, json)
 
 
@@ -100,9 +107,15 @@ def measure(
         Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")
     ] = None,
     new_setup: NewSetupOption = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="touch no device: print and draw poses, way and duration")
+    ] = False,
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
     _require_capabilities(rig, tables=False)
+    if dry_run:
+        _dry_run(rig, campaign_file, out, json)
+        return
     from pkm_rig.jobs.measure import measure
     from pkm_rig.jobs.next_command import command_line, rig_word
     from pkm_rig.jobs.session import open_rig
@@ -115,7 +128,7 @@ def measure(
 
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig)
-        calibration_blocks(machine, with_visits(file, campaign_file).campaign)
+        calibration_blocks(machine, with_visits(file, campaign_file).campaign, file.station.position_m)
     _require_campaign(resume, out, new_setup=new_setup)
     options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
@@ -142,6 +155,29 @@ def measure(
         f"campaign {campaign}",
         f"next: {next_command}",
     )
+
+
+def _dry_run(rig: Path, campaign_file: Path | None, out: Path, json: bool) -> None:
+    from calibration.base.errors import InputError
+    from pkm_rig.jobs.dry_run import dry_run
+    from pkm_rig.report.dry_run_text import draw_dry_run, print_dry_run
+    from pkm_rig.report.pictures import save_png
+    from pkm_rig.report.terminal import print_json, results
+    from pkm_rig.rig.config import load_rig, with_visits
+
+    file, machine = load_rig(rig)
+    run = dry_run(file if campaign_file is None else with_visits(file, campaign_file), machine)
+    picture = out / f"dry-run-{machine.name}.png"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        save_png(draw_dry_run(run), picture, simulated=False)
+    except OSError as error:
+        raise InputError(f"{picture}: {error.strerror}; give another --out") from error
+    if json:
+        print_json(run.as_json() | {"picture": str(picture)})
+        return
+    print_dry_run(run)
+    results.print(f"picture: {picture}", soft_wrap=True)
 
 
 def verify(
@@ -267,7 +303,8 @@ def _report_outcome(outcome: CampaignOutcome, out: Path, json: bool) -> None:
         again = command_line("report", outcome.campaign, "--out", out)
         raise StoreError(f"report: {failure}; the result is in the store, write it with `{again}`")
     if not outcome.accepted:
-        raise CampaignRefused(f"the tables were {outcome.decision}; see the report for residuals and conditions")
+        what = "correction was" if outcome.back_end == "host" else "tables were"
+        raise CampaignRefused(f"the {what} {outcome.decision}; see the report for residuals and conditions")
 
 
 def _require_capabilities(rig: Path, *, tables: bool) -> None:

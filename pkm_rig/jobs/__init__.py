@@ -14,6 +14,7 @@ __all__ = [
     "control_files",
     "diagnose",
     "disturbance_levels",
+    "dry_run",
     "health",
     "history",
     "homing",

@@ -66,7 +66,7 @@ def open_campaign(
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))
-    blocks = calibration_blocks(rig.machine, rig.file.campaign)
+    blocks = calibration_blocks(rig.machine, rig.file.campaign, rig.file.station.position_m)
     if verify and not has_repeated_visits(blocks):
         raise InputError("campaign.visits: none is made three times, so there would be no noise floor; repeat some")
     total = PlannedReadings(planned_readings(rig.file.campaign, rig.machine, blocks, verify=verify))
@@ -112,7 +112,7 @@ def reopen_campaign(
     if complete and verify and not adds:
         notify(f"campaign {campaign}: going on; it is measured")
         return campaign, (), PlannedReadings(verification, verification)
-    blocks = calibration_blocks(rig.machine, rig.file.campaign)
+    blocks = calibration_blocks(rig.machine, rig.file.campaign, rig.file.station.position_m)
     if adds:
         blocks = renumber_poses(first_pose(store, campaign, current_rig_file["campaign"]["visits"]), blocks)
     notify(f"campaign {campaign}: going on{' with further visits' if adds else ''}")

@@ -81,7 +81,10 @@ def verify_tables(
     """Write the tables of an identification, measure before and after, and decide at every payload of the rig file."""
     rig, store, campaign = runner.rig, runner.store, runner.campaign
     settings = rig.file.campaign
-    blocks = [verification_block(rig.machine, settings, payload) for payload in settings.verification_payloads]
+    station_m = rig.file.station.position_m
+    blocks = [
+        verification_block(rig.machine, settings, payload, station_m) for payload in settings.verification_payloads
+    ]
     require_possible_limits(settings.accept_below_m, identification, blocks)
     begun = {"first_sequence": runner.devices.tags.sequence, "accept_below_m": settings.accept_below_m}
     store.add_event(campaign, "verifying", begun)

@@ -11,6 +11,7 @@ __all__ = [
     "diagnosis_json",
     "diagnosis_pictures",
     "diagnosis_text",
+    "dry_run_text",
     "health_text",
     "history_pictures",
     "history_text",

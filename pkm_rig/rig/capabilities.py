@@ -44,7 +44,7 @@ def require_capabilities(file: RigFile, machine: Machine, rig_path: Path, needs:
         if has_table_drives(machine):
             require_travel(machine, GRID_MARGIN_M if tables else file.campaign.approach_m)
         else:
-            require_reachable_poses(machine, file.campaign, file.payloads)
+            require_reachable_poses(machine, file.campaign, file.payloads, file.station.position_m)
 
 
 def _require_led_drives(file: RigFile, machine: Machine, rig_path: Path) -> None:

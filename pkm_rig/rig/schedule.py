@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.instruments.visibility import hides_reflectors, visible
 from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives, nominal_poses
 from calibration.model.payload import PayloadEntry
@@ -18,6 +19,7 @@ from pkm_rig.rig.led_motion import is_led, led_sides, require_clear_campaign
 
 LEAST_TARGETS, LEAST_VISITS = 6, 2
 MOST_DRAWS = 6
+Point = tuple[float, float, float]
 POSE_STREAM, ORDER_STREAM, VERIFICATION_STREAM = 1, 2, 3
 
 
@@ -47,7 +49,9 @@ class Block:
     visits: tuple[PlannedVisit, ...]
 
 
-def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Block, ...]:
+def calibration_blocks(
+    machine: Machine, settings: CampaignSettings, station_m: Point | None = None
+) -> tuple[Block, ...]:
     """Blocks without, with and again without payload, poses in random order within each.
 
     Without payload every target is visited three times from the same side, for the noise floor: once in each of the
@@ -57,7 +61,7 @@ def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Bl
     """
     if settings.visits:
         return _blocks_of_listed_visits(machine, settings)
-    targets = calibration_targets(machine, settings)
+    targets = calibration_targets(machine, settings, station_m)
     numbers = list(range(len(targets)))
     half = len(numbers) // 2
     side = {n: 1 if n % 2 else -1 for n in numbers}
@@ -72,7 +76,9 @@ def calibration_blocks(machine: Machine, settings: CampaignSettings) -> tuple[Bl
     )
 
 
-def verification_block(machine: Machine, settings: CampaignSettings, payload: int) -> Block:
+def verification_block(
+    machine: Machine, settings: CampaignSettings, payload: int, station_m: Point | None = None
+) -> Block:
     """Verification poses at one payload: off the calibration targets, a quarter on the workspace's faces.
 
     Poses that the drives do not reach are drawn again. All follow from the campaign's seed, which is fixed before the
@@ -89,13 +95,13 @@ def verification_block(machine: Machine, settings: CampaignSettings, payload: in
         edge_axis = rng.integers(0, machine.commanded.size, count)
         edge_side = rng.integers(0, 2, count).astype(float)
         unit[on_edge, edge_axis[on_edge]] = edge_side[on_edge]
-        parts.append(_reached(machine, _in_workspace(machine, unit), settings.approach_m))
+        parts.append(_usable(machine, _in_workspace(machine, unit), settings.approach_m, station_m))
     targets = np.concatenate(parts)[:count]
     pose_directions = [(n, 1 if n % 2 else -1) for n in range(count)]
     return _block(machine, settings, targets, payload, pose_directions, rng, {})
 
 
-def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
+def calibration_targets(machine: Machine, settings: CampaignSettings, station_m: Point | None = None) -> Array:
     """Targets (n, 6): those of the settings, else a Sobol sequence drawn towards the edges, where poses inform most."""
     if settings.targets:
         return _listed_targets(machine, settings.targets)
@@ -105,16 +111,18 @@ def calibration_targets(machine: Machine, settings: CampaignSettings) -> Array:
         sobol = qmc.Sobol(machine.commanded.size, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
         unit = sobol.random_base2(exponent + more)
         targets = _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
-        targets = _reached(machine, targets, settings.approach_m)
+        targets = _usable(machine, targets, settings.approach_m, station_m)
         if len(targets) >= count:
             return targets[:count]
     raise _hardly_reachable(machine)
 
 
-def require_reachable_poses(machine: Machine, settings: CampaignSettings, payloads: Sequence[PayloadEntry]) -> None:
+def require_reachable_poses(
+    machine: Machine, settings: CampaignSettings, payloads: Sequence[PayloadEntry], station_m: Point
+) -> None:
     """Raise InputError unless calibration and verification have poses that the drives reach, by ways that are clear."""
-    blocks = [*calibration_blocks(machine, settings)]
-    blocks += [verification_block(machine, settings, payload) for payload in settings.verification_payloads]
+    blocks = [*calibration_blocks(machine, settings, station_m)]
+    blocks += [verification_block(machine, settings, payload, station_m) for payload in settings.verification_payloads]
     for block in blocks:
         load = payloads[block.payload]
         require_clear_campaign(
@@ -122,6 +130,24 @@ def require_reachable_poses(machine: Machine, settings: CampaignSettings, payloa
             settings,
             [(visit.target_m, visit.direction[0], load.mass_kg, load.com_m) for visit in block.visits],
         )
+
+
+def _usable(machine: Machine, targets: Array, margin: float, station_m: Point | None) -> Array:
+    """Those of the targets (n, 6) that the drives reach and at which a station at a point sees all reflectors.
+
+    InputError where it never sees one of them.
+    """
+    reached = _reached(machine, targets, margin)
+    if station_m is None or not hides_reflectors(machine) or not len(reached):
+        return reached
+    seen = visible(machine, np.array(station_m), reached, nominal_drives(machine, reached))
+    never = np.flatnonzero(~seen.any(axis=0))
+    if never.size:
+        raise InputError(
+            f"station: from its place it never sees reflector {machine.smrs[never[0]].name} of {machine.name}, which "
+            "looks elsewhere or is behind a strut; move the station, or the reflector"
+        )
+    return np.asarray(reached[seen.all(axis=1)])
 
 
 def _reached(machine: Machine, targets: Array, margin: float) -> Array:
@@ -138,8 +164,8 @@ def _reached(machine: Machine, targets: Array, margin: float) -> Array:
 
 def _hardly_reachable(machine: Machine) -> InputError:
     return InputError(
-        f"machine {machine.name}: hardly any of its workspace is within the travel of its drives; make [workspace] "
-        "smaller or the travel longer"
+        f"machine {machine.name}: hardly any of its workspace is within the travel of its drives and in the station's "
+        "sight; make [workspace] smaller or the travel longer, or move the station"
     )
 
 

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
+.PHONY: demo test lint demo-check machines rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -53,6 +53,10 @@ overhead: $(VENV)/run.stamp
 demo-check: $(VENV)/run.stamp
 	$(BIN)/python $(if $(MACHINE),-m benchmarks.machine_check $(MACHINE),benchmarks/demo_check.py) \
 		$(if $(SEEDS),--seeds $(SEEDS))
+
+# The shipped machines beside one another: motion, correction, noise floors, and what each command does with them.
+machines: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.machines
 
 # Three set-ups of the station against one, twenty mock machines, scored by the plant. SEEDS=1,2 for some of them.
 # Stopped, it goes on.

@@ -21,6 +21,7 @@ from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.effects import EffectChoice, parse
 from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
 from mock_devices.machine_file import read_machine_file
+from mock_devices.plant.any_plant import is_planar_slider_machine
 from mock_devices.plant.plant import Plant, Sighting
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.plc.plc_registers import check_readings
@@ -63,6 +64,12 @@ def settings_of(file: RigFile, rig_path: Path | None = None) -> MockSettings:
     """
     mock = file.mock or MockSection()
     accuracy = file.station.accuracy
+    path = machine_path(file, rig_path or embedded_rig_path())
+    if (mock.effects or any(mock.nuisance.model_dump().values())) and not is_planar_slider_machine(path):
+        raise InputError(
+            f"mock: effects and disturbances are of planar machines with two sliders, not of {path.stem}; leave them "
+            "out"
+        )
     try:
         return _settings(file, mock, accuracy, chosen_effects(file, rig_path))
     except ValueError as error:  # EffectError is one
@@ -221,6 +228,8 @@ class TwinPlant(Plant):
 def twin_plant(file: RigFile, rig_path: Path, files: TwinFiles, clock: RigClock) -> TwinPlant:
     """The plant of a twin's folder in place of the rig file's mock machine; InputError if it is of another machine."""
     folder = files.folder
+    if not is_planar_slider_machine(machine_path(file, rig_path)):
+        raise InputError(f"{folder}: the mock serves twins of planar machines with two sliders only")
     twin, machine = read_twin(folder, files.effects), machine_path(file, rig_path)
     ours, theirs = load_machine(machine), load_machine(folder / MACHINE_NAME)
     for what, here, there in (

@@ -28,7 +28,7 @@ from calibration.model.visits import Visits
 from calibration.recording.recording import Recording
 from calibration.reduction.common_points import NestEstimate, common_nests
 from calibration.reduction.data_checks import require_spread_poses
-from calibration.reduction.figures import free_axes
+from calibration.reduction.figures import figure_axes
 from calibration.reduction.left_out import MODEL, LeftOutReading
 from calibration.reduction.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 from calibration.reduction.report_frame import ReportFrame
@@ -147,7 +147,7 @@ def pose_u(calibration: Calibration, visits: Visits) -> tuple[Array, Array]:
     """Standard uncertainties (n,) of the predicted tool position (m) and rotation (rad), from the fit's covariance."""
     root = np.linalg.cholesky(calibration.fit.covariance)
     base = predict_poses(calibration.fit, calibration.report, visits)
-    moves, turns = free_axes(calibration.report.machine)
+    moves, turns = figure_axes(calibration.report.machine)
     position, rotation = np.zeros(len(visits)), np.zeros(len(visits))
     for column in root.T:
         moved = replace(calibration.fit, unknowns=calibration.fit.unknowns + column)

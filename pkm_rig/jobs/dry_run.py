@@ -2,53 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
-
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.machine.description import COORDINATES, Machine
 from calibration.machine.led_path import approach_point, straight_path, tool_coordinates
+from pkm_rig.results.dry_run import STATION_S, DryRun, DryVisit
 from pkm_rig.rig.config import RigFile
 from pkm_rig.rig.led_motion import is_led, side_of
 from pkm_rig.rig.schedule import Block, PlannedVisit, calibration_blocks
 
-STATION_S = 4.0  # assumed of the station for a reading: turn, aim, measure
 SETTLE_S = 0.4  # of the drives after each of the two motions of a visit
 PAYLOAD_S = 60.0  # assumed for a change of payload
-
-
-@dataclass(frozen=True)
-class DryVisit:
-    """A visit: its number, payload, commanded coordinates, side of approach, speed, and when it would be measured."""
-
-    number: int
-    pose: int
-    payload: int
-    commanded: tuple[float, ...]
-    direction: tuple[int, ...]
-    speed_m_per_s: float
-    way_s: float
-    t_s: float
-
-
-@dataclass(frozen=True)
-class DryRun:
-    """A campaign that was not made. Durations are rig time, by the assumptions of this module."""
-
-    machine: str
-    coordinates: tuple[str, ...]
-    motion: str
-    visits: tuple[DryVisit, ...]
-    moving_s: float
-    measuring_s: float
-    total_s: float
-    readings: int
-
-    def as_json(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self) | {"assumed_station_s": STATION_S}
 
 
 def dry_run(file: RigFile, machine: Machine) -> DryRun:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from pkm_rig.jobs.dry_run import STATION_S, DryRun
 from pkm_rig.report.terminal import results
+from pkm_rig.results.dry_run import STATION_S, DryRun
 
 COLOURS = ("#2a6f97", "#b0413e", "#6a994e", "#bc6c25")
 

@@ -1,3 +1,3 @@
 """Results of the jobs, as the reports show them."""
 
-__all__ = ["callbacks", "diagnosis_attempt", "outcome", "report_source", "standard_results", "unknowns"]
+__all__ = ["callbacks", "diagnosis_attempt", "dry_run", "outcome", "report_source", "standard_results", "unknowns"]

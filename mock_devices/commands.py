@@ -23,6 +23,7 @@ USAGE = {
     "interlock": "interlock guard|stop|power|air open|good",
     "release": "release on|off",
     "acknowledge": "acknowledge",
+    "automatic": "automatic on|off",
     "status": "status",
 }
 _FARTHEST_M = 100.0
@@ -124,6 +125,13 @@ def _acknowledge(mock: MockRig, words: list[str]) -> str:
     return "acknowledged at the PLC"
 
 
+def _automatic(mock: MockRig, words: list[str]) -> str:
+    if words not in (["on"], ["off"]):
+        raise ValueError(USAGE["automatic"])
+    mock.plc.state.set_automatic(words == ["on"])
+    return f"the automatic mode is {'granted' if words == ['on'] else 'not granted'}"
+
+
 def _status(mock: MockRig, words: list[str]) -> str:
     if words:
         raise ValueError(USAGE["status"])
@@ -155,5 +163,6 @@ _ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
     "interlock": _interlock,
     "release": _release,
     "acknowledge": _acknowledge,
+    "automatic": _automatic,
     "status": _status,
 }

@@ -186,6 +186,22 @@ class Plc:
                     "check the sensor and the PLC's program",
                 )
 
+    def read_word(self, address: int) -> int:
+        """One register, whatever it means. Raises NoAnswer, ConnectionFailed and PlcError."""
+        with self._lock:
+            return self._read_words(address, 1)[0]
+
+    def write_word(self, address: int, value: int) -> None:
+        """Write one register that is ours. Where the answer is lost, it is read back. Raises as `read_word`."""
+        if not 0 <= value <= 0xFFFF:
+            raise ValueError(f"{value} is no register's value")
+        with self._lock:
+            try:
+                self._io(lambda: self._write_registers(address, [value]), address, 1)
+            except NoAnswer:
+                if self._read_words(address, 1) != [value]:
+                    raise
+
     def request_payload(
         self, number: int, limit_s: float = 600.0, watch: Callable[[], None] = lambda: None
     ) -> PlcState:

@@ -20,6 +20,8 @@ _HEARTBEAT_PERIOD_S = 0.1
 _SIMULATED_AT, _SIMULATED = 18, int.from_bytes(b"SI", "big")
 _ACKNOWLEDGE_AT = 19
 _RELEASE_AT = 20
+_AUTOMATIC_AT = 21  # 1: the automatic mode is granted
+_TOLD_AT, _TOLD = 22, 3  # words that the master tells: state, days left, alarm
 _MASTER_HEARTBEAT, _SEQUENCE, _MASTER_SEEN = 30, 31, 36
 _FOREIGN = 0x5A5A
 _REQUEST_PAYLOAD = 1
@@ -57,6 +59,8 @@ class PlcState:
         self._interlocks = GOOD_INTERLOCKS
         self._acknowledged = 0
         self._released = True
+        self._automatic = True
+        self._told = [0] * _TOLD
         self._command = [0, 0, 0]
         self._taken, self._result = 0, DONE
         self._cancel: Callable[[], None] | None = None
@@ -68,6 +72,16 @@ class PlcState:
         """Open or close an interlock."""
         with self._lock:
             self._interlocks = self._interlocks | 1 << bit if good else self._interlocks & ~(1 << bit)
+
+    def set_automatic(self, granted: bool) -> None:
+        """Turn the key: grant the automatic mode or not."""
+        with self._lock:
+            self._automatic = granted
+
+    @property
+    def told(self) -> tuple[int, ...]:
+        """State, days left and alarm, as the master has written them."""
+        return tuple(self._told)
 
     def acknowledge(self) -> None:
         """Press the button by which a campaign that waits may go on."""
@@ -104,6 +118,8 @@ class PlcState:
             words[_SIMULATED_AT] = _SIMULATED
             words[_ACKNOWLEDGE_AT] = self._acknowledged
             words[_RELEASE_AT] = int(self._released)
+            words[_AUTOMATIC_AT] = int(self._automatic)
+            words[_TOLD_AT : _TOLD_AT + _TOLD] = self._told
             words[_MASTER_HEARTBEAT] = self._master_beat
             words[_SEQUENCE : _SEQUENCE + 5] = [*self._command, self._taken, self._result]
             words[_MASTER_SEEN] = int(t_s - self._master_seen_s <= self._master_limit_s)
@@ -122,7 +138,11 @@ class PlcState:
         return thermal.air_c(t_s) if part == "air" else thermal.part_c(part, t_s)
 
     def write(self, address: int, values: list[int]) -> bool:
-        """Write registers: the master's heartbeat and the command's three. False if any other is touched."""
+        """Write registers: the master's heartbeat, the command's three and what the master tells. False for others."""
+        if address >= _TOLD_AT and address + len(values) <= _TOLD_AT + _TOLD:
+            with self._lock:
+                self._told[address - _TOLD_AT : address - _TOLD_AT + len(values)] = values
+            return True
         if address < _MASTER_HEARTBEAT or address + len(values) > _SEQUENCE + 3:
             return False
         with self._lock:

@@ -50,7 +50,7 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
         previous_tables=previous_tables,
         limits_m=stored_limits_m(store, campaign),
     )
-    return replace(outcome, head=store.head(campaign))
+    return replace(outcome, head=store.head(campaign), beyond=tuple(verdicts[-1].data.get("beyond", ())))
 
 
 def _correction(identification: Calibration, activated: Mapping[str, Any]) -> CompensationTable | HostCorrection:

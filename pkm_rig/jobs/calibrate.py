@@ -8,7 +8,7 @@ from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.life_record import note_devices, record_identified
 from pkm_rig.jobs.measure import go_on, measure_blocks, open_campaign, reopen_campaign
 from pkm_rig.jobs.setup_tie import tie_to_earlier_setups
-from pkm_rig.jobs.verify import verify_tables
+from pkm_rig.jobs.verify import Judge, verify_tables
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
@@ -29,10 +29,11 @@ def calibrate(
     resume: str | None = None,
     *,
     new_setup: bool = False,
+    judge: Judge | None = None,
 ) -> CampaignOutcome:
     """Run the main job on a connected rig, or go on with a campaign (`resume`) wherever it ended.
 
-    It goes on in the last set-up of the station, or in a `new_setup`.
+    It goes on in the last set-up of the station, or in a `new_setup`. `judge`: see `verify_tables`.
 
     What is measured stays; it is identified anew, and a verification that broke off begins anew; where
     only the tables had to be brought to where the verdict wants them, that is all that is done.
@@ -67,4 +68,4 @@ def calibrate(
         diagnosis = try_diagnosis(store.recording(campaign))
         store.add_event(campaign, "diagnosed", diagnosis_attempt_json(diagnosis))
         notify(diagnosis_line(diagnosis))
-        return verify_tables(runner, identification, diagnosis, change, notify)
+        return verify_tables(runner, identification, diagnosis, change, notify, judge)

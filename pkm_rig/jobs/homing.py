@@ -6,6 +6,7 @@ from typing import Any
 
 from calibration.base.errors import InputError
 from drivers.drives.homing import HomingParameters
+from pkm_rig.jobs.life_record import REFERENCE_LOST, note_event
 from pkm_rig.rig.drive_tables import telling_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import switch_off
@@ -23,11 +24,17 @@ def home_drives(rig: Rig, *, again: bool = False, store: Store | None = None) ->
         _homing(rig, number) if again or not drive.reference.is_valid else None
         for number, drive in enumerate(rig.drives.drives)
     ]
+    lost = [drive.name for drive in rig.drives.drives if not drive.reference.is_valid]
     if any(homings):
         with telling_tables(rig, store):
             switch_off(rig, store, "home")
             with rig.supervisor.during_motion():
                 rig.drives.home(homings)
+        if store is not None:
+            for name, homing in zip((drive.name for drive in rig.drives.drives), homings, strict=True):
+                if homing is not None:
+                    why = "the drive had lost it" if name in lost else "homed again on request"
+                    note_event(rig, store, REFERENCE_LOST, {"part": name, "detail": why})
     positions_m = rig.positions_m()
     return {
         "drives": {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from calibration.intervals.drift import DriftSettings
+from calibration.intervals.envelope import Envelope
 from calibration.intervals.sequential import SequentialPlan
 from calibration.intervals.settings import IntervalSettings
 from pkm_rig.rig.recalibration_sections import RecalibrationSettings
@@ -22,5 +23,6 @@ def interval_settings(section: RecalibrationSettings) -> IntervalSettings:
         slot_s=section.next_slot_days * DAY_S,
         probability=section.probability,
         check=SequentialPlan(check.looks, check.false_alarm, check.early_miss, check.size),
+        envelope=Envelope(section.envelope.parameter_sigmas, section.envelope.table_m, section.envelope.error_m),
         drift=DriftSettings(full_poses=check.looks[-1]),
     )

@@ -194,6 +194,7 @@ def record_identified(
             "units": [p.unit for p in fit.model.parameters.parameters],
             "values": fit.theta.tolist(),
             "unknowns": _lasting_unknowns(fit),
+            "report": _report_in_machine(calibration),
             "chi2_per_dof": fit.chi2_per_dof,
             "temperatures_c": temperatures,
             "operating_h": operating_h(rig, store, now),
@@ -213,7 +214,18 @@ def _lasting_unknowns(fit: Fit) -> dict[str, Any]:
     }
 
 
-def verdict_data(outcome: CampaignOutcome, *, had_tables: bool) -> dict[str, Any]:
+def _report_in_machine(calibration: Calibration) -> dict[str, Any]:
+    """The frame of before and after in the machine's, and its reflectors: wherever a station stands later."""
+    frame, report = calibration.fit.frame, calibration.report
+    return {
+        "smrs": [report.machine.smrs[i].name for i in report.smrs],
+        "mounting_m": report.mounting_m.tolist(),
+        "rotation": (frame.rotation.T @ report.frame.rotation).tolist(),
+        "translation_m": (frame.rotation.T @ (report.frame.translation_m - frame.translation_m)).tolist(),
+    }
+
+
+def verdict_data(outcome: CampaignOutcome, *, had_tables: bool, change: str) -> dict[str, Any]:
     """What the life keeps of a verdict: the error as found and as left, the tables, effects that were found.
 
     A verification measures `before` without tables: that is how the machine was found only where none were in use.
@@ -226,6 +238,8 @@ def verdict_data(outcome: CampaignOutcome, *, had_tables: bool) -> dict[str, Any
         "without_tables": without,
         "as_left": pooled([v.after for v in outcome.verified]),
         "tables": outcome.written[-1].drives,
+        "table_change": change,
+        "beyond": list(outcome.beyond),
         "table_temperatures_c": dict(outcome.written[-1].table.conditions.temperatures_c),
         "effects": [] if diagnosis is None else [effect.effect for effect in diagnosis.effects],
         "diagnosis": outcome.diagnosis.failure if diagnosis is None else diagnosis.verdict,

@@ -21,7 +21,7 @@ from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import DONE, KEPT, TableChange, begin, changes_of, switch_off
 from pkm_rig.store.store import Store
 
-BY_HAND = ("off", "rollback", "home")
+BY_HAND = ("off", "rollback", "home", "approve")
 STANDS_M_PER_S = 1e-4
 
 
@@ -76,7 +76,7 @@ def change_to_off(rig: Rig, store: Store | None) -> None:
     """
     _require_banks(rig)
     with telling_tables(rig, store):
-        _require_standstill(rig)
+        require_standstill(rig)
         with rig.supervisor.during_motion():
             switch_off(rig, store, "off")
 
@@ -114,7 +114,7 @@ def roll_back(rig: Rig, store: Store, change: TableChange) -> None:
     """Bring all drives to their state before a change: a change of its own, so that it can be rolled back too."""
     before = change.before
     with telling_tables(rig, store):
-        _require_standstill(rig)
+        require_standstill(rig)
         with rig.supervisor.during_motion():
             begin(rig, store, "rollback", target=WantedTables(before.images, before.on)).bring_to_target()
 
@@ -124,7 +124,8 @@ def _require_banks(rig: Rig) -> None:
         raise InputError(f"rig {rig.file.rig}: its drives store no compensation tables; there is nothing to show")
 
 
-def _require_standstill(rig: Rig) -> None:
+def require_standstill(rig: Rig) -> None:
+    """Raise DriveFault while a drive moves."""
     for drive, sample in zip(rig.drives.drives, rig.drives.sample(), strict=True):
         if not abs(sample.velocity_m_per_s) <= STANDS_M_PER_S:
             raise DriveFault(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from calibration.base.errors import InputError
@@ -30,8 +31,10 @@ from pkm_rig.rig.schedule import verification_block
 from pkm_rig.rig.table_change import VERDICT, TableChange, changing_tables
 from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.append import append_event
-from pkm_rig.store.life import add_life_row
+from pkm_rig.store.life import PROPOSED, add_life_row
 from pkm_rig.store.store import Store
+
+Judge = Callable[[CampaignOutcome, TableChange], tuple[str, ...]]
 
 
 def verify(
@@ -77,8 +80,12 @@ def verify_tables(
     diagnosis: DiagnosisAttempt,
     change: TableChange,
     notify: Notify,
+    judge: Judge | None = None,
 ) -> CampaignOutcome:
-    """Write the tables of an identification, measure before and after, and decide at every payload of the rig file."""
+    """Write the tables of an identification, measure before and after, and decide at every payload of the rig file.
+
+    judge: asked about tables that are to stay; where it has reasons against that, the former ones come back.
+    """
     rig, store, campaign = runner.rig, runner.store, runner.campaign
     settings = rig.file.campaign
     station_m = rig.file.station.position_m
@@ -120,6 +127,8 @@ def verify_tables(
         previous_tables=change.description,
         limits_m=settings.accept_below_m,
     )
+    if outcome.accepted and judge is not None and (beyond := judge(outcome, change)):
+        outcome = replace(outcome, beyond=beyond, restored=change.description)
     _record_verdict(rig, store, outcome, change)
     if outcome.accepted:
         back_end.keep()
@@ -141,11 +150,15 @@ def _record_verdict(rig: Rig, store: Store, outcome: CampaignOutcome, change: Ta
     event = {
         VERDICT: change.id,
         "decision": outcome.decision,
+        "beyond": list(outcome.beyond),
         "restored": outcome.restored,
         "noise_floor": outcome.floor.as_dict(),
         "verified": verified,
     }
-    own = {"rig": rig.file.rig, "machine": key_of(rig), "kind": outcome.decision, "campaign": outcome.campaign}
+    kind = PROPOSED if outcome.beyond else outcome.decision
+    own = {"rig": rig.file.rig, "machine": key_of(rig), "kind": kind, "campaign": outcome.campaign}
     with store.writing() as connection:
         append_event(connection, outcome.campaign, "accepted" if outcome.accepted else "refused", event)
-        add_life_row(connection, "calibrations", data=verdict_data(outcome, had_tables=change.before.on), **own)
+        add_life_row(
+            connection, "calibrations", data=verdict_data(outcome, had_tables=change.before.on, change=change.id), **own
+        )

@@ -30,6 +30,7 @@ __all__ = [
     "pdf",
     "pictures",
     "plan_text",
+    "recalibration_text",
     "record_text",
     "report_json",
     "residuals_json",

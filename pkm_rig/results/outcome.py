@@ -57,6 +57,7 @@ class WrittenTable:
 class CampaignOutcome:
     """The outcome of a calibration; `restored` says what the drives went back to if it was not accepted.
 
+    `beyond`: why tables that were verified were not kept without approval: reasons of the envelope.
     `head` is the last value of the campaign's chain in the store, empty if it is not chained.
     """
 
@@ -69,12 +70,13 @@ class CampaignOutcome:
     diagnosis: DiagnosisAttempt
     restored: str | None = None
     head: str = ""
+    beyond: tuple[str, ...] = ()
 
     @property
     def decision(self) -> Verdict:
-        """Accepted if every payload is, refused if one is, else not decided."""
+        """Accepted if every payload is, refused if one is, else not decided; nor are tables that await approval."""
         verdicts = {v.decision.verdict for v in self.verified}
-        if verdicts == {"accepted"}:
+        if verdicts == {"accepted"} and not self.beyond:
             return "accepted"
         return "not decided" if verdicts and "refused" not in verdicts else "refused"
 

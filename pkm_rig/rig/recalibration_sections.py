@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated
+from typing import Annotated, Literal
+from zoneinfo import ZoneInfo
 
 from pydantic import Field, model_validator
 
@@ -57,6 +58,47 @@ class CheckSettings(Section):
     )
 
 
+Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
+TimeOfDay = Annotated[str, Field(pattern=r"^([01][0-9]|2[0-3]):[0-5][0-9]$")]
+
+
+class WindowEntry(Section):
+    """A maintenance window: from `begin` on each of `days` until `end`, on the next day where that is earlier."""
+
+    days: tuple[Day, ...] = Field(
+        min_length=1, default=("mon", "tue", "wed", "thu", "fri", "sat", "sun"), description="Days on which it begins."
+    )
+    begin: TimeOfDay = Field(description="Time of day, as in 22:00.")
+    end: TimeOfDay = Field(description="Time of day; the same as `begin` is a whole day.")
+
+
+class EnvelopeSettings(Section):
+    """Largest changes with which tables are exchanged without anybody's approval."""
+
+    parameter_sigmas: float = Field(
+        gt=0.0, default=6.0, description="Of a parameter, in standard deviations of what was to be expected."
+    )
+    table_m: PositiveLength = Field(default=50e-6, description="Of a table's correction.")
+    error_m: PositiveLength = Field(default=50e-6, description="Error with the former tables.")
+
+
+class PlcWords(Section):
+    """Registers by which the PLC grants the automatic mode and is told of the machine's state; none is left out."""
+
+    automatic: int | None = Field(
+        ge=0, le=0xFFFF, default=None, description="Register that grants it: 1; 0 while somebody else has the machine."
+    )
+    state: int | None = Field(
+        ge=0, le=0xFFFF, default=None, description="Register for the state: 0 fit, 1 due, 2 out of tolerance."
+    )
+    days_left: int | None = Field(
+        ge=0, le=0xFFFF, default=None, description="Register for the days until it is due; 65535: none in sight."
+    )
+    alarm: int | None = Field(
+        ge=0, le=0xFFFF, default=None, description="Register for the alarm: 1 when somebody is asked for, else 0."
+    )
+
+
 class RecalibrationSettings(Section):
     """When the machine is calibrated again, and within which limits it may be done alone."""
 
@@ -84,3 +126,30 @@ class RecalibrationSettings(Section):
         ge=0.5, lt=1.0, default=0.95, description="Probability of a statement's being right, for the guard band."
     )
     check: CheckSettings = Field(default=CheckSettings(), description="The short check.")
+    check_every_days: float = Field(gt=0.0, default=7.0, description="Days after which a check is due.")
+    windows: tuple[WindowEntry, ...] = Field(
+        default=(), max_length=50, description="When scheduled work may move the machine; none: never."
+    )
+    time_zone: str = Field(default="UTC", description="Time zone of the windows, as in Europe/Berlin.")
+    alone: bool = Field(
+        default=False,
+        description="Whether scheduled work may calibrate, within the envelope; else it checks only, and asks for "
+        "somebody.",
+    )
+    envelope: EnvelopeSettings = Field(default=EnvelopeSettings(), description="Changes that need no approval.")
+    plc: PlcWords = Field(default=PlcWords(), description="Registers of the PLC.")
+    notify: tuple[str, ...] = Field(
+        default=(),
+        max_length=50,
+        description="A command and its arguments, run without a shell after each run; it gets the JSON line on stdin.",
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> RecalibrationSettings:
+        try:
+            ZoneInfo(self.time_zone)
+        except (KeyError, ValueError, OSError) as error:
+            raise ValueError(f"time_zone: '{self.time_zone}' is no time zone; name one as Europe/Berlin") from error
+        if list(self.check.looks) != sorted(set(self.check.looks)):
+            raise ValueError("check.looks: they rise")
+        return self

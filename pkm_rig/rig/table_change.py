@@ -35,7 +35,7 @@ BEGUN, TRIAL, KEPT, DONE, GIVEN_UP = "begun", "trial", "kept", "done", "given up
 ENDS = (KEPT, DONE, GIVEN_UP)
 VERDICT = "table_change"  # key of the verdict's event: the change that it judges
 
-Purpose = Literal["calibrate", "measure", "verify", "home", "off", "rollback"]
+Purpose = Literal["calibrate", "measure", "verify", "home", "off", "rollback", "approve"]
 
 
 class TableChange:

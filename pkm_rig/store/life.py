@@ -22,6 +22,7 @@ from pkm_rig.store.stored_rows import stored_number, stored_object, stored_text
 
 LifeTable = Literal["machines", "instruments", "calibrations", "checks", "machine_events"]
 IDENTIFIED, ACCEPTED, REFUSED, NOT_DECIDED = "identified", "accepted", "refused", "not decided"
+PROPOSED = "proposed"  # verified, but beyond the envelope: it waits for somebody's approval
 
 
 class LifeRow(NamedTuple):
@@ -64,11 +65,19 @@ def add_life_row(
 
 
 def add_to_life(
-    store: Store, table: LifeTable, *, rig: str, machine: str, kind: str, data: Mapping[str, Any], **own: str | None
+    store: Store,
+    table: LifeTable,
+    *,
+    rig: str,
+    machine: str,
+    kind: str,
+    data: Mapping[str, Any],
+    created: str | None = None,
+    **own: str | None,
 ) -> None:
     """Add a row, durable when this returns."""
     with store.writing() as connection:
-        add_life_row(connection, table, rig=rig, machine=machine, kind=kind, data=data, **own)
+        add_life_row(connection, table, rig=rig, machine=machine, kind=kind, data=data, created=created, **own)
 
 
 def life_rows(store: Store, table: LifeTable, rig: str, machine: str | None = None) -> list[LifeRow]:

@@ -26,7 +26,7 @@ from pkm_rig.store.former_life import calibration_rows
 from pkm_rig.store.life import ACCEPTED, IDENTIFIED, LifeRow, life_rows
 from pkm_rig.store.store import Store
 
-TOLERANCE_CHANGED, POSTPONED = "tolerance changed", "postponed"
+TOLERANCE_CHANGED, POSTPONED, ROLLED_BACK = "tolerance changed", "postponed", "rolled back"
 
 
 def utc_s(created: str) -> float:
@@ -34,19 +34,21 @@ def utc_s(created: str) -> float:
     return datetime.fromisoformat(created).timestamp()
 
 
-def machine_history(store: Store, rig: str, key: str) -> MachineHistory:
-    """All facts of one machine of a rig, the calibrations whose tables were accepted only.
+def machine_history(store: Store, rig: str, key: str, tolerance_m: float | None = None) -> MachineHistory:
+    """All facts of one machine of a rig, the calibrations whose tables were accepted and not rolled back only.
 
-    InputError where they contradict one another (the clock was set back), StoreError for a row that is damaged.
+    tolerance_m: that of the rig file, for a store that was told of none yet. InputError where facts contradict one
+    another (the clock was set back), StoreError for a row that is damaged.
     """
     calibrations = calibration_rows(store, rig)
     checks = life_rows(store, "checks", rig, key)
     events = life_rows(store, "machine_events", rig, key)
-    facts = _calibrations([row for row in calibrations if row.machine == key])
+    rolled_back = {str(row.data["campaign"]): utc_s(row.created) for row in events if row.kind == ROLLED_BACK}
+    facts = _calibrations([row for row in calibrations if row.machine == key], rolled_back)
     known = {fact.id for fact in facts}
     with _Damage(f"store {store.path}: the life of rig {rig}"):
         return MachineHistory(
-            machine=_machine(key, facts, events),
+            machine=_machine(key, facts, events, tolerance_m),
             instruments=_instruments(life_rows(store, "instruments", rig)),
             calibrations=tuple(facts),
             checks=tuple(check_fact(row) for row in checks if row.data["calibration"] in known),
@@ -83,8 +85,12 @@ def _is_first_tolerance(row: LifeRow, events: Sequence[LifeRow]) -> bool:
     return row.kind == TOLERANCE_CHANGED and row is next(r for r in events if r.kind == TOLERANCE_CHANGED)
 
 
-def _machine(key: str, calibrations: Sequence[CalibrationFact], events: Sequence[LifeRow]) -> MachineFact:
+def _machine(
+    key: str, calibrations: Sequence[CalibrationFact], events: Sequence[LifeRow], tolerance_m: float | None
+) -> MachineFact:
     tolerances = [Tolerance(utc_s(r.created), r.data["position_m"]) for r in events if r.kind == TOLERANCE_CHANGED]
+    if not tolerances and tolerance_m is not None:
+        tolerances = [Tolerance(0.0, tolerance_m)]
     if not tolerances:
         raise InputError("rig file: recalibration.tolerance_m is missing; state the largest error that is allowed")
     name, _, identity = key.rpartition("/")
@@ -110,18 +116,20 @@ def end_of_day_utc_s(day: str) -> float:
     return datetime.combine(date.fromisoformat(day) + timedelta(days=1), time(), tzinfo=UTC).timestamp()
 
 
-def _calibrations(rows: Sequence[LifeRow]) -> list[CalibrationFact]:
-    """Those with a verdict that their tables stay, in the order of the verdicts."""
+def _calibrations(rows: Sequence[LifeRow], rolled_back: Mapping[str, float]) -> list[CalibrationFact]:
+    """Those with a verdict that their tables stay, in the order of the verdicts; none that was rolled back since."""
     identified = {row.campaign: row.data for row in rows if row.kind == IDENTIFIED}
     out = []
     for row in rows:
-        if row.kind == ACCEPTED and row.campaign in identified:
+        gone = rolled_back.get(str(row.campaign), 0.0) > utc_s(row.created)
+        if row.kind == ACCEPTED and row.campaign in identified and not gone:
             with _Damage(f"calibration {row.campaign}"):
-                out.append(_calibration(str(row.campaign), identified[row.campaign], row.data))
+                out.append(calibration_fact(str(row.campaign), identified[row.campaign], row.data))
     return out
 
 
-def _calibration(campaign: str, found: Mapping[str, Any], verdict: Mapping[str, Any]) -> CalibrationFact:
+def calibration_fact(campaign: str, found: Mapping[str, Any], verdict: Mapping[str, Any]) -> CalibrationFact:
+    """A calibration from what was identified and from its verdict."""
     temperatures = list(found["temperatures_c"].values())
     tables = "/".join(f"{drive}:{t['generation']}:{t['crc']}" for drive, t in sorted(verdict["tables"].items()))
     return CalibrationFact(

@@ -29,6 +29,7 @@ from tests.pkm_rig.plant_recording import record
 
 KEPT = Path(__file__).parents[2] / "data" / "life" / "store.db.gz"
 RIG, SEED, START_S = "embedded-mock", 4, 1e5
+NOW_S = 1577880000.0  # soon after the kept machine was calibrated
 TOLERANCE_M = 6e-5
 
 
@@ -50,7 +51,7 @@ def checked(tmp_path_factory):
     store = Store(kept_store(tmp_path_factory.mktemp("health") / "store.sqlite"))
     said: list[str] = []
     with mock_and_rig(*rig_file(), start_s=START_S) as (_, rig):
-        result = health(rig, store, said.append, silent)
+        result = health(rig, store, said.append, silent, lambda: NOW_S)
         states = [bank.state() for bank in rig.banks]
     yield result, store, said, states
     store.close()
@@ -141,7 +142,7 @@ def test_another_machine_is_out_of_tolerance(tmp_path):
         closing(Store(kept_store(tmp_path / "store.sqlite"))) as store,
         mock_and_rig(*rig_file(seed=7), start_s=START_S) as (_, rig),
     ):
-        result = health(rig, store, silent, silent)
+        result = health(rig, store, silent, silent, lambda: NOW_S)
         assert result.fact.poses == 4
         assert (result.verdict.state, result.verdict.exit_status) == ("out of tolerance", 1)
         assert [row.kind for row in life_rows(store, "checks", RIG)] == ["out of tolerance"]

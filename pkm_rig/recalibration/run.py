@@ -1,0 +1,219 @@
+"""One run: what is due is done, within the envelope and the gates of scheduled work; the rest waits, with reasons."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from calibration.base.errors import InputError
+from calibration.intervals.facts import ErrorFigure
+from drivers.errors import DeviceError
+from pkm_rig.errors import CampaignRefused, NotChecked, StoreError
+from pkm_rig.jobs.calibrate import calibrate
+from pkm_rig.jobs.health import health
+from pkm_rig.jobs.interval_settings import interval_settings
+from pkm_rig.jobs.life_record import note_devices, utc_text, verdict_data
+from pkm_rig.jobs.tables_in_force import require_tables
+from pkm_rig.recalibration.envelope import reasons_beyond
+from pkm_rig.recalibration.journal import is_automatic, last_entry, send_notification, tell_plc, write_line
+from pkm_rig.recalibration.situation import Situation, date_text, read_situation, situation_of
+from pkm_rig.recalibration.windows import next_opening, open_until
+from pkm_rig.results.callbacks import Notify, Progress
+from pkm_rig.results.outcome import CampaignOutcome
+from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.recalibration_sections import RecalibrationSettings
+from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.table_change import TableChange
+from pkm_rig.store.life import IDENTIFIED, life_rows
+from pkm_rig.store.life_facts import calibration_fact
+from pkm_rig.store.store import Store
+
+Done = Literal["nothing", "skipped", "check", "calibration", "proposal", "refused", "failed"]
+Connect = Callable[[], AbstractContextManager[Rig]]
+
+
+@dataclass
+class RunResult:
+    """What a run did and why, the machine's state after it, and whether somebody is asked for."""
+
+    rig: str
+    done: Done
+    why: str
+    state: str = "unknown"
+    reasons: tuple[str, ...] = ()
+    campaign: str | None = None
+    alarm: bool = False
+    next_utc_s: float | None = None
+    told: dict[str, Any] = field(default_factory=dict)
+
+    def entry(self, now_utc_s: float, command: str) -> dict[str, Any]:
+        """The JSON line of the run."""
+        return {
+            "t_utc": utc_text(now_utc_s),
+            "rig": self.rig,
+            "command": command,
+            "done": self.done,
+            "why": self.why,
+            "state": self.state,
+            "reasons": list(self.reasons),
+            "campaign": self.campaign,
+            "alarm": self.alarm,
+            "next_utc_s": self.next_utc_s,
+            **self.told,
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be done now: nothing, a check, a calibration, or something that is skipped, and why."""
+
+    what: Literal["nothing", "check", "calibration", "skipped"]
+    why: str
+
+
+def plan(situation: Situation, file: RigFile, *, scheduled: bool) -> Plan:
+    """What a run would do, from what is stored; scheduled work also needs a window, and leave to calibrate alone."""
+    if situation.state == "fit" and not situation.check_is_due:
+        return Plan("nothing", f"nothing is due; the next check is on {date_text(situation.check_due_utc_s)}")
+    due = "; ".join(situation.verdict.reasons) or "a check is due"
+    hindrance = f"{situation.expired[0]}; have it renewed" if situation.expired else None
+    if hindrance is None and scheduled:
+        hindrance = _hindrance(situation, file.recalibration)
+    if hindrance is not None:
+        return Plan("skipped", f"{hindrance} ({due})")
+    is_checked = situation.check_is_due and situation.history.last_calibration is not None
+    return Plan("check" if situation.state == "fit" or is_checked else "calibration", due)
+
+
+def _hindrance(situation: Situation, section: RecalibrationSettings) -> str | None:
+    """Why scheduled work must wait; None if it need not."""
+    now_utc_s = situation.now_utc_s
+    if situation.postponed_until_utc_s is not None:
+        return f"postponed until {date_text(situation.postponed_until_utc_s)}"
+    if situation.proposal is not None:
+        return f"calibration {situation.proposal.campaign} waits for approval"
+    if open_until(section.windows, section.time_zone, now_utc_s) is None:
+        opening = next_opening(section.windows, section.time_zone, now_utc_s)
+        return "no maintenance window is stated" if opening is None else f"the next window opens {date_text(opening)}"
+    if situation.state != "fit" and not section.alone and not situation.check_is_due:
+        return "calibration is not granted (recalibration.alone)"
+    return None
+
+
+@dataclass
+class Recalibration:
+    """One rig's runs: where its rig file and store are, how it is connected, and what time it is."""
+
+    rig_path: Path
+    out: Path
+    store: Store
+    connect: Connect
+    notify: Notify
+    progress: Progress
+    now_s: Callable[[], float] = time.time
+
+    def run(self, *, scheduled: bool, command: str = "run", quiet: bool = False) -> RunResult:
+        """Do what is due. What goes wrong on the way is in the result, in the journal and told, not raised.
+
+        quiet: nothing that was due leaves no line, and the same reason for skipping only one. InputError where it
+        cannot be judged what is due: nothing was touched.
+        """
+        situation, file = read_situation(self.store, self.rig_path, self.now_s())
+        intended = plan(situation, file, scheduled=scheduled)
+        if intended.what in ("nothing", "skipped"):
+            done: Done = "nothing" if intended.what == "nothing" else "skipped"
+            alarm = done == "skipped" and situation.state != "fit"
+            result = self._result(situation, done, intended.why, alarm=alarm)
+        else:
+            result = self._do(file, intended, scheduled=scheduled)
+        if not (quiet and self._is_known(file.rig, result)):
+            self._tell(file, result, command)
+        return result
+
+    def _is_known(self, rig: str, result: RunResult) -> bool:
+        """Whether nothing was done, as the journal's last line says already."""
+        if result.done == "nothing":
+            return True
+        last = last_entry(self.out, rig)
+        return result.done == "skipped" and (last.get("done"), last.get("why")) == ("skipped", result.why)
+
+    def _do(self, file: RigFile, intended: Plan, *, scheduled: bool) -> RunResult:
+        try:
+            with self.connect() as rig:
+                result = self._on(rig, intended, scheduled=scheduled)
+                situation = situation_of(self.store, file, rig.machine, self.now_s())
+                tell_plc(rig, file.recalibration.plc, situation, alarm=result.alarm, notify=self.notify)
+                return result
+        except (DeviceError, CampaignRefused, NotChecked, StoreError, InputError) as error:
+            return RunResult(file.rig, "failed", str(error), alarm=True)
+
+    def _on(self, rig: Rig, intended: Plan, *, scheduled: bool) -> RunResult:
+        note_devices(rig, self.store, self.notify, self.now_s)
+        if scheduled and not is_automatic(rig, rig.file.recalibration.plc):
+            return self._result(
+                self._now(rig), "skipped", f"the PLC does not grant the automatic mode ({intended.why})"
+            )
+        found: ErrorFigure | None = None
+        checked: str | None = None
+        before = self._now(rig)
+        events = before.history.events_since_calibration()
+        if intended.what == "check" and not events:
+            checkup = health(rig, self.store, self.notify, self.progress, self.now_s)
+            found, checked = checkup.fact.error, checkup.fact.id
+        situation = self._now(rig)
+        if situation.state == "fit":
+            return self._result(situation, "check", "the machine is fit", campaign=checked)
+        if scheduled and not rig.file.recalibration.alone:
+            why = f"{situation.state}; somebody has to calibrate (recalibration.alone is not granted)"
+            return self._result(situation, "check" if checked else "skipped", why, campaign=checked, alarm=True)
+        return self._calibrate(rig, situation, found)
+
+    def _calibrate(self, rig: Rig, before: Situation, found: ErrorFigure | None) -> RunResult:
+        settings = interval_settings(rig.file.recalibration)
+
+        def judge(outcome: CampaignOutcome, change: TableChange) -> tuple[str, ...]:
+            rows = life_rows(self.store, "calibrations", rig.file.rig, before.key)
+            identified = [r for r in rows if (r.campaign, r.kind) == (outcome.campaign, IDENTIFIED)][-1]
+            verdict = verdict_data(outcome, had_tables=change.before.on, change=change.id)
+            new = calibration_fact(outcome.campaign, identified.data, verdict)
+            return reasons_beyond(rig, before.history, settings, new, change, found)
+
+        why = "; ".join(before.verdict.reasons)
+        last = before.history.last_calibration
+        if last is not None and rig.file.can.interface == "embedded":  # its drives forget their tables
+            with suppress(CampaignRefused):
+                require_tables(rig, self.store, last.id, last.tables, self.notify)
+        outcome = calibrate(rig, self.store, self.notify, self.progress, judge=judge)
+        after = self._now(rig)
+        if outcome.beyond:
+            words = f"tables are verified and wait for approval: {'; '.join(outcome.beyond)}"
+            return self._result(after, "proposal", words, campaign=outcome.campaign, alarm=True)
+        if not outcome.accepted:
+            words = f"the tables were {outcome.decision}; {outcome.restored}"
+            return self._result(after, "refused", words, campaign=outcome.campaign, alarm=True)
+        return self._result(after, "calibration", why, campaign=outcome.campaign)
+
+    def _now(self, rig: Rig) -> Situation:
+        return situation_of(self.store, rig.file, rig.machine, self.now_s())
+
+    def _result(
+        self, situation: Situation, done: Done, why: str, *, campaign: str | None = None, alarm: bool = False
+    ) -> RunResult:
+        return RunResult(
+            situation.rig,
+            done,
+            why,
+            situation.state,
+            situation.verdict.reasons,
+            campaign,
+            alarm or situation.state == "out of tolerance",
+            situation.check_due_utc_s if situation.state == "fit" else situation.now_utc_s,
+        )
+
+    def _tell(self, file: RigFile, result: RunResult, command: str) -> None:
+        line = write_line(self.out, file.rig, result.entry(self.now_s(), command))
+        result.told["notified"] = send_notification(file.recalibration.notify, line, self.notify)

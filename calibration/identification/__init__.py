@@ -6,6 +6,7 @@ __all__ = [
     "estimators",
     "explanations",
     "fit",
+    "from_prior",
     "gate",
     "held_out",
     "joint_covariance",

@@ -135,13 +135,14 @@ def _design(
     )
 
 
-def observe(recording: Recording, reference: Reference, phase: str) -> CheckObservations:
+def observe(recording: Recording, reference: Reference, phase: str, *, drives_matter: bool = True) -> CheckObservations:
     """Observations of a check: nest checks that failed and wrong readings left out, drift removed, tables added.
 
     Drives report in command coordinates: where they truly stood is that plus the correction of the table in use, which
-    the recording's header has. InputError without it.
+    the recording's header has. InputError without it, unless drives do not matter: where poses are measured only.
     """
-    recording = true_drives(recording)
+    if drives_matter:
+        recording = true_drives(recording)
     recording, _ = gate_nests(drop_unused_setups(recording))
     usable = usable_readings(recording) & ~replaced_readings(recording) & (recording["flags"] == 0.0)
     recording = recording.take(usable)
@@ -152,7 +153,7 @@ def observe(recording: Recording, reference: Reference, phase: str) -> CheckObse
         raise InputError(f"check {recording.file.campaign}: no reading can be used; a nest check has failed")
     grouped = group_by_visit(recording, rows, drift_free.position_m, drift_free.covariance_m2)
     observations = replace(grouped.observations, setup=None)
-    frame = _frame(reference, observations)
+    frame = machine_frame(reference, observations)
     platform = tuple(i for i in reference.moving if reference.machine.smrs[i].on == "platform")
     report = ReportFrame(reference.machine, frame, platform, reference.mounting_m()[list(platform)])
     kept = observations.take(filter_poses(report, observations).accepted)
@@ -191,7 +192,8 @@ def _places(reference: Reference, poses: Poses, observations: ReflectorObservati
     return place
 
 
-def _frame(reference: Reference, observations: ReflectorObservations) -> Frame:
+def machine_frame(reference: Reference, observations: ReflectorObservations) -> Frame:
+    """The machine's frame as the station sees it, by where reflectors are predicted; InputError where none is."""
     place = _places(reference, reference.predict(observations.visits), observations)
     if not np.all(np.isfinite(place)):
         raise InputError("check: the calibration in force predicts no pose there; calibrate anew")
@@ -204,7 +206,7 @@ def design_and_residual(
     """The design of the readings that were made, and their whitened residuals (3 r,), measured minus predicted."""
     observations = observed.observations
     poses = reference.predict(observations.visits)
-    place, frame = _places(reference, poses, observations), _frame(reference, observations)
+    place, frame = _places(reference, poses, observations), machine_frame(reference, observations)
     readings = CheckReadings(
         observations.visit,
         observations.smr,

@@ -168,40 +168,50 @@ def mean_temperature_c(temperatures_c: Mapping[str, float]) -> float:
 
 
 def record_identified(
-    rig: Rig, store: Store, campaign: str, calibration: Calibration, *, extent: str = "full", now_s: float | None = None
+    rig: Rig, store: Store, campaign: str, calibration: Calibration, *, now_s: float | None = None
 ) -> None:
     """Keep what a campaign has identified: parameters, covariance, conditions and software."""
-    now = time.time() if now_s is None else now_s
-    fit = calibration.fit
     rows = calibration.reduction.info.phase == CALIBRATION
     temperatures = {
         name: float(np.mean(values[rows]))
         for name, values in calibration.reduction.observations.visits.temperatures_c.items()
     }
+    data = identified_data(rig, store, calibration.fit, temperatures, now_s=now_s)
+    add_identified(rig, store, campaign, data | {"report": _report_in_machine(calibration)})
+
+
+def add_identified(rig: Rig, store: Store, campaign: str, data: Mapping[str, Any]) -> None:
+    """Add a calibration's row."""
+    own = {"rig": rig.file.rig, "machine": key_of(rig), "kind": IDENTIFIED, "campaign": campaign}
+    add_to_life(store, "calibrations", data=data, **own)
+
+
+def identified_data(
+    rig: Rig,
+    store: Store,
+    fit: Fit,
+    temperatures_c: Mapping[str, float],
+    *,
+    extent: str = "full",
+    now_s: float | None = None,
+) -> dict[str, Any]:
+    """What the life keeps of a fit, at temperatures of the parts."""
+    now = time.time() if now_s is None else now_s
     station = rig.station.identity
-    add_to_life(
-        store,
-        "calibrations",
-        rig=rig.file.rig,
-        machine=key_of(rig),
-        kind=IDENTIFIED,
-        campaign=campaign,
-        data={
-            "t_utc_s": now,
-            "extent": extent,
-            "instrument": "" if station is None else str(station.serial),
-            "parameters": list(fit.model.parameters.names),
-            "units": [p.unit for p in fit.model.parameters.parameters],
-            "values": fit.theta.tolist(),
-            "unknowns": _lasting_unknowns(fit),
-            "report": _report_in_machine(calibration),
-            "chi2_per_dof": fit.chi2_per_dof,
-            "temperatures_c": temperatures,
-            "operating_h": operating_h(rig, store, now),
-            "software": f"pkm-rig {__version__}",
-            "simulated": bool(rig.simulated_devices),
-        },
-    )
+    return {
+        "t_utc_s": now,
+        "extent": extent,
+        "instrument": "" if station is None else str(station.serial),
+        "parameters": list(fit.model.parameters.names),
+        "units": [p.unit for p in fit.model.parameters.parameters],
+        "values": fit.theta.tolist(),
+        "unknowns": _lasting_unknowns(fit),
+        "chi2_per_dof": fit.chi2_per_dof,
+        "temperatures_c": dict(temperatures_c),
+        "operating_h": operating_h(rig, store, now),
+        "software": f"pkm-rig {__version__}",
+        "simulated": bool(rig.simulated_devices),
+    }
 
 
 def _lasting_unknowns(fit: Fit) -> dict[str, Any]:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.base.frame import Frame
 from calibration.machine.description import Machine
 from calibration.model.model import Model, Poses, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
 from calibration.model.payload import PayloadEntry
 from calibration.model.visits import Visits
+from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.store.life import IDENTIFIED, LifeRow, life_rows
 from pkm_rig.store.store import Store
 
@@ -27,7 +30,8 @@ class Reference:
 
     values (k,) and covariance (k, k): of `names`, first the model's unknowns in their order, then the mountings of the
     reflectors that were measured. noise: factor on stated standard deviations that its own readings asked for.
-    temperatures_c: of the parts that its tables are for.
+    temperatures_c: of the parts that its tables are for. report: the frame of before and after in the machine's, and
+    its reflectors, as the row has them.
     """
 
     campaign: str
@@ -37,6 +41,7 @@ class Reference:
     covariance: Array
     noise: float
     temperatures_c: Mapping[str, float]
+    report: Mapping[str, Any]
 
     @property
     def machine(self) -> Machine:
@@ -60,6 +65,22 @@ class Reference:
     def predict(self, visits: Visits) -> Poses:
         """Poses of visits in the machine's frame."""
         return self.model.predict(self.values[: len(self.model)], visits)
+
+    def report_frame(self, frame: Frame) -> ReportFrame:
+        """The frame of before and after as a station sees it that sees the machine's frame there.
+
+        InputError of a calibration that did not keep it.
+        """
+        if not self.report:
+            raise InputError(f"calibration {self.campaign}: it kept no frame; calibrate the machine anew, in full")
+        names = [smr.name for smr in self.machine.smrs]
+        rotation, shift = np.array(self.report["rotation"]), np.array(self.report["translation_m"])
+        return ReportFrame(
+            self.machine,
+            Frame(frame.rotation @ rotation, frame.rotation @ shift + frame.translation_m),
+            tuple(names.index(name) for name in self.report["smrs"]),
+            np.array(self.report["mounting_m"]),
+        )
 
     def watched_covariance(self) -> Array:
         """Covariance (p + 3 q) of machine parameters and mountings of all moving reflectors."""
@@ -115,4 +136,5 @@ def reference_of(
         covariance=np.array(unknowns["covariance"], dtype=np.float64),
         noise=float(np.sqrt(max(1.0, row.data["chi2_per_dof"]))),
         temperatures_c=dict(temperatures_c),
+        report=row.data.get("report", {}),
     )

@@ -41,9 +41,10 @@ class LifeRow(NamedTuple):
 def machine_key(machine: Machine, names: tuple[str, ...]) -> str:
     """What a machine's history goes by: its name, and a hash of its nominal geometry and its parameters' names.
 
-    Tolerances, comments and planned loads of the machine file are left out: they change no parameter's meaning.
+    Tolerances, comments and planned loads of the machine file are left out: they change no parameter's meaning; and
+    what has its default, so that a key that a later version adds begins no history anew.
     """
-    stated = machine.file.model_dump(mode="json", exclude={"tolerances", "load_cases"})
+    stated = machine.file.model_dump(mode="json", exclude={"tolerances", "load_cases"}, exclude_defaults=True)
     digest = hashlib.sha256(canonical({"file": stated, "parameters": sorted(names)}).encode("ascii")).hexdigest()
     return f"{machine.name}/{digest[:12]}"
 

@@ -86,7 +86,7 @@ def test_identify_says_what_it_found_in_words(run, folder):
         (("check", "--rig", "missing.toml"), 2, "check the path"),
         (("import", "missing"), 2, "check the path"),
         (("calibrate", "--rig", "{rig}", "--colour"), 2, "--colour"),
-        (("calibrat",), 2, "pkm-rig: No such command 'calibrat'. Did you mean 'calibrate'? See `pkm-rig --help`"),
+        (("diagnos",), 2, "pkm-rig: No such command 'diagnos'. Did you mean 'diagnose'? See `pkm-rig --help`"),
         ((), 2, "pkm-rig: Missing command"),
         (("demo", "--seed", "-1"), 2, "seed"),
         (("poses",), 2, "give --rig or --machine"),

@@ -119,7 +119,18 @@ def test_what_is_no_plain_file_is_called_that_and_not_opened(run, command, tmp_p
         assert last_line(done).startswith(f"pkm-rig: {path}: not a plain file")
 
 
-CONNECTING = ("calibrate", "measure", "verify", "check", "health", "home", "interim-test", "recalibrate", "tables", "panel")
+CONNECTING = (
+    "calibrate",
+    "measure",
+    "verify",
+    "check",
+    "health",
+    "home",
+    "interim-test",
+    "recalibrate",
+    "tables",
+    "panel",
+)
 
 
 @pytest.mark.parametrize("command", CONNECTING)

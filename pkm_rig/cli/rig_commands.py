@@ -71,7 +71,8 @@ def _calibrate(
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
-    from pkm_rig.report.terminal import print_message, progress_bar
+    from pkm_rig.report.terminal import print_message
+    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_store
@@ -83,7 +84,7 @@ def _calibrate(
         with (
             open_rig(rig, needs=needs, real_time=real_time, seed=seed, after=after) as connected_rig,
             operated_from_terminal(connected_rig),
-            progress_bar() as progress,
+            live_progress(connected_rig) as progress,
         ):
             outcome = calibrate(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
     recording = outcome.reduction.recording
@@ -119,7 +120,8 @@ def measure(
     from pkm_rig.jobs.measure import measure
     from pkm_rig.jobs.next_command import command_line, rig_word
     from pkm_rig.jobs.session import open_rig
-    from pkm_rig.report.terminal import print_message, print_result, progress_bar
+    from pkm_rig.report.terminal import print_message, print_result
+    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.config import load_rig, with_visits
     from pkm_rig.rig.schedule import calibration_blocks
@@ -136,7 +138,7 @@ def measure(
         open_store(out, hold=True, campaign=resume) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
         operated_from_terminal(connected_rig),
-        progress_bar() as progress,
+        live_progress(connected_rig) as progress,
     ):
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file)
@@ -191,7 +193,8 @@ def verify(
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify
-    from pkm_rig.report.terminal import print_message, progress_bar
+    from pkm_rig.report.terminal import print_message
+    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_existing_store, open_store
@@ -203,7 +206,7 @@ def verify(
         open_store(out, hold=True, campaign=campaign) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
         operated_from_terminal(connected_rig),
-        progress_bar() as progress,
+        live_progress(connected_rig) as progress,
     ):
         outcome = verify(connected_rig, store, campaign, print_message, progress, new_setup=new_setup)
     _report_outcome(outcome, out, json)

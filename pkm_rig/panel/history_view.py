@@ -80,7 +80,7 @@ class HistoryView:
                 kind: Kind = "calibrate" if self._page.work.stores_tables else "measure"
                 if summary.state == "measured" and kind == "calibrate":
                     self._button("Verify", Action("verify", campaign))
-                if summary.state in GOES_ON:
+                if summary.state in GOES_ON or (summary.state == "refused" and summary.step):  # before a verdict
                     self._button("Go on", Action(kind, campaign))
                     self._button("Go on, the station stands anew", Action(kind, campaign, new_setup=True))
                 if summary.readings:

@@ -13,6 +13,7 @@ from pkm_rig.panel.page_parts import PageOfWork
 from pkm_rig.panel.titles import title
 from pkm_rig.panel.trend import trend_svg
 from pkm_rig.report.notation import with_symbols
+from pkm_rig.report.terminal_live import left_in_words
 from pkm_rig.rig.live import Guard, LastReading, Snapshot
 
 TREND = "median over the parameters of standard uncertainty / tolerance"
@@ -105,7 +106,7 @@ class MeasureView:
         self._bar.set_value(min(1.0, seen.done / seen.total) if seen.total else 0.0)
         self._count.set_text(f"{seen.done} of {seen.total} readings" if seen.total else "")
         left = seen.left_s if work.is_busy else None
-        self._left.set_text("" if left is None else f"about {_duration(left)} left")
+        self._left.set_text("" if left is None else f"about {left_in_words(left)} left")
         busy, control = work.is_busy, self._page.has_control
         self._calibrate.set_enabled(control and not busy and work.stores_tables)
         self._measure.set_enabled(control and not busy)
@@ -190,9 +191,3 @@ def _row(reading: LastReading) -> dict[str, str]:
         "distance / m": f"{reading.distance_m:.5f}",
         "residual / µm": away,
     }
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

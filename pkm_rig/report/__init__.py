@@ -36,5 +36,6 @@ __all__ = [
     "residuals_json",
     "tables_text",
     "terminal",
+    "terminal_live",
     "words",
 ]

@@ -285,5 +285,6 @@ def _drive_guards(rig: Rig) -> list[Guard]:
 
 def _check_guard(name: str, value: float, limit: float, unit: str) -> Guard:
     factor, shown = (1e6, "um") if unit == "m" else (1.0, unit)
-    light: Light = "good" if value <= limit else "bad"
+    above: Light = "unknown" if name == "warm-up" else "bad"  # which is waited for
+    light: Light = "good" if value <= limit else above
     return Guard(name, light, f"{value * factor:.3g} of {limit * factor:.3g} {shown}")

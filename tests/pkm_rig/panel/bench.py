@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from contextlib import contextmanager
 
 from pkm_rig.panel.actions import Action
@@ -28,9 +29,9 @@ class Bench:
         self.at = {}
         self.connections = 0
         self.powered = []
-        self.work = Work(embedded_rig_path(), out, self.connect, host_s=lambda: self.clock_s)
+        self.work = Work(embedded_rig_path(), out, self.connect, host_s=lambda: time.monotonic() + self.clock_s)
         self.work.file, _ = self.file()
-        self.work.live.changed = threading.Event()
+        self.payload_is_on = threading.Event()
         self._progress, self.work.live.progress = self.work.live.progress, self.progress
 
     def file(self):
@@ -43,6 +44,14 @@ class Bench:
         with mock_and_rig(file, machine, start_s=after.t_rig_s if after else 0.0) as (self.mock, self.rig):
             self.connections += 1
             self.mock.plc.state.set_release(self.released)
+            asks = self.work.live.asks
+
+            def asked(request):
+                asks(request)
+                if request is not None and request.text == "the payload is on":
+                    self.payload_is_on.set()
+
+            self.work.live.asks = asked
             yield self.rig
 
     def progress(self, count, total, phase):

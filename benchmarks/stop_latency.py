@@ -15,8 +15,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +133,13 @@ def serve(path: Path, seed: int) -> None:
             print(json.dumps({"total_ms": total_ms, "polling_ms": polling_ms}), flush=True)
 
 
-def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
-    """Trip supervision again and again while the rig works."""
+def measure(
+    path: Path,
+    trips: int,
+    seed: int,
+    beside: Callable[[Rig], AbstractContextManager[None]] = lambda _rig: nullcontext(),
+) -> Iterator[dict[str, float]]:
+    """Trip supervision again and again while the rig works; `beside`: what else goes on meanwhile."""
     file, machine = load_rig(path)
     command = [sys.executable, "-m", "benchmarks.stop_latency", "--serve", str(path), "--seed", str(seed)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as mock:
@@ -142,7 +147,7 @@ def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
         assert mock.stdout is not None
         mock.stdout.readline()
         clock = ScaledClock(1.0)
-        with connect_rig(file, machine, clock, rig_path=path) as rig, working(rig):
+        with connect_rig(file, machine, clock, rig_path=path) as rig, beside(rig), working(rig):
             for number in range(trips + trips // 4):
                 start_again(rig)
                 mover = threading.Thread(target=move, args=(rig,))

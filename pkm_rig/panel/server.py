@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 import ssl
@@ -45,14 +44,20 @@ def require_place(place: Place) -> None:
             f"panel: {place.host} is not this computer's loopback, where the page is served only over TLS; "
             "give --certificate and --key"
         )
-    with contextlib.suppress(ValueError):
-        if ip_address(place.host).is_unspecified:
-            raise InputError(f"panel: {place.host} is every address; name the one by which browsers ask for the page")
+    if _is_every_address(place.host):
+        raise InputError(f"panel: {place.host} is every address; name the one by which browsers ask for the page")
     if place.certificate is not None and place.key is not None:
         try:
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(place.certificate, place.key)
         except (OSError, ssl.SSLError) as error:
             raise InputError(f"panel: certificate {place.certificate} and key {place.key}: {error}") from error
+
+
+def _is_every_address(host: str) -> bool:
+    try:
+        return ip_address(host).is_unspecified
+    except ValueError:  # a name
+        return False
 
 
 def require_nicegui() -> None:

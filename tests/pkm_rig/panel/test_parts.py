@@ -1,0 +1,125 @@
+"""What pages show and take, without a browser: the machine's picture, uploads, files by id, the running estimate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.base.errors import InputError
+from calibration.machine.description import load_machine, shipped_machine
+from calibration.machine.inverse import nominal_drives, platform_poses
+from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, read_visits
+from pkm_rig.panel.files import next_measurements, picture_of, pictures_of, report_of, report_url
+from pkm_rig.panel.server import LOOPBACK, Place, require_place
+from pkm_rig.panel.trend import trend_svg
+from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.live import Live
+from pkm_rig.rig.tool_place import places, platform_pose
+from pkm_rig.store.store import open_store
+from tests.pkm_rig.plant_recording import record
+
+VISITS = "[campaign]\n[[campaign.visits]]\ntarget = [0.1, 0.2]\n[[campaign.visits]]\ntarget = [0.2, 0.1]\n"
+
+
+@pytest.mark.parametrize("name", ["planar4", "delta6", "stewart6", "rrr3"])
+def test_the_machine_is_found_from_its_drives(name):
+    machine = load_machine(shipped_machine(name))
+    low, high = machine.commanded_limits.T
+    for share in (0.2, 0.5, 0.9):
+        pose = platform_poses(machine, (low + share * (high - low))[None])[0]
+        drives = nominal_drives(machine, pose[None])[0]
+        found = platform_pose(machine, drives)
+        assert found is not None
+        np.testing.assert_allclose(found, pose, atol=2e-4)
+        parts = places(machine, drives, found)
+        lengths = np.linalg.norm(parts.struts[:, 0] - parts.struts[:, 1], axis=1)
+        sliders = np.array([machine.drive_kinds[d] != "leg" if d >= 0 else True for d in machine.strut_drive])
+        np.testing.assert_allclose(lengths[sliders], machine.nominal.length_m[sliders], atol=2e-3)
+
+
+def test_drives_that_no_pose_has_give_no_place():
+    machine = load_machine(shipped_machine("planar4"))
+    assert platform_pose(machine, np.array([50.0, -50.0])) is None
+
+
+def test_the_picture_has_less_than_a_hundred_objects():
+    view = pytest.importorskip("pkm_rig.panel.machine_view", reason="NiceGUI, the extra [ui], is not installed")
+    file, machine = load_rig(embedded_rig_path())
+    live = Live()
+    live.aiming_at("P1")
+    live.going_to(np.array([0.1, 0.1, 0.0, 0.0, 0.0, 0.0]), 7)
+    scene = view.scene_of(machine, file, live.snapshot())
+    assert 10 < len(scene["lines"]) + len(scene["balls"]) + 1 < 100
+    assert [ball[3] for ball in scene["balls"] if ball[1] == "target"] == ["target 7"]
+    assert sum(line[2] == "sight" for line in scene["lines"]) == 1
+    assert sum(line[2] == "strut" for line in scene["lines"]) == 4
+    mesh = view.mesh_of(np.zeros((4, 3)), np.array([0.0, 1e-5, 2e-5, 4e-5]), 2)
+    assert mesh["shares"] == [0.0, 0.25, 0.5, 1.0]
+
+
+def test_an_upload_is_read_as_the_command_reads_it():
+    assert len(read_visits("next.toml", VISITS.encode()).file.campaign.visits) == 2
+
+
+@pytest.mark.parametrize(
+    ("data", "complaint"),
+    [
+        (b"x" * (MOST_UPLOAD_BYTES + 1), "more than"),
+        (b"\xff\xfe", "not UTF-8"),
+        (b"campaign = ", "not TOML"),
+        (b"[campaign]\nvisits = []\n", "visits"),
+        (VISITS.encode() + b"[station]\nport = '/dev/ttyS0'\n", "unknown key"),
+        (b"[campaign]\nvisits = " + b"[" * 5000, "nested|TOML|deep"),
+    ],
+)
+def test_what_is_no_campaign_file_is_refused_in_one_line(data, complaint):
+    with pytest.raises(InputError, match=complaint) as refused:
+        read_visits("next.toml", data)
+    assert "\n" not in str(refused.value)
+
+
+def test_files_are_found_by_campaigns_of_the_store_only(tmp_path):
+    out = tmp_path / "runs"
+    recording = record(3)
+    campaign = recording.file.campaign
+    with open_store(out) as store:
+        store.add_recording(recording)
+    (tmp_path / "report.html").write_text("secret", encoding="utf-8")
+    (out / campaign / "diagnosis").mkdir(parents=True)
+    (out / campaign / "report.html").write_text("report", encoding="utf-8")
+    (out / campaign / "diagnosis" / "error-map.png").write_bytes(b"png")
+    (out / campaign / "diagnosis" / "time-line.png").symlink_to(tmp_path / "report.html")
+    (out / campaign / "diagnosis" / "next-1-a.toml").write_text(VISITS, encoding="utf-8")
+    (out / "other").mkdir()
+    (out / "other" / "report.html").write_text("other", encoding="utf-8")
+    assert report_of(out, campaign) == (out / campaign / "report.html").resolve()
+    assert pictures_of(out, campaign) == ["error-map"]  # what leads elsewhere is not there
+    assert [visits.name for visits in next_measurements(out, campaign)] == ["next-1-a"]
+    for name in ("..", "../..", "other", "", "/etc", f"{campaign}/.."):
+        assert report_of(out, name) is None
+        assert next_measurements(out, name) == []
+    for name in ("../report", "../../report", "next-1-a.toml", ""):
+        assert picture_of(out, campaign, name) is None
+    assert report_of(tmp_path / "nowhere", campaign) is None
+    assert report_url("a/../b c") == "/campaign/a%2F..%2Fb%20c/report"
+
+
+def test_beyond_loopback_only_tls_is_served():
+    for host in LOOPBACK:
+        require_place(Place(host))
+    for host in ("0.0.0.0", "192.168.1.5", "rig.example"):
+        with pytest.raises(InputError, match="only over TLS"):
+            require_place(Place(host))
+    with pytest.raises(InputError, match="both"):
+        require_place(Place(certificate=embedded_rig_path()))
+    with pytest.raises(InputError, match="every address"):
+        require_place(Place("0.0.0.0", certificate=embedded_rig_path(), key=embedded_rig_path()))
+    with pytest.raises(InputError, match="certificate"):
+        require_place(Place("rig.example", certificate=embedded_rig_path(), key=embedded_rig_path()))
+
+
+def test_the_trend_is_made_of_numbers():
+    assert trend_svg([], []) == ""
+    drawn = trend_svg([30, 60, 120], [0.9, 0.5, 0.25])
+    assert drawn.count("<circle") == 3
+    assert "after 120 readings: 25 %" in drawn

@@ -13,7 +13,7 @@ from pkm_rig.report.diagnosis_pictures import plane
 from pkm_rig.report.notation import literal
 from pkm_rig.report.pictures import AFTER, BEFORE, NEUTRAL, round_scale
 
-ARROW_SHARE = 0.09  # of the map's width, of an arrow as long as the scale
+ARROW_SHARE = 0.09  # of the map's width, of the longest arrow
 
 
 def draw_all(comparison: Comparison, machine: Machine) -> dict[str, Figure]:
@@ -33,11 +33,13 @@ def workspace_map(comparison: Comparison, change: WorkspaceChange, machine: Mach
     figure = Figure(figsize=(11.0, 4.8))
     axes = figure.add_subplot(1, 2, 1)
     in_plane = np.linalg.norm(shift[:, [first, second]], axis=1)
-    key_m = round_scale(float(np.max(in_plane)))
+    longest_m = float(np.max(in_plane))
+    key_m = round_scale(longest_m)
     span = float(np.ptp(tool[:, [first, second]], axis=0).max())
     arrows = axes.quiver(
         tool[:, first], tool[:, second], shift[:, first], shift[:, second],
-        color=AFTER, angles="xy", scale_units="xy", width=0.003, scale=key_m / (ARROW_SHARE * max(span, 1e-3)),
+        color=AFTER, angles="xy", scale_units="xy", width=0.003,
+        scale=max(longest_m, 1e-12) / (ARROW_SHARE * max(span, 1e-3)),
     )  # fmt: skip
     axes.quiverkey(arrows, 0.84, 1.04, key_m, f"{key_m * 1e6:g} µm", labelpos="E")
     axes.set_title("after minus before", loc="left", fontsize=10)

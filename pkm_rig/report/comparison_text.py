@@ -38,6 +38,9 @@ def name_in_words(structure: str, place: str) -> str:
 def one_line_verdict(comparison: Comparison) -> str:
     """The verdict, its probability, and what it means for the machine, in one line."""
     sure = f"probability {probability(comparison.ranking[comparison.verdict])}"
+    if alike := {structure for structure, _ in comparison.equivalent} - {comparison.verdict}:
+        of_all = sum(comparison.ranking[name] for name in (comparison.verdict, *alike))
+        sure += f", {probability(min(of_all, 1.0))} with what is not told apart from it"
     if comparison.verdict == "nothing":
         return f"nothing has changed ({sure}); what is hidden is below {length(comparison.hidden_m)} RMS (95 %)"
     if comparison.verdict == "unknown":

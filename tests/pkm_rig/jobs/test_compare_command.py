@@ -68,7 +68,7 @@ def test_words_name_what_changed_and_what_it_does():
     comparison = example()
     text = text_of(comparison, {"workspace": "map.png"})
     assert "verdict: strut right_upper" in text
-    assert "strut right_upper has changed (probability 0.951)" in text
+    assert "strut right_upper has changed (probability 0.951, 0.954 with what is not told apart from it)" in text
     assert "76.2 +- 2.1 um RMS, at most 83.1 um (21.0 um after a new zero)" in text
     assert "length = 80.1 +- 3.0 um" in text
     assert "not told apart from it (within 0.12 sigma RMS): the column of drive right" in text
@@ -132,7 +132,7 @@ def example(verdict: str = "strut", **other) -> Comparison:
     workspace = WorkspaceChange(tool, shift, np.ones(40, dtype=bool), 7.62e-5, 1.05e-6, 8.31e-5, 2.1e-5)
     length = ChangedQuantity("length", 8.01e-5, 1.5e-6, "m")
     change = FoundChange("strut", "right_upper", True, 0.951, 0.9995, (length,), 6.1, 1.2, workspace)
-    ranking = {"strut": 0.0, "nest": 0.0, "nothing": 0.001, "unknown": 0.044} | {verdict: 0.951}
+    ranking = {"strut": 0.0, "nest": 0.0, "column": 0.003, "nothing": 0.001, "unknown": 0.044} | {verdict: 0.951}
     values = {
         "before": "spring", "after": "autumn", "verdict": verdict, "place": "right_upper",
         "equivalent": (("column", "right"),), "matters_sigma": 0.12, "ranking": ranking, "changes": (change,),

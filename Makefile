@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-guide setups control-formats kuka clean
+.PHONY: demo test lint demo-check machines rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -72,6 +72,11 @@ machines: $(VENV)/run.stamp
 # Stopped, it goes on.
 setups: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.setups $(if $(SEEDS),--seeds $(SEEDS))
+
+# Reports, PDF and certificates of five campaigns: every number, every box of text. SCHEMAS=DIR with PTB's schema files.
+# Stopped, it goes on; pages are drawn below runs/papers.
+papers: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.papers $(if $(SCHEMAS),--schemas $(SCHEMAS))
 
 # What formats of controls lose of the correction, on the nine machines, and Siemens CEC on twenty default ones
 # (docs/explanation/control-tables.md). Stopped, it goes on. SEEDS=5 for a first look.

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
@@ -105,6 +104,8 @@ def calibration_targets(machine: Machine, settings: CampaignSettings, station_m:
     """Targets (n, 6): those of the settings, else a Sobol sequence drawn towards the edges, where poses inform most."""
     if settings.targets:
         return _listed_targets(machine, settings.targets)
+    from scipy.stats import qmc  # noqa: PLC0415  # slow to load, and a rig may be refused before poses are drawn
+
     count = settings.calibration_poses
     exponent = int(np.ceil(np.log2(count)))
     for more in range(MOST_DRAWS):

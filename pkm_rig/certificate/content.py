@@ -126,6 +126,8 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
     out.append(Statement(word("traceable" if traceable else "not_traceable", language) + reasons, traceable=traceable))
     out.append(Statement(f"{word('found_left', language)}: {data['tables_as_found']}; {data['tables_as_left']}"))
     out.append(Statement(f"{word('decision', language)}: {word(data['decision'], language)}"))
+    if data["decision"] != "accepted":
+        out.append(Statement(word("taken_back", language)))
     for payload in data["payloads"]:
         if payload["limit_m"] is not None:
             out.append(_conformity(payload, language, traceable=traceable))
@@ -139,7 +141,7 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
 
 def _conformity(payload: Mapping[str, Any], language: Language, *, traceable: bool) -> Statement:
     """Guarded acceptance against the stated limit; none where the result is not traceable."""
-    name, limit_um = payload["name"], payload["limit_m"] * 1e6
+    name, limit_um = f"{word('payload', language)} {payload['name']}", payload["limit_m"] * 1e6
     if not traceable:
         return Statement(f"{name}: {word('no conformity', language)}")
     after, guard = payload["after"]["position_rms_m"], payload["guard_band_m"]

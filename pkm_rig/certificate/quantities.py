@@ -40,7 +40,7 @@ def payload_quantities(data: Mapping[str, Any], language: Language) -> tuple[tup
         ]
         if payload["limit_m"] is not None:
             rows.append(Quantity(word("limit", language), f"{payload['limit_m'] * 1e6:.10g}", MICROMETRE))
-        out.append((payload["name"], tuple(rows)))
+        out.append((f"{word('payload', language)}: {payload['name']}", tuple(rows)))
     floor = data["noise_floor_of_visits"]
     if floor is not None:
         name = word("noise_floor", language)

@@ -97,6 +97,10 @@ CATALOGUE: dict[str, Words] = {
     "pressure": Words("air pressure", "Luftdruck"),
     "humidity": Words("relative humidity", "relative Feuchte"),
     "reason": Words("reason", "Grund"),
+    "taken_back": Words(
+        "after: measured with tables that were tried and taken back; not the state as left",
+        "nachher: gemessen mit Tabellen, die erprobt und zurückgenommen wurden; nicht der hinterlassene Zustand",
+    ),
 }
 
 

@@ -93,11 +93,19 @@ def test_it_calibrates_from_an_empty_folder(environment, empty):
 
 def test_it_serves_the_mock_rig_from_an_empty_folder(environment, empty):
     process = start(environment / "pkm-rig", "mock", folder=empty)
-    lines = [process.stdout.readline() for _ in range(4)]
+    lines = [process.stdout.readline() for _ in range(8)]
     process.send_signal(signal.SIGINT)
     rest, _ = process.communicate(timeout=60)
     assert process.returncode == 0, rest
-    assert [line.split(":")[0] for line in lines] == ["station", "drives", "PLC", "time"]
+    assert [line.split(":")[0] for line in lines] == [
+        *("machine", "effects", "faults", "twin"),
+        *("station", "drives", "PLC", "time"),
+    ]
+
+
+def test_it_announces_its_pytest_plugin(environment, empty):
+    script = "from importlib.metadata import entry_points as e; print(*(p.value for p in e(group='pytest11')))"
+    assert "pkm_rig.pytest_plugin" in run(environment / "python", "-c", script, folder=empty).split()
 
 
 def test_the_example_is_the_default():

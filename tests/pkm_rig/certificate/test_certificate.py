@@ -128,7 +128,13 @@ def test_not_traceable_means_no_statement_of_conformity():
     assert texts(xml, ".//dcc:traceable") == ["false"]
     stated = texts(xml, ".//dcc:declaration/dcc:content")
     assert "not traceable: station: lapsed" in stated
-    assert "none: no statement of conformity" in stated
+    assert "payload none: no statement of conformity" in stated
+
+
+@pytest.mark.parametrize(("decision", "taken_back"), [("accepted", False), ("refused", True), ("not decided", True)])
+def test_what_was_tried_only_is_not_called_the_state_as_left(decision, taken_back):
+    stated = texts(certificate_xml(content(data() | {"decision": decision})), ".//dcc:declaration/dcc:content")
+    assert any("not the state as left" in text for text in stated) == taken_back
 
 
 def test_simulated_is_in_title_and_statement_and_accredited_only_where_it_is_configured():

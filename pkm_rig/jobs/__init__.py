@@ -26,6 +26,7 @@ __all__ = [
     "measure",
     "measured_machine",
     "next_command",
+    "partial",
     "planning",
     "reference",
     "report",

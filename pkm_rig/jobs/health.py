@@ -15,7 +15,6 @@ from calibration.intervals.facts import CalibrationFact, CheckFact, MachineHisto
 from calibration.intervals.health import health_test
 from calibration.intervals.rules import Verdict, judge_all
 from calibration.intervals.settings import IntervalSettings
-from drivers.errors import DeviceError
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.check_readings import (
     design_and_residual,
@@ -25,7 +24,7 @@ from pkm_rig.jobs.check_readings import (
     observe,
     plan_visits,
 )
-from pkm_rig.jobs.interim import run_interim_test
+from pkm_rig.jobs.interim import require_station
 from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import key_of, mean_temperature_c, note_devices, operating_h, utc_text
 from pkm_rig.jobs.reference import Reference, load_reference
@@ -131,7 +130,7 @@ class _Check:
         warm_up_s = rig.clock.now_s() - began_s
         self._notify(f"warmed up in {warm_up_s / 60.0:.1f} min")
         began_s = rig.clock.now_s()
-        self._require_station()
+        require_station(rig)
         smrs = [rig.machine.smrs[i].name for i in self._reference.moving]
         answer, look_s, fact = "go on", 0.0, None
         for look, group in enumerate(groups_of(planned, self._settings.check.looks)):
@@ -149,16 +148,6 @@ class _Check:
         if fact is None:
             raise InputError("recalibration.check: no look; give at least one")
         return self._keep(fact, answer, warm_up_s)
-
-    def _require_station(self) -> None:
-        test = run_interim_test(self._rig)
-        if not test.passed:
-            raise DeviceError(
-                self._rig.station.name,
-                "interim test",
-                "it failed",
-                "see `pkm-rig interim-test`; secure nests and station, or have it adjusted, then check again",
-            )
 
     def _fact(self, campaign: str, duration_s: float) -> CheckFact:
         rig, store = self._rig, self._store

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calibration.base.errors import InputError
+from drivers.errors import DeviceError
 from drivers.station.coordinates import StatedAccuracy
 from drivers.station.interim_test import InterimLimits, InterimTest, KnownDistance, interim_test
 from pkm_rig.rig.devices import INITIAL_TARGET_TOLERANCE_M
@@ -31,3 +32,14 @@ def run_interim_test(rig: Rig) -> InterimTest:
     )
     rig.station.require_settings()
     return test_result
+
+
+def require_station(rig: Rig) -> None:
+    """Raise DeviceError unless station and nests pass the interim test."""
+    if not run_interim_test(rig).passed:
+        raise DeviceError(
+            rig.station.name,
+            "interim test",
+            "it failed",
+            "see `pkm-rig interim-test`; secure nests and station, or have it adjusted, then check again",
+        )

@@ -52,7 +52,8 @@ def require_tables(rig: Rig, store: Store, campaign: str, tables: str, notify: N
     rig.compensation = states[0].generation
 
 
-def _give(rig: Rig, store: Store, campaign: str, tables: str, notify: Notify) -> None:
+def stored_images(rig: Rig, store: Store, tables: str) -> dict[str, bytes]:
+    """The images of a calibration's tables by drive, as far as this store has them."""
     wanted = parse_tables(tables)
     found: dict[str, bytes] = {}
     for change in changes_of(rig, store):
@@ -61,7 +62,12 @@ def _give(rig: Rig, store: Store, campaign: str, tables: str, notify: Notify) ->
                 image = as_image(text)
                 if image is not None and wanted.get(drive) == table_of(image):
                     found[drive] = image
-    if set(found) != set(wanted):
+    return found
+
+
+def _give(rig: Rig, store: Store, campaign: str, tables: str, notify: Notify) -> None:
+    found = stored_images(rig, store, tables)
+    if set(found) != set(parse_tables(tables)):
         return
     notify(f"the embedded drives begin without tables: those of calibration {campaign} are written to them")
     mass_kg = decode_table(next(iter(found.values()))).payload_kg

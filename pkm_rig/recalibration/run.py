@@ -9,14 +9,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.intervals.facts import ErrorFigure
+from calibration.intervals.extent import Measurement
+from calibration.intervals.facts import CalibrationFact, ErrorFigure
 from drivers.errors import DeviceError
 from pkm_rig.errors import CampaignRefused, NotChecked, StoreError
 from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.health import health
 from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import note_devices, utc_text, verdict_data
+from pkm_rig.jobs.partial import recalibrate_partly
 from pkm_rig.jobs.tables_in_force import require_tables
 from pkm_rig.recalibration.envelope import reasons_beyond
 from pkm_rig.recalibration.journal import is_automatic, last_entry, send_notification, tell_plc, write_line
@@ -173,29 +176,50 @@ class Recalibration:
         return self._calibrate(rig, situation, found)
 
     def _calibrate(self, rig: Rig, before: Situation, found: ErrorFigure | None) -> RunResult:
-        settings = interval_settings(rig.file.recalibration)
+        last, measurement = before.history.last_calibration, before.verdict.measurement
+        if last is not None and rig.file.can.interface == "embedded":  # its drives forget their tables
+            with suppress(CampaignRefused):
+                require_tables(rig, self.store, last.id, last.tables, self.notify)
+        if last is not None and measurement is not None and measurement.extent != "full":
+            return self._calibrate_partly(rig, before, last, measurement)
+        settings, why = interval_settings(rig.file.recalibration), "; ".join(before.verdict.reasons)
 
         def judge(outcome: CampaignOutcome, change: TableChange) -> tuple[str, ...]:
             rows = life_rows(self.store, "calibrations", rig.file.rig, before.key)
             identified = [r for r in rows if (r.campaign, r.kind) == (outcome.campaign, IDENTIFIED)][-1]
             verdict = verdict_data(outcome, had_tables=change.before.on, change=change.id)
             new = calibration_fact(outcome.campaign, identified.data, verdict)
-            return reasons_beyond(rig, before.history, settings, new, change, found)
+            return reasons_beyond(rig, self.store, before.history, settings, new, change, found)
 
-        why = "; ".join(before.verdict.reasons)
-        last = before.history.last_calibration
-        if last is not None and rig.file.can.interface == "embedded":  # its drives forget their tables
-            with suppress(CampaignRefused):
-                require_tables(rig, self.store, last.id, last.tables, self.notify)
         outcome = calibrate(rig, self.store, self.notify, self.progress, judge=judge)
         after = self._now(rig)
         if outcome.beyond:
-            words = f"tables are verified and wait for approval: {'; '.join(outcome.beyond)}"
-            return self._result(after, "proposal", words, campaign=outcome.campaign, alarm=True)
+            return self._proposed(after, outcome.campaign, outcome.beyond)
         if not outcome.accepted:
             words = f"the tables were {outcome.decision}; {outcome.restored}"
             return self._result(after, "refused", words, campaign=outcome.campaign, alarm=True)
         return self._result(after, "calibration", why, campaign=outcome.campaign)
+
+    def _calibrate_partly(
+        self, rig: Rig, before: Situation, last: CalibrationFact, measurement: Measurement
+    ) -> RunResult:
+        settings = interval_settings(rig.file.recalibration)
+
+        def judge(new: CalibrationFact, change: TableChange, found: ErrorFigure, grown: Array) -> tuple[str, ...]:
+            return reasons_beyond(rig, self.store, before.history, settings, new, change, found, grown.tolist())
+
+        outcome = recalibrate_partly(rig, self.store, last, measurement, self.notify, self.progress, judge, self.now_s)
+        after = self._now(rig)
+        if outcome.beyond:
+            return self._proposed(after, outcome.campaign, outcome.beyond)
+        words = f"{measurement.extent}: {measurement.reason}; {outcome.verification.reason}"
+        if outcome.accepted:
+            return self._result(after, "calibration", words, campaign=outcome.campaign)
+        return self._result(after, "refused", f"{words}; calibrate in full", campaign=outcome.campaign, alarm=True)
+
+    def _proposed(self, after: Situation, campaign: str, beyond: tuple[str, ...]) -> RunResult:
+        words = f"tables are verified and wait for approval: {'; '.join(beyond)}"
+        return self._result(after, "proposal", words, campaign=campaign, alarm=True)
 
     def _now(self, rig: Rig) -> Situation:
         return situation_of(self.store, rig.file, rig.machine, self.now_s())

@@ -6,15 +6,21 @@ import json
 import time
 from contextlib import closing, contextmanager
 
+import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.intervals.extent import Measurement
+from calibration.machine.description import load_machine, shipped_machine
+from pkm_rig.jobs.partial import growth_of
+from pkm_rig.jobs.reference import load_reference
 from pkm_rig.jobs.tables_in_force import wrong_tables
 from pkm_rig.recalibration.decisions import note
 from pkm_rig.recalibration.journal import is_automatic, journal_path
 from pkm_rig.recalibration.proposals import approve, take_back
 from pkm_rig.recalibration.run import Recalibration
 from pkm_rig.recalibration.situation import situation_of
+from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.store.life import life_rows
 from pkm_rig.store.store import Store, store_path
 from tests.pkm_rig.conftest import silent
@@ -107,3 +113,61 @@ def test_what_is_taken_back_is_out_of_force(proposed):
 def test_every_run_leaves_a_line(proposed):
     assert [line["done"] for line in proposed["lines"]] == ["proposal", "skipped"]
     assert all(line["rig"] == RIG and line["command"] == "run" for line in proposed["lines"])
+
+
+LOST_M = 100e-6
+
+
+@pytest.fixture(scope="module")
+def partly(tmp_path_factory):
+    """The left drive counts 100 um more than before, and nothing else has changed."""
+    out = keep_store(tmp_path_factory.mktemp("partly"))
+    loose = "[recalibration.envelope]\ntable_m = 1e-3\nerror_m = 1e-3"
+    path = write_rig(out, ALWAYS, "alone = true", loose)
+    now_s = CALIBRATED_S + 60.0
+    with closing(Store(store_path(out))) as store, connected(path) as (mock, rig):
+
+        def lose(axis):
+            t_s = mock.plant.clock.now_s()
+            axis.motion.recount(t_s, axis.encoder_inc(t_s) + LOST_M / 1e-8)
+
+        mock.drives[0].with_axis(lose)
+        note(store, situation_of(store, rig.file, rig.machine, CALIBRATED_S), "reference lost", "left", "tester", "off")
+        result = job_on(path, out, store, rig, lambda: now_s).run(scheduled=True)
+        after = situation_of(store, rig.file, rig.machine, now_s)
+        wrong = wrong_tables(rig, after.history.last_calibration.tables)
+        visits = set(store.recording(result.campaign).rows("calibration")["visit"].tolist())
+    return result, after, wrong, visits
+
+
+def test_after_a_lost_reference_that_drive_s_offset_alone_is_measured(partly):
+    result, after, wrong, visits = partly
+    assert (result.done, after.state, wrong) == ("calibration", "fit", None)
+    assert len(visits) == 10
+    former, new = after.history.calibrations
+    assert (new.extent, new.id) == ("drive offset", result.campaign)
+    change = dict(zip(new.parameter_names, np.subtract(new.parameters, former.parameters), strict=True))
+    u = np.sqrt(np.diag(new.covariance))
+    for strut in ("upper", "lower"):
+        row = new.parameter_names.index(f"base_joint.left_{strut}.y")
+        former_u = np.sqrt(former.covariance[row][row])
+        assert change[f"base_joint.left_{strut}.y"] == pytest.approx(-LOST_M, abs=3.0 * (u[row] + former_u))
+    assert abs(change["base_joint.right_upper.y"]) < 0.2 * LOST_M
+    assert new.as_found.position_m > 3.0 * new.as_left.position_m
+
+
+def test_only_what_may_have_changed_is_let_loose(tmp_path):
+    machine = load_machine(shipped_machine("planar4"))
+    with closing(Store(store_path(keep_store(tmp_path)))) as store:
+        campaign = life_rows(store, "calibrations", RIG)[0].campaign
+        file, _ = load_rig(embedded_rig_path())
+        reference = load_reference(store, RIG, campaign, machine, file.payloads)
+    names = np.array(reference.names)
+    offset = growth_of(reference, Measurement("drive offset", ("left",), 10, ""))
+    moved = {"base_joint.left_upper.y", "base_joint.left_lower.y", "mounting.SL.y"}
+    assert set(names[np.diag(offset) > 0.0]) == moved
+    assert np.linalg.matrix_rank(offset) == 1
+    warmth = growth_of(reference, Measurement("expansion", (), 12, ""))
+    assert all(name.startswith("expansion.") for name in names[np.diag(warmth) > 0.0])
+    with pytest.raises(InputError, match="its offset is no change of this machine"):
+        growth_of(reference, Measurement("drive offset", ("third",), 10, ""))

@@ -24,7 +24,11 @@ LARGEST = 2e-3  # of a correction, in m or rad: the tolerances of parts add up t
 
 @dataclass(frozen=True)
 class HostCorrection:
-    """Corrections predicted by an identified model for one payload and one set of temperatures."""
+    """Corrections predicted by an identified model for one payload and one set of temperatures.
+
+    With more drives than commanded coordinates the smallest corrections are taken. Internal force is not taken away:
+    readings of the pose say too little of it.
+    """
 
     fit: Fit
     report: ReportFrame
@@ -59,6 +63,11 @@ class HostCorrection:
                 "permitted; check identification and machine file"
             )
         return drives
+
+    def forces_n(self, drives: Array, target_m: Array) -> Array:
+        """Predicted forces (n, s) of the struts with the drives at (n, d), tension positive."""
+        poses = self.fit.predict(self.conditions.at_poses(drives, target_m))
+        return poses.equilibrium.force_n[:, : len(self.report.machine.strut_names)]
 
     def corrections(self, target_m: Array) -> Array:
         """What is added to the nominal drive coordinates (n, d)."""

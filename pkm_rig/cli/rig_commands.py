@@ -49,12 +49,20 @@ def demo(
 ) -> None:
     """The main job without hardware: `calibrate` on the embedded mock rig, over its real protocols."""
     from pkm_rig.rig.config import demo_rig_path
+    from pkm_rig.rig.expected_error import LEAST_RATIO
 
     options = ["--real-time"] if real_time else []
     options += [] if seed is None else ["--seed", str(seed)]
     options += [] if machine is None else ["--machine", machine]
     goes_on = resumable("demo", None, out, *options, campaign=resume, new_setup=new_setup)
-    _calibrate(demo_rig_path(machine), out, json, resume, goes_on, new_setup=new_setup, real_time=real_time, seed=seed)
+    outcome = _calibrate(
+        demo_rig_path(machine), out, json, resume, goes_on, new_setup=new_setup, real_time=real_time, seed=seed
+    )
+    if outcome.before_over_floor < LEAST_RATIO:
+        raise CampaignRefused(
+            f"demo: an error before is only {outcome.before_over_floor:.1f} times the noise floor, {LEAST_RATIO:g} are "
+            "needed to show anything"
+        )
 
 
 def _calibrate(
@@ -67,7 +75,7 @@ def _calibrate(
     new_setup: bool,
     real_time: bool = False,
     seed: int | None = None,
-) -> None:
+) -> CampaignOutcome:
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
@@ -94,6 +102,7 @@ def _calibrate(
         f"time in {time.monotonic() - begun_s:.0f} s"
     )
     _report_outcome(outcome, out, json)
+    return outcome
 
 
 def measure(

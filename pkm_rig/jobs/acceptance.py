@@ -55,8 +55,10 @@ def stored_outcome(store: Store, campaign: str) -> CampaignOutcome:
 
 def _correction(identification: Calibration, activated: Mapping[str, Any]) -> CompensationTable | HostCorrection:
     """The correction of a stored event: tables, where it does not say otherwise."""
-    build = host_correction if activated.get("back_end") == "host" else table_for_payload
-    return build(identification, activated["payload"], activated["temperatures_c"])
+    payload, temperatures_c = activated["payload"], activated["temperatures_c"]
+    if activated.get("back_end") != "host":
+        return table_for_payload(identification, payload, temperatures_c)
+    return host_correction(identification, payload, temperatures_c)
 
 
 def stored_limits_m(store: Store, campaign: str) -> dict[int, float]:

@@ -106,12 +106,14 @@ def verify_tables(
         temperatures = rig.temperatures_c()
         correction = back_end.build(identification, payload, temperatures)
         corrected = back_end.commanded(block, correction)
+        if (remark := back_end.remark(block, correction)) is not None:
+            notify(remark)
         drives = back_end.try_out(correction)
         activated = {
             "payload": payload,
             "temperatures_c": temperatures,
             "tables": drives,
-            "back_end": back_end.name,
+            **back_end.settings(),
         }
         store.add_event(campaign, "activated", activated)
         written.append(WrittenTable(correction, payload, drives))

@@ -91,6 +91,15 @@ class CampaignOutcome:
         return "host" if any(isinstance(w.table, HostCorrection) for w in self.written) else "drive-tables"
 
     @property
+    def before_over_floor(self) -> float:
+        """Least ratio of a measured error before to the noise floor, over payloads and what the drives command."""
+        commanded = self.reduction.recording.machine.commanded
+        ratios = [v.before.position_rms_m / self.floor.position_rms_m for v in self.verified]
+        if (commanded > 2).any():
+            ratios += [v.before.orientation_rms_rad / self.floor.orientation_rms_rad for v in self.verified]
+        return min(ratios)
+
+    @property
     def simulated(self) -> bool:
         """Whether a device of the campaign was simulated."""
         return self.reduction.recording.file.simulated

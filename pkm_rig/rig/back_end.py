@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.compensation.host import HostCorrection, host_correction
 from calibration.compensation.tables import CompensationTable, table_for_payload
 from calibration.identification.calibration import Calibration
@@ -53,6 +54,15 @@ class BackEnd(ABC):
     @abstractmethod
     def keep(self) -> None:
         """Have it act for good: it is verified, and the verdict is stored."""
+
+    def remark(self, block: Block, correction: Correction) -> str | None:
+        """What is to be said of a correction before it is tried, None if nothing."""
+        del block, correction
+        return None
+
+    def settings(self) -> dict[str, Any]:
+        """What the correction can be built from again, beside payload and temperatures."""
+        return {"back_end": self.name}
 
     def roll_back(self) -> None:
         """Go back to what was before."""
@@ -119,6 +129,21 @@ class Host(BackEnd):
         visits = (replace(visit, drives_m=row) for visit, row in zip(block.visits, drives, strict=True))
         return replace(block, visits=tuple(visits))
 
+    def remark(self, block: Block, correction: Correction) -> str | None:
+        """Forces that the model predicts of the struts, where there are more drives than coordinates to command."""
+        if not isinstance(correction, HostCorrection) or not self.rig.machine.redundantly_actuated:
+            return None
+        target_m = np.array([visit.target_m for visit in block.visits])
+        forces = [
+            correction.forces_n(drives, target_m)
+            for drives in (np.array([visit.drives_m for visit in block.visits]), correction.drives(target_m))
+        ]
+        rms, most = ([float(f(force)) for force in forces] for f in (_rms, lambda force: np.max(np.abs(force))))
+        return (
+            f"predicted strut forces: {rms[0]:.0f} N RMS, {most[0]:.0f} N at most; corrected {rms[1]:.0f} N, "
+            f"{most[1]:.0f} N"
+        )
+
     def require_in_use(self) -> None:
         """No drive may correct as well."""
         for bank, state in zip(self.rig.banks, read_states(self.rig), strict=True):
@@ -131,6 +156,10 @@ class Host(BackEnd):
     def keep(self) -> None:
         """The accepted correction is in the store, by its campaign; the drives keep what they had, switched off."""
         self.change.leave_off()
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def back_end_of(rig: Rig, change: TableChange) -> BackEnd:

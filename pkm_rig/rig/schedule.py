@@ -197,7 +197,8 @@ def _blocks_of_listed_visits(machine: Machine, settings: CampaignSettings) -> tu
     if len(visits) < LEAST_VISITS:
         raise InputError(f"campaign.visits: {len(visits)} visit; give {LEAST_VISITS} or more")
     for number, visit in enumerate(visits, start=1):
-        if visit.direction and len(visit.direction) != count:
+        one_side = is_led(machine, settings) and len(visit.direction) == 1
+        if visit.direction and len(visit.direction) != count and not one_side:
             raise InputError(f"campaign.visits: visit {number} has {len(visit.direction)} sides for {count} drives")
     targets = _inside(machine, [visit.target for visit in visits], "campaign.visits: visit")
     drives = commanded_drives(machine, targets)

@@ -11,6 +11,7 @@ from calibration.machine.description import shipped_machines
 from calibration.machine.inverse import nominal_drives
 from calibration.reduction.figures import figure_axes
 from pkm_rig.jobs.measure import measure
+from pkm_rig.rig.campaign_sections import VisitEntry
 from pkm_rig.rig.config import demo_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.schedule import verification_block
@@ -19,6 +20,11 @@ from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import SHORT, silent
 from tests.pkm_rig.spatial_recording import TEMPERATURES_C, frame_of_rig, plant_of, record, true_errors
 
+CRANK_VISITS = tuple(
+    VisitEntry(target=(x, y, turn), direction=(side,), payload=payload)
+    for payload in (0, 2)
+    for x, y, turn, side in ((0.05, -0.03, 0.1, 1), (-0.04, 0.05, -0.1, -1), (0.06, 0.06, 0.05, 1))
+)
 SPATIAL = tuple(name for name in shipped_machines() if name != "planar4")
 
 
@@ -54,14 +60,14 @@ def test_the_hosts_correction_puts_the_true_tool_where_it_is_commanded(name, lea
         assert before[1] > least * after[1]
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    """A short campaign of a hexapod over the real protocols: the store's folder and the campaign."""
-    folder = tmp_path_factory.mktemp("stewart6")
-    path = demo_rig_path("stewart6")
+def measured_over_the_wire(name, folder):
+    """A short campaign over the real protocols: its recording, and the plant's truth and temperatures."""
+    path = demo_rig_path(name)
     file, machine = load_rig(path)
-    settings = file.campaign.model_copy(update={**SHORT, "calibration_poses": 6, "speeds_m_per_s": (0.4, 0.2)})
-    file = file.model_copy(update={"campaign": settings})
+    short = {**SHORT, "calibration_poses": 6, "speeds_m_per_s": (0.4, 0.2), "readings_per_smr": 1}
+    if name == "rrr4":
+        short |= {"speeds_m_per_s": (0.2, 0.1), "visits": CRANK_VISITS}
+    file = file.model_copy(update={"campaign": file.campaign.model_copy(update=short)})
     with (
         embedded_mock_rig(file, path) as mock,
         mock.clock.activity(),
@@ -70,6 +76,28 @@ def measured(tmp_path_factory):
     ):
         campaign = measure(rig, store, silent, silent)
         return store.recording(campaign), mock.mock.plant.truth, mock.mock.plant.thermal
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A hexapod, whose legs move by their profiles."""
+    return measured_over_the_wire("stewart6", tmp_path_factory.mktemp("stewart6"))
+
+
+def test_four_cranks_are_led_over_the_wire_in_radians(tmp_path):
+    """More cranks than coordinates: led by SYNC, recorded in radians, and every reading is the plant's."""
+    recording, truth, thermal = measured_over_the_wire("rrr4", tmp_path)
+    assert recording.file.rotary_drives == ("a", "b", "c", "d")
+    calibration = recording.rows("calibration")
+    assert "a_actual_rad" in calibration.columns
+    assert "a_actual_m" not in calibration.columns
+    wanted = nominal_drives(recording.machine, calibration.targets_m())
+    assert calibration.drives("commanded_m") == pytest.approx(wanted, abs=2e-8)
+    sides = [tuple(side) for side in calibration.drives("direction").tolist()]
+    assert all(set(side) == {-1.0, 1.0} for side in sides)  # cranks come from where the tool comes from
+    assert len(set(sides)) >= 2
+    off = reading_errors(calibration, truth, thermal)
+    assert np.abs(off).max() < 1.5e-4
 
 
 def test_six_legs_are_measured_over_the_wire(measured):
@@ -83,10 +111,8 @@ def test_six_legs_are_measured_over_the_wire(measured):
     assert np.all(torque[loaded].mean(axis=0) > 1.5 * torque[~loaded].mean(axis=0))
 
 
-def test_readings_over_the_wire_are_the_plants(measured):
-    """Each reading is the true place of its reflector but for the stated noise, drift and the range constant."""
-    recording, truth, thermal = measured
-    calibration = recording.rows("calibration")
+def reading_errors(calibration, truth, thermal):
+    """Readings (n, 3) less the true places of their reflectors, every seventh."""
     drives, off = calibration.drives("actual_m"), []
     for row in range(0, len(calibration), 7):
         t_s = float(calibration["t_rig_s"][row])
@@ -94,4 +120,10 @@ def test_readings_over_the_wire_are_the_plants(measured):
             drives[row], int(calibration["payload"][row]), temperatures_c=thermal.parts_c(t_s), in_station_frame=True
         )
         off.append(calibration.positions_m[row] - places[str(calibration["smr"][row])])
-    assert np.abs(np.array(off)).max() < 1.5e-4
+    return np.array(off)
+
+
+def test_readings_over_the_wire_are_the_plants(measured):
+    """Each reading is the true place of its reflector but for the stated noise, drift and the range constant."""
+    recording, truth, thermal = measured
+    assert np.abs(reading_errors(recording.rows("calibration"), truth, thermal)).max() < 1.5e-4

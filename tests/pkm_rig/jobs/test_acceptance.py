@@ -175,3 +175,23 @@ def test_a_campaign_of_before_there_were_limits_goes_on_and_one_with_another_lim
     assert is_same_rig(old, now, adds=False)
     limited = CampaignSettings(seed=3, accept_below_m={0: 3e-5}).model_dump(mode="json")
     assert not is_same_rig(old, {**now, "campaign": limited}, adds=False)
+
+
+def turned(position, rotation, u=1e-6):
+    return Figures(position, 2 * position, rotation, u, u, 30)
+
+
+@pytest.mark.parametrize(
+    ("after", "verdict"),
+    [((2e-6, 5e-6), "accepted"), ((2e-6, 59e-6), "refused"), ((29e-6, 5e-6), "refused"), ((2e-6, 80e-6), "refused")],
+)
+def test_where_rotations_are_commanded_both_must_fall(after, verdict):
+    """By more than their U: a rotation that falls by 1 urad with U = 2.8 urad shows nothing."""
+    decision = decide(turned(30e-6, 60e-6), turned(*after), rotation=True, what="the correction stays")
+    assert decision.verdict == verdict
+    assert ("the correction stays" in decision.rule) == (verdict == "accepted")
+    assert "urad" in decision.rule
+
+
+def test_a_rotation_that_is_not_commanded_does_not_count():
+    assert decide(turned(30e-6, 60e-6), turned(2e-6, 90e-6)).verdict == "accepted"

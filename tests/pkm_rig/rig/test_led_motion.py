@@ -99,7 +99,8 @@ def test_a_stop_brings_all_to_rest_along_the_path(led):
             rig.lead(THERE, NO_CORRECTION, 0.2)
     finally:
         rig.drives._sampler._sync = send
-    assert disagreement_m(rig, mock) < 5e-6
+    rig.clock.sleep_s(0.5)  # following errors decay
+    assert disagreement_m(rig, mock) < 2e-7  # by ramps alone, each from its own speed, it would be micrometres
     assert mock.strained is None
     on_the_way = rig.positions_m()
     end = nominal_drives(rig.machine, nominal_poses(rig.machine, THERE[None]))[0]

@@ -15,7 +15,9 @@ from scipy.sparse import csr_matrix
 from calibration.base.arrays import Array
 from calibration.compensation.piecewise import Nodes, fit_nodes, plane_bends, plane_weights, scaled_rows
 
-ALTERNATIONS = 12  # of the fit of products: it changes by less than a nanometre after some six
+ALTERNATIONS = 60  # of the fit of products, at most
+LEAST_GAIN = 0.01  # of the sum of squares, below which it has ended
+STARTS = 2
 EXTREME_NORM = 8.0
 REWEIGHTINGS = 40
 SEED_DEGREE = 4  # of the polynomials that tell where a product begins
@@ -130,19 +132,19 @@ def fit_products(
 ) -> DriveTables:
     """The best sum of tables over every drive, or those in `by`, and of `count` products of two.
 
-    Products are added one after the other and fitted together. One begins at the pair of polynomials that explains most
-    of what is left; then first and second factors are fitted in turn, each time together with everything else that is
-    linear. Of two drives, whose samples lie close, samples with large residuals then get more weight, so that the
-    largest falls.
+    Products are added one after the other and fitted together. One begins at pairs of polynomials that explain most of
+    what is left; then first and second factors are fitted in turn, each time together with everything else that is
+    linear. Of several beginnings the best is kept, since such a fit may end in a minimum of its own. Of two drives,
+    whose samples lie close, samples with large residuals then get more weight, so that the largest falls.
     """
     tables = fit_curves(drives, values, range(drives.shape[1]) if by is None else by, nodes)
     samples = _Samples.of(drives, values, nodes)
     for _ in range(count):
         left = samples.left(tables)
-        more = replace(tables, products=(*tables.products, _seed_product(drives, left, nodes)))
-        for _ in range(ALTERNATIONS):
-            more = _refit_in_turn(samples, more)
-        if not np.sum(samples.left(more) ** 2) < np.sum(left**2):
+        starts = [_seed_product(drives, left, nodes, rank) for rank in range(STARTS)]
+        found = [_alternated(samples, replace(tables, products=(*tables.products, start))) for start in starts]
+        more, remaining = min(found, key=lambda pair: pair[1])
+        if not remaining < float(np.sum(left**2)):
             break
         tables = more
     if drives.shape[1] == 2:
@@ -202,8 +204,20 @@ def _refit_in_turn(
     return tables
 
 
-def _seed_product(drives: Array, left: Array, nodes: Sequence[Nodes]) -> Product:
-    """The product that explains most of what is left, among polynomials over one pair of drives."""
+def _alternated(samples: _Samples, tables: DriveTables) -> tuple[DriveTables, float]:
+    """Tables fitted in turn until that gains little, and the sum of squares that they leave."""
+    remaining = float(np.sum(samples.left(tables) ** 2))
+    for _ in range(ALTERNATIONS):
+        before = remaining
+        tables = _refit_in_turn(samples, tables)
+        remaining = float(np.sum(samples.left(tables) ** 2))
+        if remaining > (1.0 - LEAST_GAIN) * before:
+            break
+    return tables, remaining
+
+
+def _seed_product(drives: Array, left: Array, nodes: Sequence[Nodes], rank: int) -> Product:
+    """The product that explains most of what is left, or the next by rank, among polynomials over a pair of drives."""
     found_products: list[tuple[float, Product]] = []
     bases = [_polynomials(n, drives[:, j]) for j, n in enumerate(nodes)]
     for one, two in combinations(range(drives.shape[1]), 2):
@@ -213,8 +227,8 @@ def _seed_product(drives: Array, left: Array, nodes: Sequence[Nodes]) -> Product
         found = np.linalg.lstsq(np.vstack([terms, ridge]), wanted, rcond=None)[0]
         u, s, vt = np.linalg.svd(found.reshape(SEED_DEGREE, SEED_DEGREE))
         product = Product(
-            Curve(one, nodes[one], _polynomials(nodes[one], nodes[one].positions) @ u[:, 0] * s[0]),
-            Curve(two, nodes[two], _polynomials(nodes[two], nodes[two].positions) @ vt[0]),
+            Curve(one, nodes[one], _polynomials(nodes[one], nodes[one].positions) @ u[:, rank] * s[rank]),
+            Curve(two, nodes[two], _polynomials(nodes[two], nodes[two].positions) @ vt[rank]),
         )
         found_products.append((float(np.sum((left - product.at(drives)) ** 2)), product))
     return min(found_products, key=lambda pair: pair[0])[1]

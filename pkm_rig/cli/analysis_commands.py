@@ -128,6 +128,19 @@ def poses(
         str | None, typer.Option("--virtual-axis", help="x, y or z: instead, the visits of ISO 230-2 along it")
     ] = None,
     iso9283: Annotated[bool, typer.Option("--iso9283", help="instead, the visits of 30 cycles of ISO 9283")] = False,
+    nc: Annotated[
+        Path | None, typer.Option("--nc", help="instead, write the rig's visits as an NC program, and as CSV beside it")
+    ] = None,
+    coordinates: Annotated[
+        str, typer.Option(help="with --nc: command the drives' positions, or the pose of the tool (tool)")
+    ] = "drives",
+    axes: Annotated[str | None, typer.Option(help="with --nc: axis words, with commas, such as X,Y or Y1=,Y2=")] = None,
+    dwell: Annotated[float | None, typer.Option(help="with --nc: dwell in s at each visit; left out, M0")] = None,
+    first: Annotated[
+        str | None,
+        typer.Option(help="with --nc: campaign without correction, whose three largest errors are visited first"),
+    ] = None,
+    out: OutOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
     """Choose the most informative poses, compare them with a grid, and list what they would leave undetermined."""
@@ -137,6 +150,11 @@ def poses(
     from pkm_rig.report.terminal import print_either
     from pkm_rig.rig.config import load_rig
 
+    if nc is not None:
+        _nc_program(rig, nc, (coordinates, axes, dwell, first), out, json)
+        return
+    if coordinates != "drives" or axes is not None or dwell is not None or first is not None:
+        raise InputError("poses: --coordinates, --axes, --dwell and --first are for --nc; give it")
     if virtual_axis is not None or iso9283:
         _standard_poses(rig, virtual_axis, json, iso9283=iso9283)
         return
@@ -166,6 +184,25 @@ def _standard_poses(rig: Path | None, virtual_axis: str | None, json: bool, *, i
         print_json({"machine": described.name, "made_for": section.made_for, "visits": visits})
     else:
         print(standard_campaign_text(section, described), end="")
+
+
+def _nc_program(
+    rig: Path | None, path: Path, options: tuple[str, str | None, float | None, str | None], out: Path, json: bool
+) -> None:
+    """Write the visits of a rig as an NC program."""
+    from pkm_rig.jobs.nc_program import NcChoice, write_program
+    from pkm_rig.jobs.verify_folders import largest_error_poses
+    from pkm_rig.report.control_text import print_program
+    from pkm_rig.report.terminal import print_either
+    from pkm_rig.rig.config import load_rig
+    from pkm_rig.store.store import find_recording
+
+    coordinates, axes, dwell_s, campaign = options
+    if rig is None:
+        raise InputError("poses --nc: give the rig file, whose campaign it is, with --rig")
+    file, machine = load_rig(rig)
+    first = () if campaign is None else largest_error_poses(find_recording(campaign, out))
+    print_either(json, write_program(file, machine, path, NcChoice(coordinates, axes, dwell_s), first), print_program)
 
 
 def compensate(

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration.base.errors import InputError
 from pkm_rig.cli.going_on import resumable
-from pkm_rig.cli.options import JsonOption, OutOption, RigOption, StoredCampaignArgument, campaigns
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption, campaigns, rig_path
 from pkm_rig.cli.terminal_operator import operated_from_terminal
 from pkm_rig.errors import CampaignRefused, StoreError
 
@@ -192,13 +193,25 @@ def _dry_run(rig: Path, campaign_file: Path | None, out: Path, json: bool) -> No
 
 
 def verify(
-    campaign: StoredCampaignArgument,
-    rig: RigOption,
+    campaign: Annotated[str | None, typer.Argument(help="campaign id in the store", autocompletion=campaigns)] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option("--rig", parser=rig_path, metavar="RIG.toml", help="rig file; `embedded`: the one of the demo"),
+    ] = None,
+    before: Annotated[
+        str | None, typer.Option(help="where a control leads the machine: campaign or folder without its correction")
+    ] = None,
+    after: Annotated[str | None, typer.Option(help="the same visits with it: campaign or folder")] = None,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     new_setup: NewSetupOption = False,
 ) -> None:
     """Write the tables of a measured campaign, verify them by measuring, keep them or restore the previous ones."""
+    if before is not None or after is not None:
+        _verify_folders(campaign, rig, before, after, out, json)
+        return
+    if campaign is None or rig is None:
+        raise InputError("verify: give CAMPAIGN and --rig; or, where a control leads the machine, --before and --after")
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify
@@ -219,6 +232,26 @@ def verify(
     ):
         outcome = verify(connected_rig, store, campaign, print_message, progress, new_setup=new_setup)
     _report_outcome(outcome, out, json)
+
+
+def _verify_folders(
+    campaign: str | None, rig: Path | None, before: str | None, after: str | None, out: Path, json: bool
+) -> None:
+    """Decide by two campaigns whether a control's correction helps."""
+    from pkm_rig.jobs.verify_folders import verify_folders
+    from pkm_rig.report.control_text import print_comparison
+    from pkm_rig.report.terminal import print_either, say_repaired
+    from pkm_rig.store.store import find_recording
+
+    if before is None or after is None or campaign is not None or rig is not None:
+        raise InputError("verify: give --before and --after, and neither CAMPAIGN nor --rig: nothing is connected")
+    recordings = [find_recording(name, out) for name in (before, after)]
+    for recording in recordings:
+        say_repaired(recording)
+    result = verify_folders(*recordings)
+    print_either(json, result, print_comparison)
+    if not result["accepted"]:
+        raise CampaignRefused("the error did not fall by more than its U at every payload; switch the correction off")
 
 
 def check(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption = False) -> None:

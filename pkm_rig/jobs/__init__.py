@@ -25,6 +25,7 @@ __all__ = [
     "life_record",
     "measure",
     "measured_machine",
+    "nc_program",
     "next_command",
     "partial",
     "planning",
@@ -37,4 +38,5 @@ __all__ = [
     "tables",
     "tables_in_force",
     "verify",
+    "verify_folders",
 ]

@@ -45,3 +45,36 @@ def print_kinematics_files(result: dict[str, Any]) -> None:
     lines.append(f"files: {result['folder']}: {', '.join(result['files'])}")
     for line in lines:
         results.print(line, soft_wrap=True)
+
+
+def print_program(result: dict[str, Any]) -> None:
+    """What an NC program visits and commands."""
+    lines = [
+        f"{result['visits']} visits, commanded as {', '.join(result['axes'])} ({result['coordinates']}, mm and degrees)"
+    ]
+    if result["first"]:
+        numbers = ", ".join(map(str, result["first"]))
+        lines.append(f"first poses {numbers}: the largest errors without correction; if they grow: sign or unit")
+    lines.append(f"files: {result['program']}, {result['table']}")
+    for line in lines:
+        results.print(line, soft_wrap=True)
+
+
+def print_comparison(result: dict[str, Any]) -> None:
+    """The verdict on two campaigns, without and with the correction."""
+    first = result["first_poses"]
+    results.print(
+        f"poses {', '.join(map(str, first['poses']))}, the largest errors without correction: "
+        f"{first['before_m'] * 1e6:.1f} um without, {first['after_m'] * 1e6:.1f} um with it"
+    )
+    for payload in result["payloads"]:
+        before, after = payload["before"], payload["after"]
+        results.print(
+            f"{payload['payload_kg']:g} kg, {before['n']} and {after['n']} visits: "
+            f"{before['position_rms_m'] * 1e6:.1f} +- "
+            f"{2e6 * before['u_position_rms_m']:.1f} um without, {after['position_rms_m'] * 1e6:.1f} +- "
+            f"{2e6 * after['u_position_rms_m']:.1f} um with the correction (RMS, U with k = 2)"
+        )
+        results.print(f"  {payload['rule']}")
+    results.print(result["frame"])
+    results.print("accepted" if result["accepted"] else "refused")

@@ -44,21 +44,25 @@ def plant_of(seed: int) -> tuple[Plant, RecordingFile]:
     return plant, header
 
 
-def record(seed: int, *, bump_m: float = 0.0, bump_at_check: int = 10**6, spoil=None, **changes) -> Recording:
+def record(
+    seed: int, *, bump_m: float = 0.0, bump_at_check: int = 10**6, spoil=None, correct=None, noise=99, **changes
+) -> Recording:
     """A short campaign with verification before; the station is bumped sideways from some nest check on.
 
-    `spoil(row)` may change rows (dictionaries) before they are collected.
+    `spoil(row)` may change rows (dictionaries) before they are collected. `correct(drives, payload)` says where a
+    control's correction has the drives stand that are commanded somewhere; `noise` is a seed of its own.
     """
     plant, header = plant_of(seed)
     file, machine = load_rig(embedded_rig_path())
     settings = file.campaign.model_copy(update={**SHORT, **changes})
-    rng = np.random.default_rng([seed, 99])
+    rng = np.random.default_rng([seed, noise])
     stated = file.station.accuracy.to_station_accuracy()
     rows: list[dict[str, float | str]] = []
     state = {"t": 3600.0, "check": -1, "visit": -1}
 
     def read(phase, smr, drives, payload, visit=None):
-        truth = plant.truth.smr_positions(drives, payload, state["t"])[smr]
+        stands = drives if correct is None else correct(drives, payload)
+        truth = plant.truth.smr_positions(stands, payload, state["t"])[smr]
         seen = plant.view.polar(tuple(truth), state["t"])
         hz, v, d = (np.array([x]) for x in (seen.hz_rad, seen.v_rad, seen.distance_m))
         covariance = station_geometry.point_covariances(hz, v, d, stated)[0]

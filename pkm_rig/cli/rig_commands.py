@@ -211,7 +211,10 @@ def verify(
         _verify_folders(campaign, rig, before, after, out, json)
         return
     if campaign is None or rig is None:
-        raise InputError("verify: give CAMPAIGN and --rig; or, where a control leads the machine, --before and --after")
+        raise InputError(
+            f"verify: {'CAMPAIGN' if campaign is None else '--rig'} is missing. Give both, the rig file as --rig "
+            "RIG.toml; where a control leads the machine give --before and --after; without hardware try `pkm-rig demo`"
+        )
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify

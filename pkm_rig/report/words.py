@@ -43,6 +43,7 @@ CATALOGUE: dict[str, Words] = {
     "amendment": Words("Replaces", "Ersetzt"),
     # verdicts
     "accepted": Words("Accepted: the tables stay active", "Angenommen: die Tabellen bleiben aktiv"),
+    "correction": Words("Correction by the host", "Korrektur durch den Rechner"),
     "accepted_host": Words("Accepted: the host's correction stays", "Angenommen: die Korrektur des Rechners bleibt"),
     "refused": Words("Refused", "Abgelehnt"),
     "not decided": Words("Not decided", "Nicht entschieden"),

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -88,6 +88,14 @@ control-formats: $(VENV)/dev.stamp
 rig-study: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.rig_study $(if $(PROCESSES),--processes $(PROCESSES)) \
 		$(if $(RIGS),--rigs $(RIGS),--picture docs/images/estimators.png)
+
+# Simulated machine-years: when calibration is due by the project's rules, by charts, calendar and staircase, one table
+# (docs/explanation/year-study.md). Stopped, it goes on. YEARS=20 for a first look, PROCESSES=4; the picture of docs/ is
+# drawn from a whole study only. DEVELOPMENT=1 takes other seeds, to set limits with.
+year-study: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.year_study.run $(if $(PROCESSES),--processes $(PROCESSES)) \
+		$(if $(DEVELOPMENT),--development --out runs/year-study-development) \
+		$(if $(YEARS),--years $(YEARS) --steps $(YEARS) --ramps $(YEARS),--picture docs/images/year-study-power.png)
 
 # Wrong readings planted into recordings of the mock plant, one table (docs/explanation/wrong-readings.md). Stopped, it
 # goes on; SEEDS=20 for a first look.

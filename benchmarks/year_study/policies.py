@@ -79,11 +79,15 @@ def calendar(interval_weeks: float) -> Callable[[], Decider]:
     return make
 
 
-def staircase(start_weeks: float) -> Callable[[], Decider]:
-    """ILAC-G24 method 1: the interval grows when the machine was found in tolerance, and shrinks when it was not."""
+def staircase(start_weeks: float, seed: int) -> Callable[[], Decider]:
+    """ILAC-G24 method 1: the interval grows when the machine was found in tolerance, and shrinks when it was not.
+
+    The year begins somewhere within the first interval.
+    """
 
     def make() -> Decider:
-        state = {"interval": start_weeks, "due": start_weeks}
+        begun = float(np.random.default_rng([18, seed]).uniform(0.0, start_weeks))
+        state = {"interval": start_weeks, "due": start_weeks - begun}
 
         def decide_now(life: Life) -> str:
             late = life.week + 0.5 >= state["due"]

@@ -8,13 +8,16 @@ machine.
 
 from __future__ import annotations
 
+from collections import deque
+from copy import copy
 from dataclasses import dataclass
+from operator import is_
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.intervals.facts import CheckFact, MachineHistory
+from calibration.intervals.facts import CalibrationFact, CheckFact, MachineHistory
 from calibration.intervals.kalman import Filters
 
 WEEK_S = 7.0 * 86400.0
@@ -90,15 +93,10 @@ def follow(history: MachineHistory, settings: DriftSettings) -> DriftTrack | Non
     checks = followed_checks(history)
     if not checks:
         return None
-    run = _Run(checks[0], settings)
-    innovations, judged = [], []
-    for check in checks:
-        same = run.go_to(history, check)
-        innovations.append(run.update(check))
-        judged.append(same)
+    run = _followed(history, checks, settings)
     filters = run.filters
     return DriftTrack(
-        checks, np.array(innovations), tuple(judged), filters.mean, filters.covariance, run.unit, settings
+        checks, np.array(run.innovations), tuple(run.judged), filters.mean, filters.covariance, run.unit, settings
     )
 
 
@@ -115,12 +113,28 @@ def expect(
     before = [c for c in history.checks if c.t_utc_s < like.t_utc_s and c.id != like.id]
     first = max((i + 1 for i, c in enumerate(before) if c.watched != like.watched), default=0)
     checks = before[first:]
-    run = _Run(checks[0] if checks else like, settings)
-    for check in checks:
-        run.go_to(history, check)
-        run.update(check)
+    run = _followed(history, tuple(checks), settings) if checks else _Run(like, settings)
     run.go_to(history, like)
     return run.expectation(like)
+
+
+_MEMORY: deque[_Run] = deque(maxlen=4)
+
+
+def _followed(history: MachineHistory, checks: tuple[CheckFact, ...], settings: DriftSettings) -> _Run:
+    """The filter after some checks, at least one; it goes on from a pass over the first of them, if one is remembered.
+
+    Facts never change, so that whether one is remembered changes nothing but the time it takes.
+    """
+    known = [run for run in tuple(_MEMORY) if run.begins(history, checks, settings)]
+    run = max(known, key=lambda r: len(r.seen)).copy() if known else _Run(checks[0], settings)
+    for check in checks[len(run.seen) :]:
+        run.judged.append(run.go_to(history, check))
+        run.innovations.append(run.update(check))
+    run.calibrations = history.calibrations
+    if not any(len(one.seen) == len(run.seen) for one in known):
+        _MEMORY.append(run.copy())
+    return run
 
 
 class _Run:
@@ -133,6 +147,27 @@ class _Run:
         self.filters = Filters(np.zeros((w, 2)), np.tile(np.diag([0.0, settings.per_k**2]), (w, 1, 1)))
         self._row = np.array([1.0, 0.0])
         self._last: CheckFact | None = None
+        self.seen: tuple[CheckFact, ...] = ()
+        self.calibrations: tuple[CalibrationFact, ...] = ()
+        self.innovations: list[Array] = []
+        self.judged: list[bool] = []
+
+    def copy(self) -> _Run:
+        """One that goes its own way from here."""
+        other = copy(self)
+        other.filters = Filters(self.filters.mean.copy(), self.filters.covariance.copy())
+        other.innovations, other.judged = list(self.innovations), list(self.judged)
+        return other
+
+    def begins(self, history: MachineHistory, checks: tuple[CheckFact, ...], settings: DriftSettings) -> bool:
+        """Whether this was a pass over the first of these very checks, with these very calibrations."""
+        return (
+            0 < len(self.seen) <= len(checks)
+            and len(self.calibrations) <= len(history.calibrations)
+            and all(map(is_, self.seen, checks))
+            and all(map(is_, self.calibrations, history.calibrations))
+            and settings == self.settings
+        )
 
     def go_to(self, history: MachineHistory, check: CheckFact) -> bool:
         """Predict to a check; whether its instrument is that of the check before, or of the calibration."""
@@ -165,4 +200,5 @@ class _Run:
         found, u = np.asarray(check.change) / self.unit, np.asarray(check.change_u) / self.unit
         innovation, variance = self.filters.update(self._row, found, u**2)
         self._last = check
+        self.seen = (*self.seen, check)
         return np.asarray(innovation / np.sqrt(variance))

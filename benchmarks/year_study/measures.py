@@ -1,0 +1,178 @@
+"""The study's table: each measure with its goal, its figure and an interval."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from benchmarks.withheld.statistics import wilson
+from benchmarks.year_study.special import LEAST_CHECKS, SIZES
+from benchmarks.year_study.tasks import MONTHLY, OTHER_RATES, RIVALS
+from benchmarks.year_study.truths import WEEKS
+from benchmarks.year_study.workshop import READING_S
+
+Row = dict[str, Any]
+AT = 5.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the table; ok: None if it has no goal or nothing was measured."""
+
+    measure: str
+    goal: str
+    figure: str
+    interval: str
+    number: int
+    ok: bool | None
+
+    def __str__(self) -> str:
+        mark = {True: "ok", False: "short", None: ""}[self.ok]
+        return f"{self.measure:62s} {self.goal:>14s} {self.figure:>8s}   {self.interval:20s} {self.number:5d}  {mark}"
+
+
+def of(rows: Iterable[Row], kind: str) -> list[Row]:
+    """The rows of one kind, each number once."""
+    return list({row["number"]: row for row in rows if row["kind"] == kind}.values())
+
+
+def rate(count: float, years: float) -> tuple[float, float, float]:
+    """Events a year with the exact 95 % interval of a Poisson rate."""
+    low = 0.5 * chi2.ppf(0.025, 2 * count) if count else 0.0
+    return count / years, float(low) / years, float(0.5 * chi2.ppf(0.975, 2 * count + 2)) / years
+
+
+def _share(measure: str, goal: str, hits: int, trials: int, ok: bool | None) -> Line:
+    if not trials:
+        return Line(measure, goal, "-", "", 0, None)
+    low, high = wilson(hits, trials)
+    return Line(measure, goal, _percent(hits / trials), f"{_percent(low)} to {_percent(high)}", trials, ok)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.1f} %"
+
+
+def false_alarms(rows: Sequence[Row], name: str, goal: float | None = 1.0) -> Line:
+    """False alarms in the weeks without an event since the last full calibration, as a rate a year."""
+    years = sum(r["quiet_weeks"] for r in rows) / WEEKS
+    if not years:
+        return Line(f"false alarms a quiet year, {name}", "", "-", "", 0, None)
+    now, low, high = rate(sum(r["false_alarms"] for r in rows), years)
+    goal_text = "" if goal is None else f"at most {goal:g}"
+    ok = None if goal is None else now <= goal
+    return Line(
+        f"false alarms a quiet year, {name}", goal_text, f"{now:.2f}", f"{low:.2f} to {high:.2f}", len(rows), ok
+    )
+
+
+def power(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes in sigma and share found at the next check; the first is without any step."""
+    found = np.array([r["found"] for r in rows], dtype=np.float64).reshape(-1, len(SIZES) + 1)
+    return np.array([0.0, *SIZES]), found.mean(axis=0) if len(found) else np.full(len(SIZES) + 1, np.nan)
+
+
+def step_lines(rows: Sequence[Row]) -> list[Line]:
+    """Power at the goal's size, and at 3 sigma."""
+    out = []
+    for size, goal in ((AT, "at least 95 %"), (3.0, "")):
+        hits = sum(r["found"][1 + SIZES.index(size)] for r in rows)
+        ok = hits >= 0.95 * len(rows) if goal and rows else None
+        out.append(
+            _share(f"step of {size:g} sigma in one parameter found at the next check", goal, hits, len(rows), ok)
+        )
+    return out
+
+
+def ramp_lines(rows: Sequence[Row]) -> list[Line]:
+    """Due dates at half the tolerance, of machines that had not left it by then."""
+    used = [r for r in rows if "predicted" in r and r.get("left", np.inf) > r["predicted"] and "left" in r]
+    near = sum(r["due"] is not None and abs(r["due"] - r["left"]) <= 0.2 * r["life_weeks"] for r in used)
+    inside = sum(
+        (r["early"] is not None and r["early"] <= r["left"]) and (r["late"] is None or r["left"] <= r["late"] + 1.0)
+        for r in used
+    )
+    late = sum(r["act_by"] is not None and r["left"] < r["act_by"] for r in used)
+    n = len(used)
+    cover = inside / n if n else 0.0
+    return [
+        _share(f"due date within 20 % of the life, {LEAST_CHECKS} checks or more", "at least 75 %", near, n,
+               near >= 0.75 * n if n else None),
+        _share("interval of the due date covers", "90 to 98 %", inside, n, 0.90 <= cover <= 0.98 if n else None),
+        _share('tolerance left before the "act by" date', "at most 3 %", late, n, late <= 0.03 * n if n else None),
+    ]  # fmt: skip
+
+
+def activation_line(rows: Sequence[Row]) -> Line:
+    """Activations whose noise-free error exceeds the former tables' by more than two standard uncertainties."""
+    made = [a for r in rows for a in r["activations"]]
+    worse = sum(a["after_m"] > a["before_m"] + 2.0 * a["u_m"] for a in made)
+    ok = worse <= 0.002 * len(made) if made else None
+    return _share("activations worse than the former tables by 2 u", "at most 0.2 %", worse, len(made), ok)
+
+
+def hours_line(ours: Sequence[Row], monthly: Sequence[Row]) -> Line:
+    """Hours against the monthly calendar on the same years, with a bootstrap interval."""
+    theirs = {r["number"]: r for r in monthly}
+    both = [(r["hours"], theirs[r["number"]]["hours"]) for r in ours if r["number"] in theirs]
+    if not both:
+        return Line("hours against a monthly calendar", "at most 50 %", "-", "", 0, None)
+    pairs = np.array(both)
+    draw = np.random.default_rng(1).integers(0, len(pairs), (2000, len(pairs)))
+    ratios = pairs[draw, 0].sum(axis=1) / pairs[draw, 1].sum(axis=1)
+    ratio = float(pairs[:, 0].sum() / pairs[:, 1].sum())
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    interval = f"{_percent(float(low))} to {_percent(float(high))}"
+    return Line("hours against a monthly calendar", "at most 50 %", _percent(ratio), interval, len(pairs), ratio <= 0.5)
+
+
+def check_line(rows: Sequence[Row]) -> Line:
+    """Minutes of rig time of a check: the median."""
+    poses = [p for r in rows for p in r["poses"]]
+    if not poses:
+        return Line("minutes of a check, median", "at most 4", "-", "", 0, None)
+    minutes = (5.0 * np.array(poses) + 4.0) * READING_S / 60.0
+    middle = float(np.median(minutes))
+    interval = f"most {minutes.max():.1f}"
+    return Line("minutes of a check, median", "at most 4", f"{middle:.1f}", interval, len(poses), middle <= 4.0)
+
+
+def policy_lines(rows: Sequence[Row]) -> list[str]:
+    """Every policy on the same years: hours, time out of tolerance, false alarms, calibrations a year."""
+    out = [f"{'on the same years':20s} {'years':>5s} {'hours':>7s} {'out of tolerance':>17s} {'false alarms':>13s} "
+           f"{'calibrations':>13s}"]  # fmt: skip
+    least = min((len(of(rows, k)) for k in RIVALS if of(rows, k)), default=0)
+    shared = {r["number"] for r in of(rows, "ours")}
+    for kind in RIVALS:
+        shared &= {r["number"] for r in of(rows, kind)} if of(rows, kind) else shared
+    for kind in ("ours", *RIVALS):
+        some = [r for r in of(rows, kind) if r["number"] in shared]
+        if not some or not least:
+            continue
+        n, quiet = len(some), sum(r["quiet_weeks"] for r in some) / WEEKS
+        out.append(
+            f"{kind:20s} {n:5d} {sum(r['hours'] for r in some) / n:7.2f} "
+            f"{100.0 * sum(r['out_weeks'] for r in some) / (WEEKS * n):15.2f} % "
+            f"{sum(r['false_alarms'] for r in some) / max(quiet, 1e-9):13.2f} "
+            f"{sum(r['calibrations'] for r in some) / n:13.2f}"
+        )
+    return out
+
+
+def table(rows: Sequence[Row]) -> tuple[list[Line], list[str]]:
+    """The measures with goals, and the comparison of policies."""
+    ours = of(rows, "ours")
+    lines = [
+        false_alarms(ours, "all rules together"),
+        *step_lines(of(rows, "step")),
+        *ramp_lines(of(rows, "ramp")),
+        activation_line([*ours, *(r for k in OTHER_RATES for r in of(rows, k))]),
+        hours_line(ours, of(rows, MONTHLY)),
+        check_line(ours),
+        *(false_alarms(of(rows, k), k, None) for k in OTHER_RATES if of(rows, k)),
+    ]
+    return lines, policy_lines(rows)

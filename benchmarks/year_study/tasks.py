@@ -1,0 +1,66 @@
+"""The lives that a study simulates, in the order in which they are worth having."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.year_study.policies import CHARTS, ChartRule, calendar, run_year, staircase
+from benchmarks.year_study.special import run_ramp, run_step
+from benchmarks.year_study.truths import WEEKS, draw_year
+from benchmarks.year_study.workshop import workshop
+
+DEVELOPMENT = 900_000  # seeds from here on are for setting things; no figure of a study comes from them
+MONTHLY = "calendar, monthly"
+# Set on years of development to the false-alarm rate of the project's own rules there (docs/explanation/year-study.md).
+LIMITS = {"Shewhart": 5.0, "EWMA": 6.0, "CUSUM": 12.0}
+STAIRCASE_WEEKS = 104.0
+RIVALS = (MONTHLY, *LIMITS, "ILAC staircase")
+OTHER_RATES = {"rates halved": 0.5, "rates doubled": 2.0}
+
+Task = tuple[str, int]
+
+
+def tasks(years: int, rivals: int, others: int, steps: int, ramps: int) -> list[Task]:
+    """Kind and number of each life: what the goals need first, in blocks, so that a stopped study has some of all."""
+    blocks: list[tuple[str, int, int]] = []
+    for begin in range(0, 200, 50):
+        blocks += [("ours", begin, begin + 50), ("step", begin, begin + 50), ("ramp", begin, begin + 50)]
+        blocks += [(name, begin, begin + 50) for name in RIVALS]
+        blocks += [(name, begin, begin + 50) for name in OTHER_RATES]
+    blocks += [
+        ("step", 200, steps),
+        ("ramp", 200, ramps),
+        ("ours", 200, years),
+        *((n, 200, others) for n in OTHER_RATES),
+    ]
+    most = {
+        "ours": years,
+        "step": steps,
+        "ramp": ramps,
+        **dict.fromkeys(RIVALS, rivals),
+        **dict.fromkeys(OTHER_RATES, others),
+    }
+    return [(kind, i) for kind, begin, end in blocks for i in range(begin, min(end, most[kind]))]
+
+
+def decider(name: str, seed: int) -> Any:
+    """A rival's maker of policies."""
+    if name == MONTHLY:
+        return calendar(WEEKS / 12.0)
+    if name == "ILAC staircase":
+        return staircase(STAIRCASE_WEEKS, seed)
+    return ChartRule(CHARTS[name](LIMITS[name]))
+
+
+def run_task(kind: str, number: int, offset: int) -> dict[str, Any]:
+    """One life; a number is the same year, machine and noise for whoever decides about it."""
+    shop, seed = workshop(), offset + number
+    if kind == "step":
+        row = run_step(shop, 300_000 + seed)
+    elif kind == "ramp":
+        row = run_ramp(shop, 400_000 + seed)
+    elif kind in OTHER_RATES:
+        row = run_year(shop, draw_year(shop, 500_000 + seed, OTHER_RATES[kind]), None, 0)
+    else:
+        row = run_year(shop, draw_year(shop, seed), None if kind == "ours" else decider(kind, seed), 0)
+    return {"kind": kind, "number": number, **row}

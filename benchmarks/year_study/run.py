@@ -18,7 +18,8 @@ from benchmarks.side_by_side import side_by_side
 from tests.kept_results import until_stopped
 
 OUT = Path("runs/year-study")
-CODE = ("benchmarks/year_study", "calibration/intervals", "mock_devices/plant")
+HERE = ("life", "plant_machine", "policies", "special", "tasks", "truths", "workshop")
+CODE = (*(f"benchmarks/year_study/{name}.py" for name in HERE), "calibration/intervals", "mock_devices/plant")
 
 
 def main() -> int:
@@ -30,16 +31,18 @@ def main() -> int:
     from benchmarks.year_study.measures import of, table  # noqa: PLC0415
 
     offset = tasks.DEVELOPMENT if options.development else 0
-    settings = {**truths.settings(), **special.settings(), "limits": tasks.LIMITS, "offset": offset}
-    settings |= {"staircase_weeks": tasks.STAIRCASE_WEEKS, "code": code_digest(*CODE)}
+    settings = {**truths.settings(), **special.settings(), "offset": offset}
+    settings |= {"code": code_digest(*CODE)}
     file = ResultsFile(options.out / "results.jsonl", settings)
     try:
         rows = file.rows()
     except MixedSettingsError as error:
         print(error, file=sys.stderr)
         return 2
+    rows = [row for row in rows if row["limit"] == tasks.LIMITS.get(row["kind"])]
     done = {(row["kind"], row["number"]) for row in rows}
-    counts = (options.years, min(options.years, 200), min(options.years, 200), options.steps, options.ramps)
+    some = min(options.years, 200)
+    counts = (options.years, 0 if options.without_rivals else some, some, options.steps, options.ramps)
     if not options.table:
         queue = [(*task, offset) for task in tasks.tasks(*counts) if task not in done]
         rows += _run(queue, file, options.processes)
@@ -67,6 +70,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--picture", type=Path, default=OUT / "power.png")
     parser.add_argument("--development", action="store_true", help="other seeds, to set limits with")
+    parser.add_argument("--without-rivals", action="store_true", help="while their limits are not set yet")
     parser.add_argument("--table", action="store_true", help="print what is there and simulate nothing more")
     return parser.parse_args()
 

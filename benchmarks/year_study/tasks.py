@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from benchmarks.year_study.policies import CHARTS, ChartRule, calendar, run_year, staircase
+from benchmarks.year_study.policies import CHARTS, ChartRule, Decider, calendar, run_year, staircase
+from benchmarks.year_study.rival_limits import LIMITS
 from benchmarks.year_study.special import run_ramp, run_step
 from benchmarks.year_study.truths import WEEKS, draw_year
 from benchmarks.year_study.workshop import workshop
 
 DEVELOPMENT = 900_000  # seeds from here on are for setting things; no figure of a study comes from them
 MONTHLY = "calendar, monthly"
-# Set on years of development to the false-alarm rate of the project's own rules there (docs/explanation/year-study.md).
-LIMITS = {"Shewhart": 5.0, "EWMA": 6.0, "CUSUM": 12.0}
-STAIRCASE_WEEKS = 104.0
-RIVALS = (MONTHLY, *LIMITS, "ILAC staircase")
+RIVALS = (MONTHLY, *LIMITS)
 OTHER_RATES = {"rates halved": 0.5, "rates doubled": 2.0}
 
 Task = tuple[str, int]
@@ -43,13 +42,12 @@ def tasks(years: int, rivals: int, others: int, steps: int, ramps: int) -> list[
     return [(kind, i) for kind, begin, end in blocks for i in range(begin, min(end, most[kind]))]
 
 
-def decider(name: str, seed: int) -> Any:
-    """A rival's maker of policies."""
+def decider(name: str, seed: int, limit: float | None = None) -> Callable[[], Decider]:
+    """A rival's maker of policies; limit: another one than that which was set."""
     if name == MONTHLY:
         return calendar(WEEKS / 12.0)
-    if name == "ILAC staircase":
-        return staircase(STAIRCASE_WEEKS, seed)
-    return ChartRule(CHARTS[name](LIMITS[name]))
+    limit = LIMITS[name] if limit is None else limit
+    return staircase(limit, seed) if name == "ILAC staircase" else ChartRule(CHARTS[name](limit))
 
 
 def run_task(kind: str, number: int, offset: int) -> dict[str, Any]:
@@ -63,4 +61,4 @@ def run_task(kind: str, number: int, offset: int) -> dict[str, Any]:
         row = run_year(shop, draw_year(shop, 500_000 + seed, OTHER_RATES[kind]), None, 0)
     else:
         row = run_year(shop, draw_year(shop, seed), None if kind == "ours" else decider(kind, seed), 0)
-    return {"kind": kind, "number": number, **row}
+    return {"kind": kind, "number": number, "limit": LIMITS.get(kind), **row}

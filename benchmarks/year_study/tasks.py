@@ -21,24 +21,23 @@ Task = tuple[str, int]
 
 def tasks(years: int, rivals: int, others: int, steps: int, ramps: int) -> list[Task]:
     """Kind and number of each life: what the goals need first, in blocks, so that a stopped study has some of all."""
+    most = {"ours": years, "step": steps, "ramp": ramps}
+    most |= dict.fromkeys(RIVALS, rivals) | dict.fromkeys(OTHER_RATES, others)
     blocks: list[tuple[str, int, int]] = []
-    for begin in range(0, 200, 50):
-        blocks += [("ours", begin, begin + 50), ("step", begin, begin + 50), ("ramp", begin, begin + 50)]
-        blocks += [(name, begin, begin + 50) for name in RIVALS]
-        blocks += [(name, begin, begin + 50) for name in OTHER_RATES]
-    blocks += [
+    for part in range(8):  # 200 years of ours, with as much of the rest as it is worth
+        for kind, size in (
+            ("ours", 25),
+            ("step", 25),
+            ("ramp", 25),
+            *((k, 25) for k in RIVALS),
+            *((k, 10) for k in OTHER_RATES),
+        ):
+            blocks.append((kind, size * part, size * (part + 1)))
+    blocks += [(k, 80, others) for k in OTHER_RATES] + [
         ("step", 200, steps),
         ("ramp", 200, ramps),
         ("ours", 200, years),
-        *((n, 200, others) for n in OTHER_RATES),
     ]
-    most = {
-        "ours": years,
-        "step": steps,
-        "ramp": ramps,
-        **dict.fromkeys(RIVALS, rivals),
-        **dict.fromkeys(OTHER_RATES, others),
-    }
     return [(kind, i) for kind, begin, end in blocks for i in range(begin, min(end, most[kind]))]
 
 

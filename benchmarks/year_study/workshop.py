@@ -182,7 +182,9 @@ class Workshop:
             residual = self.residual(r, now, poses, read, nests_of(plant, self.nests), rough_station(plant))
             white = residual + design.by_parameter @ (values - prior.values)
             change, covariance = joint_change(design, white)
-            values = prior.values + change
+            step, values = prior.values + change - values, prior.values + change
+            if np.max(np.abs(step)) < 1e-7:
+                break
         return Knowledge(values, covariance), read_c
 
     def look(self, number: int, residual: np.ndarray, known_m: np.ndarray) -> CheckEstimate:

@@ -41,8 +41,8 @@ def main() -> int:
         return 2
     rows = [row for row in rows if row["limit"] == tasks.LIMITS.get(row["kind"])]
     done = {(row["kind"], row["number"]) for row in rows}
-    some = min(options.years, 200)
-    counts = (options.years, 0 if options.without_rivals else some, some, options.steps, options.ramps)
+    rivals = 0 if options.without_rivals else min(options.years, options.rivals)
+    counts = (options.years, rivals, min(options.years, options.others), options.steps, options.ramps)
     if not options.table:
         queue = [(*task, offset) for task in tasks.tasks(*counts) if task not in done]
         rows += _run(queue, file, options.processes)
@@ -64,6 +64,8 @@ def main() -> int:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--years", type=int, default=1000, help="years under the project's own rules")
+    parser.add_argument("--rivals", type=int, default=200, help="of these years also under each rival")
+    parser.add_argument("--others", type=int, default=200, help="years of each population with other rates")
     parser.add_argument("--steps", type=int, default=400, help="machines for the power curve")
     parser.add_argument("--ramps", type=int, default=400, help="machines that wear")
     parser.add_argument("--processes", type=int, default=2)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.intervals import drift
 from calibration.intervals.drift import WEEK_S, DriftSettings, expect, follow, followed_checks
 from calibration.intervals.limits import chart_scale
 from tests.calibration.intervals.facts_for_tests import START_S, calibration, check, history
@@ -84,6 +87,9 @@ def test_another_instrument_is_not_a_change_of_the_machine():
     assert np.abs(follow(same, SETTINGS).innovations[-1]).min() > 7.0
     assert np.abs(follow(other, SETTINGS).innovations[-1]).max() < 3.5
     assert follow(other, SETTINGS).judged[-2:] == (True, False)
+    assert (
+        chart_scale(follow(other, SETTINGS)).checks == chart_scale(follow(history(checks=checks[:9]), SETTINGS)).checks
+    )
 
 
 def test_checks_with_other_names_begin_another_history():
@@ -115,3 +121,15 @@ def test_limits_learn_a_machine_s_larger_scatter_but_not_its_alarms():
 def test_settings_that_cannot_be_are_refused():
     with pytest.raises(InputError, match="below zero"):
         DriftSettings(walk_per_sqrt_week=-0.1)
+
+
+def test_a_remembered_pass_changes_nothing():
+    checks, base = drawn(12, 8), history()
+    other = (*checks[:5], check(6, change=(9e-6, 9e-6)), *checks[6:])
+    anew = base.with_calibration(calibration("c2", START_S + 20 * WEEK_S)).with_check(check(21, calibration="c2"))
+    asked = [replace(base, checks=c) for c in (checks[:7], checks, other, checks[:3])] + [anew]
+    settings = [SETTINGS, SETTINGS, SETTINGS, SETTINGS, DriftSettings(walk_per_sqrt_week=0.5)]
+    remembered = [follow(*one).innovations for one in zip(asked, settings, strict=True)]
+    for rows, one in zip(remembered, zip(asked, settings, strict=True), strict=True):
+        drift._MEMORY.clear()
+        assert np.array_equal(rows, follow(*one).innovations)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,30 @@ def test_a_wider_interval_covers_more():
     assert wide.late_utc_s is None or wide.late_utc_s > narrow.late_utc_s
     with pytest.raises(InputError, match="between 0 and 1"):
         PredictionSettings(coverage=1.0)
+
+
+@pytest.mark.parametrize(("sign", "compare"), [(1.0, np.less), (-1.0, np.greater)])
+def test_what_the_season_does_to_the_same_error_counts_with_its_sign(sign, compare):
+    """Three kelvin above the calibration: the tolerance is left earlier if both errors point the same way."""
+    worn_out, _ = worn(16.0, begins=4.0)
+    plain, with_season = (
+        history(
+            checks=tuple(replace(c, temperature_c=24.0, known_error_m=known, known_alignment=rows) for c in worn_out)
+        )
+        for known, rows in ((0.0, ()), (1e-5, (sign * 0.9, 0.0)))
+    )
+    now = worn_out[-1].t_utc_s
+    dates = [predict_due(h, now, DRIFT).due_utc_s for h in (with_season, plain)]
+    assert compare(*dates)
+    assert abs(dates[0] - dates[1]) > 2 * WEEK_S
+
+
+def test_the_first_checks_leave_the_prior_of_wear():
+    checks = checks_of(lambda i: 0.0, 3, 6)
+    now = checks[-1].t_utc_s
+    usual, fast = (
+        predict_due(history(checks=checks), now, DRIFT, PredictionSettings(fastest_weeks=w)).act_by_utc_s
+        for w in (40.0, 4.0)
+    )
+    assert now + 2 * WEEK_S < usual
+    assert fast < usual - WEEK_S

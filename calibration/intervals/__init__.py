@@ -15,6 +15,7 @@ __all__ = [
     "health",
     "kalman",
     "limits",
+    "partial",
     "prediction",
     "rules",
     "sequential",

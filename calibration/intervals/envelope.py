@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from scipy.special import ndtri
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
@@ -93,12 +95,56 @@ def verify(before_m: Array, after_m: Array, u_point_m: float) -> Verification:
         raise InputError("verification: needs the same poses before and after")
     if not (np.all(np.isfinite(before_m)) and np.all(np.isfinite(after_m)) and u_point_m > 0.0):
         raise InputError("verification: errors must be finite, their uncertainty above zero")
-    n, k = before_m.shape
-    before, after = (max(float(np.sum(e**2)) / n - k * u_point_m**2, 0.0) for e in (before_m, after_m))
-    # the mean of n squared errors E^2 of k coordinates has the variance (4 u^2 E^2 + 2 k u^4) / n
-    u_square = math.sqrt(sum(4.0 * u_point_m**2 * s + 2.0 * k * u_point_m**4 for s in (before, after)) / n)
+    before, after, u_square = _squares(before_m, after_m, u_point_m)
     fall = math.sqrt(before) - math.sqrt(after)
     u = u_square / (2.0 * max(0.5 * (math.sqrt(before) + math.sqrt(after)), math.sqrt(u_square)))
     accepted = before - after > COVERAGE_FACTOR * u_square
     words = f"fall {fall * 1e6:.1f} um, U = {COVERAGE_FACTOR * u * 1e6:.1f} um (k = 2): "
     return Verification(fall, u, accepted, words + ("the tables stay" if accepted else "former tables back"))
+
+
+@dataclass(frozen=True)
+class VerificationPlan:
+    """Poses after which a verification of a partial calibration looks, and the probability, over all looks, that tables
+    which are no better are taken for better, or better ones refused early."""
+
+    looks: tuple[int, ...] = (12, 18, 24, 30)
+    error: float = 0.025
+
+    def __post_init__(self) -> None:
+        if not self.looks or self.looks[0] < 12 or list(self.looks) != sorted(set(self.looks)):
+            raise InputError(f"verification: looks {self.looks} must be ascending and begin with at least 12 poses")
+        if not 0.0 < self.error < 0.5:
+            raise InputError(f"verification: error probability {self.error} is not in (0, 0.5)")
+
+
+VerificationAnswer = Literal["go on", "accepted", "refused"]
+
+
+def verify_further(
+    before_m: Array, after_m: Array, u_point_m: float, plan: VerificationPlan
+) -> tuple[VerificationAnswer, Verification]:
+    """What poses so far (n, k) say of new tables, n being one of the plan's looks; the last look always decides.
+
+    Accepted once the fall of the mean squared error exceeds z u, refused once a rise does, z by Bonferroni's inequality
+    for all looks.
+    """
+    result = verify(before_m, after_m, u_point_m)
+    if len(before_m) not in plan.looks:
+        raise InputError(f"verification: {len(before_m)} poses are no look of {plan.looks}")
+    z = float(-ndtri(plan.error / len(plan.looks)))
+    before, after, u_square = _squares(before_m, after_m, u_point_m)
+    if before - after > z * u_square:
+        return "accepted", result
+    if after - before > z * u_square or len(before_m) == plan.looks[-1]:
+        return "refused", result
+    return "go on", result
+
+
+def _squares(before_m: Array, after_m: Array, u_point_m: float) -> tuple[float, float, float]:
+    """Mean squared errors without noise, and the standard uncertainty of their difference."""
+    n, k = before_m.shape
+    before, after = (max(float(np.sum(e**2)) / n - k * u_point_m**2, 0.0) for e in (before_m, after_m))
+    # the mean of n squared errors E^2 of k coordinates has the variance (4 u^2 E^2 + 2 k u^4) / n
+    u_square = math.sqrt(sum(4.0 * u_point_m**2 * s + 2.0 * k * u_point_m**4 for s in (before, after)) / n)
+    return before, after, u_square

@@ -11,6 +11,10 @@ from scipy.special import ndtr
 from calibration.base.errors import InputError
 from calibration.intervals.check_design import CheckReadings, check_design, choose_poses
 from calibration.intervals.check_estimate import estimate_check, joint_change
+from calibration.intervals.drift import DriftSettings
+from calibration.intervals.extent import what_to_measure
+from calibration.intervals.facts import EventFact
+from calibration.intervals.partial import grown_covariance, released_covariance
 from calibration.intervals.watched import smr_response, station_nuisance, tool_response, watched_changes
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives
@@ -223,3 +227,41 @@ def test_a_joint_change_is_the_normal_posterior(design):
     direct = np.linalg.solve(information, free.T @ design.free_of_station(residual))
     assert found[used] == pytest.approx(direct, rel=1e-6, abs=1e-12)
     assert covariance[np.ix_(used, used)] == pytest.approx(np.linalg.inv(information), rel=1e-5, abs=1e-16)
+
+
+def test_a_drive_s_offset_is_found_from_ten_visits(design, readings):
+    """A reference that was lost by 0.3 mm: the former calibration's uncertainty, walked for a quarter, is the prior."""
+    rng = np.random.default_rng(10)
+    watched = design.watched
+    offset = watched.names.index("drive_offset.right")
+    measurement = what_to_measure(("event",), (EventFact(1.7e9, "reference lost", "right"),))
+    assert measurement.visits == 10
+    visit = np.repeat(readings.visit, 3)
+    some = design.rows(np.isin(visit, [-1, *choose_poses(design, visit, measurement.visits)]))
+    known = grown_covariance(design.reference, watched, design.change_u, 90 * 86400.0, DriftSettings())
+    prior = released_covariance(known, watched, design.error_per_change, measurement, 1e-3)
+    off = []
+    for _ in range(60):
+        change = rng.multivariate_normal(np.zeros(len(known)), known) + 3e-4 * watched.combination[:, offset]
+        residual = some.by_parameter @ change + rng.standard_normal(len(some.by_parameter))
+        found, covariance = joint_change(replace(some, prior=prior), residual)
+        left = some.workspace @ (change - found)
+        off.append(np.sqrt(left @ left / some.points))
+    assert np.sqrt(np.mean(np.square(off))) < 8e-6
+    expected = np.sqrt(np.trace(some.workspace @ covariance @ some.workspace.T) / some.points)
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(expected, rel=0.2)
+
+
+def test_only_what_is_measured_is_left_free(design):
+    watched, known = design.watched, design.reference
+    full, expansion = (what_to_measure((rule,), ()) for rule in ("check", "temperature"))
+    assert released_covariance(known, watched, design.error_per_change, expansion, 1e-5) is known
+    grown = np.diag(released_covariance(known, watched, design.error_per_change, full, 1e-5) - known)
+    singles = np.count_nonzero(watched.combination, axis=0) == 1
+    assert np.all(grown[np.any(watched.combination[:, singles] != 0.0, axis=1)] > 0.0)
+    assert not grown[-15:-6].any()  # reflectors stay where they are mounted on the platform
+    lost = what_to_measure(("event",), (EventFact(1.7e9, "reference lost", "middle"),))
+    with pytest.raises(InputError, match="no offset of middle"):
+        released_covariance(known, watched, design.error_per_change, lost, 1e-5)
+    with pytest.raises(InputError, match="set back"):
+        grown_covariance(known, watched, design.change_u, -1.0, DriftSettings())

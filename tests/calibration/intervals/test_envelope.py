@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.intervals.envelope import Envelope, judge, verify
+from calibration.intervals.envelope import Envelope, VerificationPlan, judge, verify, verify_further
 from calibration.intervals.facts import ErrorFigure
 from tests.calibration.intervals.facts_for_tests import DAY_S, START_S, calibration
 
@@ -70,3 +70,35 @@ def test_what_cannot_be_is_refused():
         verify(np.zeros((3, 2)), np.zeros((2, 2)), 1e-6)
     with pytest.raises(InputError, match="finite"):
         judge(Envelope(), calibration(), new(), NO_DRIFT, np.nan, FOUND)
+
+
+def run_of_looks(rng, before_rms_m, after_rms_m):
+    """Answer and poses of one verification with errors of some size, 5 um of noise."""
+    plan = VerificationPlan()
+    true = rng.standard_normal((2, plan.looks[-1], 2)) * np.array([before_rms_m, after_rms_m])[:, None, None]
+    seen = true + 5e-6 * rng.standard_normal(true.shape)
+    for look in plan.looks:
+        answer, _ = verify_further(seen[0, :look], seen[1, :look], 5e-6, plan)
+        if answer != "go on":
+            return answer, look
+    raise AssertionError
+
+
+def test_a_verification_ends_when_it_can_decide():
+    rng = np.random.default_rng(3)
+    better = [run_of_looks(rng, 15e-6, 2e-6) for _ in range(200)]
+    worse = [run_of_looks(rng, 2e-6, 15e-6) for _ in range(200)]
+    equal = [run_of_looks(rng, 2e-6, 2e-6) for _ in range(1000)]
+    assert {answer for answer, _ in better} == {"accepted"}
+    assert {answer for answer, _ in worse} == {"refused"}
+    assert np.median([look for _, look in better]) == 12
+    assert np.mean([answer == "accepted" for answer, _ in equal]) < 0.03
+
+
+def test_a_verification_needs_a_dozen_poses():
+    with pytest.raises(InputError, match="at least 12"):
+        VerificationPlan(looks=(6, 12))
+    with pytest.raises(InputError, match="no look"):
+        verify_further(np.zeros((13, 2)), np.zeros((13, 2)), 1e-6, VerificationPlan())
+    with pytest.raises(InputError, match="not in"):
+        VerificationPlan(error=0.5)

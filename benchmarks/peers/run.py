@@ -36,6 +36,10 @@ from pkm_rig.virtual.embedded_bus import EmbeddedBus
 HERE = Path(__file__).parent
 DEBIAN = ("mbpoll", "libmodbus5", "libmodbus-dev")
 PEER_NODE = 5
+LINUXCNC_MODULES = Path("usr/lib/linuxcnc/modules")
+LINUXCNC = (
+    "not tried: it takes a running LinuxCNC (apt-get install linuxcnc-uspace) and a check that is not written yet"
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ def main() -> int:
     folder: Path = parser.parse_args().folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     npm, debian, python = fetch_npm(folder), fetch_debian(folder), fetch_python(folder)
+    linuxcnc = fetch_linuxcnc(folder)
     with mock_rig() as mock:
         tries: list[tuple[bool, str, str, Callable[[], list[Check]]]] = [
             (npm, "npm canopen", "as master", lambda: canopen_master(folder, mock)),
@@ -64,12 +69,14 @@ def main() -> int:
             (debian, "mbpoll", "as client", lambda: mbpoll(folder, mock)),
             (npm, "npm modbus-serial", "as PLC", lambda: modbus_server(folder)),
             (debian, "libmodbus", "as PLC", lambda: libmodbus(folder)),
+            (linuxcnc, "LinuxCNC's modules", "led by our geometry", lambda: linuxcnc_kinematics(folder)),
         ]
         checks = [
             check
             for is_available, peer, what, work in tries
             for check in (work() if is_available else [Check(peer, what, None, "could not be fetched")])
         ]
+    checks.append(Check("LinuxCNC, running", "joints moved by our .comp", None, LINUXCNC))
     for check in checks:
         verdict = {True: "ok", False: "FAILED", None: "absent"}[check.ok]
         print(f"{verdict:7} {check.peer:24} {check.what:44} {check.detail}".rstrip())
@@ -114,6 +121,44 @@ def fetch_debian(folder: Path) -> bool:
     for package in packages.glob("*.deb"):
         subprocess.run(["dpkg", "-x", str(package), str(folder / "debian")], check=True)
     return (folder / "debian" / "usr" / "bin" / "mbpoll").is_file()
+
+
+def fetch_linuxcnc(folder: Path) -> bool:
+    """Unpack LinuxCNC's package into the folder, installing nothing, and compile what its modules ask for."""
+    if any(shutil.which(program) is None for program in ("apt-get", "dpkg", "cc")):
+        return False
+    packages = folder / "linuxcnc"
+    packages.mkdir(exist_ok=True)
+    if not list(packages.glob("*.deb")):
+        subprocess.run(["apt-get", "download", "linuxcnc-uspace"], cwd=packages, check=False, capture_output=True)
+    for package in packages.glob("*.deb"):
+        subprocess.run(["dpkg", "-x", str(package), str(packages)], check=True)
+    shim = ["cc", "-shared", "-fPIC", "-O1", "-o", str(packages / "shim.so"), str(HERE / "hal_shim.c")]
+    compiled = subprocess.run(shim, check=False, capture_output=True).returncode == 0
+    return compiled and (packages / LINUXCNC_MODULES / "genhexkins.so").is_file()
+
+
+def linuxcnc_kinematics(folder: Path) -> list[Check]:
+    """genhexkins and lineardeltakins as LinuxCNC has compiled them, with our pins and joints."""
+    packages = folder / "linuxcnc"
+    command = [sys.executable, "-m", "benchmarks.peers.linuxcnc_kinematics"]
+    places = [str(packages / LINUXCNC_MODULES), str(packages / "shim.so")]
+    done = subprocess.run([*command, *places], check=False, capture_output=True, text=True)
+    if done.returncode != 0:
+        return [Check("LinuxCNC's modules", "led by our geometry", False, done.stderr.strip().splitlines()[-1])]
+    found = json.loads(done.stdout)
+    hexapod, delta = found["genhexkins"], found["lineardeltakins"]
+    detail = f"tool within {hexapod['position_m'] * 1e9:.2f} nm, {hexapod['rotation_rad'] * 1e9:.2f} nrad"
+    good = hexapod["position_m"] < 1e-9
+    return [
+        Check("LinuxCNC's genhexkins", "leads a rigid hexapod", good, detail),
+        Check(
+            "LinuxCNC's lineardeltakins",
+            "has our drives",
+            delta["drives_m"] < 1e-9,
+            f"within {delta['drives_m'] * 1e9:.2f} nm",
+        ),
+    ]
 
 
 @contextmanager

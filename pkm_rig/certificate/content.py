@@ -124,8 +124,13 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
     traceable = bool(identity["traceable"])
     reasons = "" if traceable else f": {'; '.join(identity['not_traceable'])}"
     out.append(Statement(word("traceable" if traceable else "not_traceable", language) + reasons, traceable=traceable))
-    out.append(Statement(f"{word('found_left', language)}: {data['tables_as_found']}; {data['tables_as_left']}"))
-    out.append(Statement(f"{word('decision', language)}: {word(data['decision'], language)}"))
+    if data["tables_as_found"] is not None:
+        out.append(Statement(f"{word('found_left', language)}: {data['tables_as_found']}; {data['tables_as_left']}"))
+    by_host = data.get("back_end") == "host"
+    verdict = "accepted_host" if by_host and data["decision"] == "accepted" else data["decision"]
+    out.append(Statement(f"{word('decision', language)}: {word(verdict, language)}"))
+    if by_host:
+        out.append(Statement(word("by_host", language)))
     if data["decision"] != "accepted":
         out.append(Statement(word("taken_back", language)))
     for payload in data["payloads"]:

@@ -98,6 +98,10 @@ CATALOGUE: dict[str, Words] = {
     "pressure": Words("air pressure", "Luftdruck"),
     "humidity": Words("relative humidity", "relative Feuchte"),
     "reason": Words("reason", "Grund"),
+    "by_host": Words(
+        "after: corrected by the program that leads the drives; no table is in use in them",
+        "nachher: vom Programm korrigiert, das die Antriebe führt; in ihnen ist keine Tabelle in Gebrauch",
+    ),
     "taken_back": Words(
         "after: measured with tables that were tried and taken back; not the state as left",
         "nachher: gemessen mit Tabellen, die erprobt und zurückgenommen wurden; nicht der hinterlassene Zustand",

@@ -137,6 +137,13 @@ def test_what_was_tried_only_is_not_called_the_state_as_left(decision, taken_bac
     assert any("not the state as left" in text for text in stated) == taken_back
 
 
+def test_where_the_host_corrects_it_says_so():
+    found = data() | {"tables_as_found": None, "tables_as_left": None, "back_end": "host"}
+    stated = texts(certificate_xml(content(found)), ".//dcc:declaration/dcc:content")
+    assert any("by the program that leads the drives" in text for text in stated)
+    assert not any("None" in text for text in stated)
+
+
 def test_simulated_is_in_title_and_statement_and_accredited_only_where_it_is_configured():
     xml = certificate_xml(content(data(traceable=False, not_traceable=["simulated"]) | {"simulated": True}))
     assert texts(xml, ".//dcc:measurementResult/dcc:name/dcc:content")[0].startswith("SIMULATED: ")

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from drivers.station.polar import PolarReading
 from mock_devices.plant.atmosphere import ppm
-from mock_devices.plant.plant import Plant, ReadingNoise
+from mock_devices.plant.base_plant import ReadingNoise
+from mock_devices.plant.plant import Plant
 from mock_devices.recordings.columns import points
 from mock_devices.recordings.design import Design, Visit
 from mock_devices.recordings.maker import SimulatedCampaign

@@ -10,7 +10,7 @@ import numpy as np
 from calibration.base.errors import InputError
 from pkm_rig.store.former_life import calibration_rows, rigs_with_campaigns
 from pkm_rig.store.life import ACCEPTED, IDENTIFIED, LifeRow, life_rows, rigs_with_a_life
-from pkm_rig.store.life_facts import TOLERANCE_CHANGED, covariance_of, utc_s
+from pkm_rig.store.life_facts import TOLERANCE_CHANGED, RowDamage, covariance_of, utc_s
 from pkm_rig.store.store import Store
 
 OUT_OF_TOLERANCE, FIT = "out of tolerance", "fit"
@@ -33,7 +33,15 @@ def chosen_rig(store: Store, name: str | None) -> str:
 
 
 def history(store: Store, rig: str) -> dict[str, Any]:
-    """The life of a rig's machine as it is now (docs/reference/json.md); what it was before is counted only."""
+    """The life of a rig's machine as it is now (docs/reference/json.md); what it was before is counted only.
+
+    StoreError for a row that is not as it was written.
+    """
+    with RowDamage(f"store {store.path}: the life of rig {rig}"):
+        return _history(store, rig)
+
+
+def _history(store: Store, rig: str) -> dict[str, Any]:
     rows = calibration_rows(store, rig)
     machines = life_rows(store, "machines", rig)
     key = machines[-1].machine if machines else rows[-1].machine

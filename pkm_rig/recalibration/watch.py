@@ -26,11 +26,14 @@ class Watcher:
         self._last: tuple[str, str] | None = None
 
     def tick(self) -> RunResult | None:
-        """Look once; None where another command has store or rig."""
+        """Look once; None where another command has store or rig, or where it cannot be judged what is due."""
         try:
             result = self._look()
         except StoreError as error:
             self._say("busy", str(error))
+            return None
+        except InputError as error:  # a clock that was set back, a rig file that is being written: the next look tells
+            self._say("cannot tell", str(error))
             return None
         if result.done in ("nothing", "skipped"):
             self._say(result.done, result.why)

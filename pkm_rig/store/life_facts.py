@@ -46,7 +46,7 @@ def machine_history(store: Store, rig: str, key: str, tolerance_m: float | None 
     rolled_back = {str(row.data["campaign"]): utc_s(row.created) for row in events if row.kind == ROLLED_BACK}
     facts = _calibrations([row for row in calibrations if row.machine == key], rolled_back)
     known = {fact.id for fact in facts}
-    with _Damage(f"store {store.path}: the life of rig {rig}"):
+    with RowDamage(f"store {store.path}: the life of rig {rig}"):
         return MachineHistory(
             machine=_machine(key, facts, events, tolerance_m),
             instruments=_instruments(life_rows(store, "instruments", rig)),
@@ -65,8 +65,8 @@ def machine_history(store: Store, rig: str, key: str, tolerance_m: float | None 
         )
 
 
-class _Damage:
-    """What a row that lacks a key, or has another type there, causes: one line."""
+class RowDamage:
+    """A context: what a row that lacks a key, or has another type there, causes: one line."""
 
     def __init__(self, where: str) -> None:
         self._where = where
@@ -123,7 +123,7 @@ def _calibrations(rows: Sequence[LifeRow], rolled_back: Mapping[str, float]) -> 
     for row in rows:
         gone = rolled_back.get(str(row.campaign), 0.0) > utc_s(row.created)
         if row.kind == ACCEPTED and row.campaign in identified and not gone:
-            with _Damage(f"calibration {row.campaign}"):
+            with RowDamage(f"calibration {row.campaign}"):
                 out.append(calibration_fact(str(row.campaign), identified[row.campaign], row.data))
     return out
 

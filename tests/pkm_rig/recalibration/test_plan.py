@@ -204,23 +204,25 @@ def test_watching_says_what_changes_once():
         RunResult("saw", "nothing", "nothing is due"),
         RunResult("saw", "skipped", "no window"),
         StoreError("store runs: in use by 'pkm-rig calibrate'"),
+        InputError("the clock was set back"),
         RunResult("saw", "check", "the machine is fit"),
         RunResult("saw", "nothing", "nothing is due"),
     ])  # fmt: skip
 
     def look():
         answer = next(answers)
-        if isinstance(answer, StoreError):
+        if isinstance(answer, Exception):
             raise answer
         return answer
 
     watcher = Watcher(look, said.append)
-    for _ in range(6):
+    for _ in range(7):
         watcher.tick()
     assert said == [
         "nothing: nothing is due",
         "skipped: no window",
         "busy: store runs: in use by 'pkm-rig calibrate'",
+        "cannot tell: the clock was set back",
         "check: the machine is fit",
         "nothing: nothing is due",
     ]

@@ -145,6 +145,12 @@ def test_a_half_written_row_is_named(store):
         life_rows(store, "checks", RIG)
 
 
+def test_a_row_that_lacks_what_it_must_have_is_damage(store):
+    add(store, "calibrations", "identified", {"t_utc_s": 1.0, "extent": "full"}, campaign="c1")
+    with pytest.raises(StoreError, match=r"the life of rig saw is damaged \(KeyError"):
+        history(store, RIG)
+
+
 def test_facts_are_those_of_the_rows(store):
     add(store, "machine_events", "tolerance changed", {"position_m": 3e-5}, campaign=None)
     add(store, "instruments", "station", {"name": "station", "make": "TM50"}, serial="990001")

@@ -18,6 +18,7 @@ from pkm_rig.rig.live import Guard, LastReading, Snapshot
 
 TREND = "median over the parameters of standard uncertainty / tolerance"
 RESIDUAL = "residual: from the nominal machine, the mean of the reflector's readings taken off"
+ENDED = "The campaign has ended before its time; all readings are kept. Put right what is said below, then go on"
 SIGNS = {"good": "●", "bad": "▲", "unknown": "○"}
 
 
@@ -31,6 +32,7 @@ class MeasureView:
         with ui.element("div").classes("panes"):
             with ui.element("div").classes("card whole asked") as self._asked:
                 self._asked_text = ui.label().classes("text-weight-medium")
+                self._take_up = ui.button("", on_click=self._press_take_up).props("no-caps")
                 self._go_on = ui.button("Go on", on_click=lambda: page.press(Action("go on"))).props("no-caps")
             with ui.element("div").classes("card whole"):
                 self._build_progress()
@@ -113,8 +115,15 @@ class MeasureView:
         self._pause.set_enabled(control and busy)
 
     def _show_request(self, seen: Snapshot) -> None:
-        request = seen.request
-        self._asked.set_visibility(request is not None)
+        request, goes_on = seen.request, self._goes_on()
+        self._asked.set_visibility(request is not None or goes_on is not None)
+        self._take_up.set_visibility(goes_on is not None)
+        if goes_on is not None:
+            self._asked_text.set_text(ENDED)
+            self._take_up.set_text("Go on in a new set-up" if goes_on.new_setup else "Go on with the campaign")
+            self._take_up.set_enabled(self._page.has_control)
+            self._go_on.set_visibility(False)
+            return
         if request is None:
             return
         missing = [guard.name for guard in seen.guards if guard.light == "bad" and guard.value in ("open", "off")]
@@ -128,6 +137,16 @@ class MeasureView:
         self._asked_text.set_text(with_symbols(text))
         self._go_on.set_visibility(waits)
         self._go_on.set_enabled(waits and not missing and self._page.has_control)
+
+    def _goes_on(self) -> Action | None:
+        """What goes on with the campaign that has just ended before its time."""
+        job = self._page.work.job
+        return None if job is None or job.result is None else job.result.goes_on
+
+    def _press_take_up(self) -> None:
+        goes_on = self._goes_on()
+        if goes_on is not None:
+            self._page.press(goes_on)
 
     def _show_guards(self, guards: tuple[Guard, ...]) -> None:
         if [guard.name for guard in guards] != list(self._guards):

@@ -48,12 +48,13 @@ class Connect(Protocol):
 
 @dataclass(frozen=True)
 class Result:
-    """How a job ended: whether its result is good, a line for people, its campaign and what else it found."""
+    """How a job ended: whether its result is good, a line for people, its campaign, what it found, how it goes on."""
 
     good: bool
     line: str
     campaign: str | None = None
     found: dict[str, Any] | None = None
+    goes_on: Action | None = None
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 from calibration.base.errors import InputError, printable
 from calibration.machine.description import Machine
 from drivers.errors import DeviceError, Stopped
-from pkm_rig.errors import CampaignRefused, StoreError, campaign_of
+from pkm_rig.errors import CampaignRefused, StationMoved, StoreError, campaign_of
 from pkm_rig.panel.actions import NEED_RELEASE, WITH_SECOND_PRESS, Action, what_moves
 from pkm_rig.panel.control import Control, Prepared, Presses
 from pkm_rig.panel.follower import Follower
@@ -236,7 +236,7 @@ class Work:
         try:
             result = run(action, self._place)
         except (InputError, CampaignRefused, DeviceError, StoreError, OSError) as error:
-            result = Result(False, _line(error), campaign_of(error) or action.campaign)
+            result = Result(False, _line(error), campaign_of(error) or action.campaign, goes_on=_goes_on(action, error))
         except BaseException as error:
             print(traceback.format_exc(), file=sys.stderr)
             line = f"internal error: {type(error).__name__}: {error}; please report it"
@@ -251,6 +251,14 @@ class Work:
                 self.diagnosed = dict([*self.diagnosed.items(), (result.campaign, result.found)][-MOST_DIAGNOSED:])
             self.version += 1
         self.live.notify(result.line)
+
+
+def _goes_on(action: Action, error: BaseException) -> Action | None:
+    """What goes on with the campaign whose session an error has ended; None if it has ended none."""
+    campaign = campaign_of(error)
+    if campaign is None or action.kind not in ("calibrate", "measure", "verify"):
+        return None
+    return Action(action.kind, campaign, action.visits, new_setup=isinstance(error, StationMoved))
 
 
 def _line(error: BaseException) -> str:

@@ -112,6 +112,8 @@ def test_a_campaign_by_two_pages_through_interlock_lost_page_and_knocked_station
             pages.press(wide, "Go on", "Yes, go on")
     expect(wide.get_by_text(ended).first).to_be_visible()
     expect(narrow.get_by_text(ended).first).to_be_visible()
+    expect(wide.get_by_role("button", name="Go on in a new set-up")).to_be_enabled()
+    expect(narrow.get_by_role("button", name="Go on in a new set-up")).to_be_disabled()
     wide.get_by_role("tab", name="History").click()
     expect(wide.get_by_role("button", name="Go on, the station stands anew")).to_be_enabled()
     fits_its_width(wide)

@@ -90,7 +90,8 @@ def test_stop_in_motion_ends_the_campaign_from_any_page_and_it_can_go_on(bench):
     with open_existing_store(bench.work.out) as store:
         assert store.count_readings(result.campaign) == 25
         assert store.campaigns()[0].state == "failed"
-    bench.press_twice(Action("measure", result.campaign))
+    assert result.goes_on == Action("measure", result.campaign)
+    bench.press_twice(result.goes_on)
     bench.at[30] = bench.work.stop
     again = bench.end()
     assert "stopped from the page" in again.line

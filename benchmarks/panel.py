@@ -195,7 +195,7 @@ class Bench:
         medians = [[np.median(draw.choice(of, of.size)) for of in (beside, without)] for _ in range(500)]
         low, high = np.percentile(np.divide(*np.transpose(medians)), (2.5, 97.5))
         self.lines.append(
-            f"bit to last stop frame: median {np.median(without):.2f} ms without, {np.median(beside):.2f} ms with page: "
+            f"bit to last stop frame: median {np.median(without):.2f} ms without, {np.median(beside):.2f} ms with: "
             f"{np.median(beside) / np.median(without):.2f} times, 95 % of resampling {low:.2f} to {high:.2f}; "
             f"99 % {np.percentile(without, 99):.1f} and {np.percentile(beside, 99):.1f} ms"
         )

@@ -74,8 +74,8 @@ class Workplace:
         with self.connect(self.rig_path, needs=needs, homing=homing, after=after) as rig:
             self.live.watch(rig)
             rig.operator = self.operator
-            self.hold_of(rig)
             try:
+                self.hold_of(rig)
                 if action.kind in NEED_RELEASE:
                     require_release(rig)
                 yield rig

@@ -31,9 +31,9 @@ PER_AXIS = 9
 
 @dataclass(frozen=True)
 class Estimate:
-    """`share_left`: median over the machine parameters of what is left of their tolerance, standard uncertainty over
-    prior; `residual_m`: RMS of what the model leaves of a reading's place; `field_m` (n, 3), `field_error_m` (n,):
-    predicted error of the tool, without compensation, on a grid of `columns` a row.
+    """`share_left`: geometric mean over the machine parameters of what is left of them, standard uncertainty over
+    that of their prior; `field_m` (n, 3), `field_error_m` (n,): predicted error of the tool, without compensation, on a
+    grid of `columns` a row.
     """
 
     readings: int
@@ -68,7 +68,7 @@ def estimate_so_far(recording: Recording) -> Estimate:
     identified = identify_recording(recording, baselines=False)
     fit = identified.fit
     sigma = fit.model.parameters.sigma
-    share = float(np.median(fit.theta_u / sigma))
+    share = float(np.exp(np.mean(np.log(fit.theta_u / sigma))))
     known = int(np.sum(fit.theta_u < 0.5 * sigma))
     field_m, error_m = _error_field(identified)
     line = (

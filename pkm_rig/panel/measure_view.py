@@ -16,7 +16,7 @@ from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.terminal_live import left_in_words
 from pkm_rig.rig.live import Guard, LastReading, Snapshot
 
-TREND = "median over the parameters of standard uncertainty / tolerance"
+TREND = "geometric mean over the parameters of standard uncertainty now / before"
 RESIDUAL = "residual: from the nominal machine, the mean of the reflector's readings taken off"
 ENDED = "The campaign has ended before its time; all readings are kept. Put right what is said below, then go on"
 SIGNS = {"good": "●", "bad": "▲", "unknown": "○"}

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.identification.calibration import identify_recording
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives, platform_poses
+from pkm_rig.jobs.running_estimate import Estimate, estimate_so_far
 from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, read_visits
 from pkm_rig.panel.files import next_measurements, picture_of, pictures_of, report_of, report_url
 from pkm_rig.panel.server import LOOPBACK, Place, require_place
@@ -116,6 +120,19 @@ def test_beyond_loopback_only_tls_is_served():
         require_place(Place("0.0.0.0", certificate=embedded_rig_path(), key=embedded_rig_path()))
     with pytest.raises(InputError, match="certificate"):
         require_place(Place("rig.example", certificate=embedded_rig_path(), key=embedded_rig_path()))
+
+
+def test_what_a_campaign_has_told_so_far_is_what_identification_says():
+    recording = record(3)
+    estimate = Estimate.of_dict(json.loads(json.dumps(estimate_so_far(recording).as_dict())))
+    fit = identify_recording(recording, baselines=False).fit
+    shares = fit.theta_u / fit.model.parameters.sigma
+    assert estimate.readings == len(recording)
+    assert estimate.share_left == pytest.approx(float(np.prod(shares) ** (1.0 / shares.size)))
+    assert estimate.share_left < 1.0
+    assert estimate.field_error_m.shape == (estimate.columns**2,)
+    with pytest.raises(InputError):
+        estimate_so_far(recording.take(np.arange(3)))
 
 
 def test_the_trend_is_made_of_numbers():

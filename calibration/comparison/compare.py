@@ -130,7 +130,7 @@ def _found_change(
         place=change.candidate.place,
         of_machine=change.candidate.of_machine,
         probability=probability,
-        place_probability=weighed.places(structure)[change.candidate.place],
+        place_probability=weighed.place_probability[change.name],
         quantities=_quantities(change, model.pair.after.machine),
         raw_sigma=model.pair.largest_rms(signal),
         visible_sigma=model.pair.largest_rms(model.apply(signal)),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -96,14 +96,16 @@ class Model:
 class Weighed:
     """What was found: all candidates, each alone, the most likely first; changes that together explain most.
 
-    model: without changes, at the likeliest level of what differs anew. log_evidence: of the changes together over
-    nothing, less the penalty for more than one. excess: how much more changes have
-    that depend on the place in the workspace in no way that a candidate could.
+    model: without changes, at the likeliest level of what differs anew. place_probability: of each change by its name,
+    given its structure and the changes before it. log_evidence: of the changes together over nothing, less the penalty
+    for more than one. excess: how much more changes have that depend on the place in the workspace in no way that a
+    candidate could.
     """
 
     model: Model
     ranking: tuple[Found, ...]
     changes: tuple[Found, ...]
+    place_probability: Mapping[tuple[str, str], float]
     log_evidence: float
     excess: float
 
@@ -117,11 +119,15 @@ class Weighed:
         return {{"none": NOTHING}.get(name, name): p for name, p in named.items()}
 
     def places(self, structure: str) -> dict[str, float]:
-        """Probability of each place of a structure, given that."""
-        here = [found for found in self.ranking if found.candidate.structure == structure]
-        logs = np.array([found.log_evidence for found in here])
-        logs = logs / (1.0 + VERDICT.temperature_share * max(float(logs.max()), 0.0))
-        return {found.candidate.place: float(p) for found, p in zip(here, np.exp(logs - log_sum(logs)), strict=True)}
+        """Probability of each place of a structure as the only change, given that structure."""
+        return _places(self.ranking, structure)
+
+
+def _places(ranking: Sequence[Found], structure: str) -> dict[str, float]:
+    here = [found for found in ranking if found.candidate.structure == structure]
+    logs = np.array([found.log_evidence for found in here])
+    logs = logs / (1.0 + VERDICT.temperature_share * max(float(logs.max()), 0.0))
+    return {found.candidate.place: float(p) for found, p in zip(here, np.exp(logs - log_sum(logs)), strict=True)}
 
 
 def weigh(pair: TwoCampaigns, every: Sequence[Candidate]) -> Weighed:
@@ -131,6 +137,7 @@ def weigh(pair: TwoCampaigns, every: Sequence[Candidate]) -> Weighed:
     """
     model, ranking, shift = _at_likeliest_level(pair, every)
     changes: list[Found] = []
+    sure: dict[tuple[str, str], float] = {}
     log_evidence, excess_over = 0.0, shift + _log_evidence_of_any(model)
     ranked, now = ranking, model
     while ranked and len(changes) < MOST_CHANGES:
@@ -140,11 +147,14 @@ def weigh(pair: TwoCampaigns, every: Sequence[Candidate]) -> Weighed:
         if changes:
             gain -= VERDICT.further_cause_penalty + VERDICT.further_cause_penalty_share * (log_evidence + gain)
         changes.append(ranked[0])
+        sure[ranked[0].name] = _places(ranked, ranked[0].candidate.structure)[ranked[0].candidate.place]
         log_evidence += gain
         now = now.including(ranked[0].way, ranked[0].size)
         excess_over = max(excess_over, log_evidence + _log_evidence_of_any(now))
         ranked = rank(now, [c for c in every if c not in {change.candidate for change in changes}])
-    return Weighed(model, tuple(ranking), _refitted(model, changes), log_evidence, max(excess_over - log_evidence, 0.0))
+    return Weighed(
+        model, tuple(ranking), _refitted(model, changes), sure, log_evidence, max(excess_over - log_evidence, 0.0)
+    )
 
 
 def _at_likeliest_level(pair: TwoCampaigns, every: Sequence[Candidate]) -> tuple[Model, list[Found], float]:

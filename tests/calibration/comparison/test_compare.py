@@ -107,6 +107,7 @@ def test_the_other_way_round_it_is_the_opposite_change():
 def test_two_changes_are_both_found():
     result = compare(first(), recorded(both(CHANGES["drive_scale"][0], CHANGES["nest"][0])))
     assert {(c.structure, c.place) for c in result.changes} == {("drive_scale", "left"), ("nest", "N1")}
+    assert all(c.place_probability > 0.9 for c in result.changes)
 
 
 def tool_m(machine: TrueMachine, drives: np.ndarray) -> np.ndarray:

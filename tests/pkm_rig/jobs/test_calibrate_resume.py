@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+import sqlalchemy as sa
 
 from calibration.base.errors import InputError
 from calibration.reduction.nest_checks import usable_readings
@@ -20,6 +22,7 @@ from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.table_recovery import unfinished_change
+from pkm_rig.store.schema import events
 from pkm_rig.store.store import STORE_NAME
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import Stopped, short_rig_file, silent
@@ -38,6 +41,12 @@ STOPS = (  # where it ends, whether by a kill, and what `pkm-rig list` says then
 )
 AFTER = {"identified": "identified", "diagnosed": "diagnosed", "on trial": "activated", "accepted": "accepted"}
 OFF, KEPT, ON_TRIAL = 0, 1, 2  # modes of compensation
+
+
+def count_of_events(store):
+    """How many events of each kind are stored."""
+    with store.reading() as connection:
+        return Counter(connection.execute(sa.select(events.c.kind)).scalars())
 
 
 @dataclass
@@ -61,15 +70,18 @@ class Strike:
             self.strike()
 
     def watch(self, store):
-        """Strike after an event has been stored."""
-        add, after = store.add_event, AFTER.get(self.where)
+        """Strike after a transaction that has stored an event, as soon as it is in the store."""
+        writing, after, before = store.writing, AFTER.get(self.where), count_of_events(store)
 
-        def add_event(campaign, kind, data):
-            add(campaign, kind, data)
-            if kind == after:
+        @contextmanager
+        def then_strike():
+            with writing() as connection:
+                yield connection
+            if count_of_events(store)[after] > before[after]:
                 self.strike()
 
-        store.add_event = add_event
+        if after:
+            store.writing = then_strike
 
     def strike(self):
         self.life.dead = self.kills

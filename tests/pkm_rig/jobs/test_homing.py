@@ -87,7 +87,8 @@ def test_a_rig_file_whose_homing_cannot_be_is_refused(tmp_path):
 
 def test_the_defaults_are_those_of_the_driver():
     entry = HomingEntry(method=34, position_m=INDEX_M)
-    assert HomingParameters(**entry.model_dump()) == HomingParameters(34, INDEX_M)
+    others = entry.model_dump(exclude={"position_m", "position_rad"})
+    assert HomingParameters(**others, position_m=entry.position) == HomingParameters(34, INDEX_M)
 
 
 def test_a_drive_that_stands_where_the_machine_cannot_is_refused_and_homed_on_request():

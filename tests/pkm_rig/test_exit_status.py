@@ -93,7 +93,7 @@ def test_a_result_that_is_not_accepted_never_ends_with_status_0(monkeypatch, tmp
 
     monkeypatch.setattr(pkm_rig.jobs.report, "write_outcome_report", write)
     monkeypatch.setattr(pkm_rig.report.outcome_text, "print_outcome", lambda _outcome, _path: None)
-    outcome = SimpleNamespace(campaign="a", decision=decision, accepted=decision == "accepted")
+    outcome = SimpleNamespace(campaign="a", decision=decision, accepted=decision == "accepted", back_end="drive-tables")
     raised = None
     try:
         pkm_rig.cli.rig_commands._report_outcome(outcome, tmp_path, json=False)

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from pkm_rig.jobs.campaign_file import write_campaign_files
 from pkm_rig.jobs.next_command import measure_more
-from pkm_rig.report import terminal
+from pkm_rig.report import terminal, terminal_live
 from pkm_rig.report.diagnosis_json import diagnosis_json
 from pkm_rig.report.diagnosis_text import describe_diagnosis
 from pkm_rig.rig.config import embedded_rig_path, load_rig
@@ -72,7 +72,8 @@ def interrupted(run, monkeypatch):
 
     def command(at, *words):
         with monkeypatch.context() as patched:
-            patched.setattr(terminal, "progress_bar", lambda: progress_bar(at))
+            for module in (terminal, terminal_live):
+                patched.setattr(module, "progress_bar", lambda: progress_bar(at))
             done = run(*words)
         assert done.returncode == 3, done.stderr
         return done

@@ -75,7 +75,7 @@ def test_it_holds_every_file_that_is_read_by_default(environment, empty):
         for path in (ROOT / name).rglob("*")
         if path.is_file() and path.suffix != ".pyc"
     ]
-    assert {path.suffix for path in data} == {".py", ".typed", ".toml", ".html", ".css", ".eds"}
+    assert {path.suffix for path in data} == {".py", ".typed", ".toml", ".html", ".css", ".js", ".eds"}
     assert [path for path in data if not (site / path).is_file()] == []
 
 

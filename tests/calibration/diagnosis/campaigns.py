@@ -16,6 +16,7 @@ from calibration.machine.description import Geometry, Machine, load_machine, shi
 from calibration.machine.equilibrium import Conditions
 from calibration.machine.inverse import nominal_drives
 from calibration.model.parameters import ParameterSet
+from calibration.recording.columns import rotary_quantity
 from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from mock_devices.effects import EffectChoice
@@ -160,7 +161,8 @@ def simulated(
             }  # fmt: skip
             row = context | _reading(frame, places[v, i], rng, noise) | _fixed(machine)
             for a, drive in enumerate(machine.drive_names):
-                row |= {f"{drive}_commanded_m": drives[v, a], f"{drive}_actual_m": drives[v, a]}
+                at = {"commanded_m": drives[v, a], "actual_m": drives[v, a]}
+                row |= {f"{drive}_{_quantity(machine, drive, name)}": value for name, value in at.items()}
                 row |= {f"{drive}_direction": 0.0 if smr.on == "floor" else sides[v, a]}
             coordinates = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
             rows.append(row | {f"target_{c}": target[v, k] for k, c in enumerate(coordinates)})
@@ -184,10 +186,15 @@ def _fixed(machine: Machine) -> dict[str, float]:
     plain = dict.fromkeys(
         ("t_u_s", "prism_constant_m", "ppm", "payload", "payload_mass_kg", "compensation", "flags"), 0.0
     )
-    return plain | warm | {f"{d}_{q}": 0.0 for d in machine.drive_names for q in by_drive} | {
+    return plain | warm | {f"{d}_{_quantity(machine, d, q)}": 0.0 for d in machine.drive_names for q in by_drive} | {
         "station": 1.0, "face": 1.0, "samples": 1.0, "air_temperature_c": 20.0, "pressure_hpa": 1013.0,
         "humidity_percent": 50.0,
     }  # fmt: skip
+
+
+def _quantity(machine: Machine, drive: str, name: str) -> str:
+    """Name of a column of a drive: those of a crank are in radians."""
+    return rotary_quantity(name) if drive in machine.rotary_drives else name
 
 
 def _sensors(machine: Machine) -> Sequence[str]:
@@ -199,7 +206,8 @@ def _header(machine: Machine) -> RecordingFile:
     payload = {"name": "none", "mass_kg": 0.0}
     return RecordingFile(
         format=1, campaign="simulated", rig="thought-of", created="2025-01-01T00:00:00Z", software="test",
-        drives=machine.drive_names, sensors=_sensors(machine), nest_limit_m=1e-3, payloads=(payload,),
+        drives=machine.drive_names, rotary_drives=machine.rotary_drives, sensors=_sensors(machine),
+        nest_limit_m=1e-3, payloads=(payload,),
         station={"position_m": STATION_M, "accuracy": accuracy},
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.base.frame import station_frame
-from calibration.diagnosis import linear_model
+from calibration.diagnosis import linearisation
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings import withheld_blocks
 from calibration.diagnosis.findings.withheld_blocks import GapField, gap_figures, regions, withheld_differences
@@ -50,7 +50,7 @@ def test_a_block_is_predicted_as_by_a_regression_on_all_others(small, likelihood
 def test_a_block_is_predicted_as_by_a_real_refit(wandering, monkeypatch):
     """The recording without the block is fitted from the start, model and all; its unknowns predict the block."""
     start = station_frame(wandering.file.station.position_m, wandering.file.station.heading_rad)
-    monkeypatch.setattr(linear_model, "_initial_frame", lambda *_: start)  # unknowns of the frame count from it
+    monkeypatch.setattr(linearisation, "initial_frame", lambda *_: start)  # unknowns of the frame count from it
     whole = linearise_recording(wandering)
     region, block = regions(whole), 2
     gone = (whole.visit >= 0) & (region[np.maximum(whole.visit, 0)] == block)

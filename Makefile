@@ -61,7 +61,7 @@ panel-guide: $(VENV)/dev.stamp
 # Twenty mock machines, each scored against the plant's own noise-free positions. SEEDS=1,2 for some of them.
 # MACHINE=gough8: ten of another machine; stopped, that goes on.
 demo-check: $(VENV)/run.stamp
-	$(BIN)/python $(if $(MACHINE),-m benchmarks.machine_check $(MACHINE),benchmarks/demo_check.py) \
+	$(BIN)/python $(if $(MACHINE),-m benchmarks.machine_check $(MACHINE),-m benchmarks.demo_check) \
 		$(if $(SEEDS),--seeds $(SEEDS))
 
 # The shipped machines beside one another: motion, correction, noise floors, and what each command does with them.

@@ -3,7 +3,7 @@
 The calibration sees readings only. After each run the plant is asked where the reflectors truly were; the frame is
 fitted to those positions as the definitions ask, so that an error of the identified frame counts.
 
-    python benchmarks/demo_check.py [--seeds 1,2,3] [--workers 2] [--out runs/demo-check]
+    python -m benchmarks.demo_check [--seeds 1,2,3] [--workers 2] [--out runs/demo-check]
 """
 
 from __future__ import annotations
@@ -14,52 +14,35 @@ import io
 import json
 import multiprocessing
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.calibrated_mock import calibrated_mock
 from calibration.identification.prediction import predict_poses
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
-from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.results.outcome import CampaignOutcome
-from pkm_rig.rig.config import embedded_rig_path, load_rig
-from pkm_rig.rig.connection import connect_rig
-from pkm_rig.store.store import open_store
-from pkm_rig.virtual.mock_rig import embedded_mock_rig
+from pkm_rig.rig.config import embedded_rig_path
 
 SEEDS = tuple(range(1, 21))
 
 
 def run_seed(seed: int, out: Path) -> dict[str, Any]:
     """One machine: calibrate it, then ask its plant. All figures in um and urad."""
-    path = embedded_rig_path()
-    file, machine = load_rig(path)
-    assert file.mock is not None
-    file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
-    started = time.monotonic()
-    with (
-        open_store(out / f"seed-{seed}") as store,
-        embedded_mock_rig(file, path) as mock,
-        mock.clock.activity(),
-        connect_rig(mock.file, machine, mock.clock, mock.bus_factory) as rig,
-    ):
-        outcome = calibrate(rig, store, lambda _line: None, lambda _n, _total, _what: None)
-        polls = rig.supervisor.polls
-        rig_time_s = mock.clock.now_s()
-        truth = score(outcome, mock.mock)
+    with calibrated_mock(embedded_rig_path(), seed, out / f"seed-{seed}") as run:
+        outcome, truth = run.outcome, score(run.outcome, run.mock)
     return {
         "seed": seed,
         "accepted": outcome.accepted,
-        "host_s": time.monotonic() - started,
-        "rig_h": rig_time_s / 3600.0,
-        "polls": polls,
+        "host_s": run.host_s,
+        "rig_h": run.rig_time_s / 3600.0,
+        "polls": run.polls,
         "readings": len(outcome.reduction.recording),
         "floor": outcome.floor.position_rms_m * 1e6,
         "floor_urad": outcome.floor.orientation_rms_rad * 1e6,

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.calibrated_mock import calibrated_mock
 from benchmarks.results_file import ResultsFile, code_digest
 from calibration.identification.calibration import pose_u
 from calibration.instruments.smr_positions import ReflectorObservations
@@ -29,13 +30,9 @@ from calibration.reduction.figures import figure_axes
 from calibration.reduction.reduction import Reduction
 from calibration.reduction.report_frame import ReportFrame, fit_report_frame
 from mock_devices.rig import MockRig
-from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.config import demo_rig_path, load_rig
-from pkm_rig.rig.connection import connect_rig
-from pkm_rig.store.store import open_store
-from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.kept_results import until_stopped
 
 SEEDS = tuple(range(1, 11))
@@ -47,30 +44,26 @@ LEAST_FALL = {  # of position and rotation; None: what is not corrected, or not 
 }
 MOST_OVER_BOUND = 1.3
 ROUNDING_M, ROUNDING_RAD = 0.02e-6, 0.1e-6  # of drives' increments and of the stored floats
-PROGRAMS = ("calibration", "drivers", "mock_devices", "pkm_rig", "benchmarks/machine_check.py")
+PROGRAMS = (
+    "calibration",
+    "drivers",
+    "mock_devices",
+    "pkm_rig",
+    "benchmarks/machine_check.py",
+    "benchmarks/calibrated_mock.py",
+)
 
 
 def run_seed(machine_name: str, seed: int, out: Path) -> dict[str, Any]:
     """One machine: calibrate it, then ask its plant. SI units."""
-    path = demo_rig_path(machine_name)
-    file, machine = load_rig(path)
-    assert file.mock is not None
-    file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
-    started = time.monotonic()
-    with (
-        open_store(out / f"{machine_name}-{seed}-{int(time.time())}") as store,
-        embedded_mock_rig(file, path) as mock,
-        mock.clock.activity(),
-        connect_rig(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path) as rig,
-    ):
-        outcome = calibrate(rig, store, lambda _line: None, lambda _n, _total, _what: None)
-        truth = score(outcome, mock.mock)
-        rig_h = mock.clock.now_s() / 3600.0
+    folder = out / f"{machine_name}-{seed}-{int(time.time())}"
+    with calibrated_mock(demo_rig_path(machine_name), seed, folder) as run:
+        outcome, truth = run.outcome, score(run.outcome, run.mock)
     return {
         "seed": seed,
         "accepted": outcome.accepted,
-        "host_s": time.monotonic() - started,
-        "rig_h": rig_h,
+        "host_s": run.host_s,
+        "rig_h": run.rig_time_s / 3600.0,
         "readings": len(outcome.reduction.recording),
         "floor": outcome.floor.as_dict(),
         "payloads": [

@@ -9,10 +9,12 @@ import os
 import re
 import stat
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+T = TypeVar("T")
 Vector3 = tuple[float, float, float]
 
 _TOP = {
@@ -101,8 +103,13 @@ class MachineFile:
 
 def read_machine_file(path: str | Path) -> MachineFile:
     """Read a machine file; raises MachineFileError where it is not a planar machine of two or more sliders."""
+    return read_machine(path, _machine)
+
+
+def read_machine(path: str | Path, make: Callable[[dict[str, Any]], T]) -> T:
+    """What `make` makes of the tables of a machine file. Raises MachineFileError, also where it finds one malformed."""
     try:
-        return _machine(tomllib.loads(read_machine_text(path)))
+        return make(tomllib.loads(read_machine_text(path)))
     except RecursionError as error:
         raise MachineFileError(f"{path}: nested too deep for a machine file") from error
     except (KeyError, TypeError, IndexError, AttributeError) as error:

@@ -6,7 +6,6 @@ others. Vectors are arrays (3,) in the machine frame, angles in radians.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.machine_file import Expansion, MachineFileError, read_machine_text
+from mock_devices.machine_file import Expansion, read_machine
 
 Array = NDArray[np.float64]
 
@@ -120,14 +119,7 @@ class SpatialMachine:
 
 def read_spatial_machine(path: str | Path) -> SpatialMachine:
     """Read a machine file. Raises MachineFileError."""
-    try:
-        return _machine(tomllib.loads(read_machine_text(path)))
-    except RecursionError as error:
-        raise MachineFileError(f"{path}: nested too deep for a machine file") from error
-    except (KeyError, TypeError, IndexError, AttributeError) as error:
-        raise MachineFileError(f"{path}: missing or malformed entry: {error!r}") from error
-    except ValueError as error:
-        raise MachineFileError(f"{path}: {error}") from error
+    return read_machine(path, _machine)
 
 
 def _machine(raw: dict[str, Any]) -> SpatialMachine:

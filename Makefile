@@ -95,7 +95,7 @@ rig-study: $(VENV)/dev.stamp
 year-study: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.year_study.run $(if $(PROCESSES),--processes $(PROCESSES)) \
 		$(if $(DEVELOPMENT),--development --out runs/year-study-development) \
-		$(if $(YEARS),--years $(YEARS) --steps $(YEARS) --ramps $(YEARS),--picture docs/images/year-study-power.png)
+		$(if $(YEARS),--years $(YEARS) --steps $(YEARS) --ramps $(YEARS) --lost $(YEARS),--picture docs/images/year-study-power.png)
 
 # Wrong readings planted into recordings of the mock plant, one table (docs/explanation/wrong-readings.md). Stopped, it
 # goes on; SEEDS=20 for a first look.

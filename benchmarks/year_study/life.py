@@ -72,7 +72,7 @@ class Life:
         machine = MachineFact("planar4", str(self.year.seed), names, (Tolerance(START_S, TOLERANCE_M),))
         station = InstrumentFact("T1", "certificate", START_S + 1000.0 * 86400.0)
         self.history = MachineHistory(machine, (station,)).with_calibration(
-            self._fact("full", parts_c, None, ErrorFigure(2e-6, 1e-6))
+            self.fact("full", parts_c, None, ErrorFigure(2e-6, 1e-6))
         )
 
     @property
@@ -83,9 +83,10 @@ class Life:
     def _measured(self, tables: Tables, prior: Knowledge) -> tuple[Knowledge, dict[str, float]]:
         return self.shop.calibrate(self.plant, tables, prior, self.year.mean_c(self.week), self.rng)
 
-    def _fact(
+    def fact(
         self, extent: Extent, parts_c: dict[str, float], found: ErrorFigure | None, left: ErrorFigure
     ) -> CalibrationFact:
+        """What is known now as the next calibration of the history."""
         count = self.shop.count
         self.calibrations += 1
         return CalibrationFact(
@@ -209,11 +210,11 @@ class Life:
             self.true_errors_m(t, xy) + sd * self.rng.standard_normal((poses, 2)) for t in (self.tables, new)
         )
         result = verify(before, after, float(sd))
-        found, left = _figure(before, float(sd)), _figure(after if result.accepted else before, float(sd))
+        found, left = error_figure(before, float(sd)), error_figure(after if result.accepted else before, float(sd))
         self.known = known
-        fact = self._fact(extent, parts_c if result.accepted else self.tables.parts_c, found, left)
+        fact = self.fact(extent, parts_c if result.accepted else self.tables.parts_c, found, left)
         change_m = float(np.abs(shop.drives(new, xy) - shop.drives(self.tables, xy)).max())
-        allowed = judge(SETTINGS.envelope, former, fact, _drift_sd(self, former), change_m, found)
+        allowed = judge(SETTINGS.envelope, former, fact, drift_sd(self, former), change_m, found)
         if result.accepted:
             self.activations.append(
                 {
@@ -247,14 +248,15 @@ def _growth(shop: Workshop) -> np.ndarray:
     return out
 
 
-def _drift_sd(life: Life, former: CalibrationFact) -> np.ndarray:
+def drift_sd(life: Life, former: CalibrationFact) -> np.ndarray:
     """Standard deviation (p,) of each parameter's ordinary drift since a calibration."""
     weeks = max((life.now_s - former.t_utc_s) / WEEK_S, 0.0)
     walk = SETTINGS.drift.walk_per_sqrt_week * np.sqrt(weeks)
     return np.array([walk * life.shop.sigma.get(name, 0.0) for name in life.shop.model.parameters.names])
 
 
-def _figure(errors_m: np.ndarray, sd_m: float) -> ErrorFigure:
+def error_figure(errors_m: np.ndarray, sd_m: float) -> ErrorFigure:
+    """RMS of errors (n, 2) that were measured with a standard uncertainty, its noise taken out."""
     square = max(float(np.mean(np.sum(errors_m**2, axis=1))) - 2.0 * sd_m**2, 0.0)
     u = np.sqrt((4.0 * sd_m**2 * square + 4.0 * sd_m**4) / len(errors_m)) / (2.0 * max(np.sqrt(square), sd_m))
     return ErrorFigure(float(np.sqrt(square)), float(u))

@@ -107,9 +107,26 @@ def ramp_lines(rows: Sequence[Row]) -> list[Line]:
     ]  # fmt: skip
 
 
-def activation_line(rows: Sequence[Row]) -> Line:
+def lost_lines(rows: Sequence[Row]) -> list[Line]:
+    """Lost references of one drive: whether its offset alone was measured, what was left of the error, for how long."""
+    if not rows:
+        return []
+    partly = [r for r in rows if "accepted" in r]
+    kept = [r for r in partly if r["accepted"]]
+    out = [_share("a lost reference answered by 10 visits whose tables stay", "", len(kept), len(rows), None)]
+    for measure, values, least in (
+        ("error left then / um, median and 90 % of machines", [1e6 * r["after_m"] for r in kept], 1),
+        ("verification of these / poses, median and 90 %", [r["poses"] for r in partly], 0),
+        ("hours of these, median and 90 %", [r["hours"] for r in partly], 2),
+    ):
+        if values:
+            middle, most = np.quantile(np.array(values), [0.5, 0.9])
+            out.append(Line(measure, "", f"{middle:.{least}f}", f"{most:.{least}f}", len(values), None))
+    return out
+
+
+def activation_line(made: Sequence[Row]) -> Line:
     """Activations whose noise-free error exceeds the former tables' by more than two standard uncertainties."""
-    made = [a for r in rows for a in r["activations"]]
     worse = sum(a["after_m"] > a["before_m"] + 2.0 * a["u_m"] for a in made)
     ok = worse <= 0.002 * len(made) if made else None
     return _share("activations worse than the former tables by 2 u", "at most 0.2 %", worse, len(made), ok)
@@ -170,9 +187,16 @@ def table(rows: Sequence[Row]) -> tuple[list[Line], list[str]]:
         false_alarms(ours, "all rules together"),
         *step_lines(of(rows, "step")),
         *ramp_lines(of(rows, "ramp")),
-        activation_line([*ours, *(r for k in OTHER_RATES for r in of(rows, k))]),
+        activation_line(_activations(rows)),
         hours_line(ours, of(rows, MONTHLY)),
         check_line(ours),
         *(false_alarms(of(rows, k), k, None) for k in OTHER_RATES if of(rows, k)),
+        *lost_lines(of(rows, "lost")),
     ]
     return lines, policy_lines(rows)
+
+
+def _activations(rows: Sequence[Row]) -> list[Row]:
+    """All exchanges of tables under the project's own rules, full and partial."""
+    full = [a for k in ("ours", *OTHER_RATES) for r in of(rows, k) for a in r["activations"]]
+    return [*full, *(r for r in of(rows, "lost") if r.get("accepted"))]

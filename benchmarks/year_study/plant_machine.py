@@ -29,7 +29,8 @@ LOOKING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 @dataclass
 class PlantMachine:
     """One true machine. `change` holds what has become of its parameters since it was drawn, by the names that the
-    calibration gives them; `station` is set up anew by `set_up`."""
+    calibration gives them, `lost_m` by how much each drive stands beyond what it says since it has lost its reference;
+    `station` is set up anew by `set_up`."""
 
     seed: int
     change: dict[str, float] = field(default_factory=dict)
@@ -42,6 +43,7 @@ class PlantMachine:
         self._range_constant_m = float(self.instrument.range_constant_u_m * constants.standard_normal())
         self._range_scale = float(self.instrument.range_scale_u * constants.standard_normal())
         self._true: TrueMachine | None = None
+        self.lost_m = np.zeros(len(self.drawn.file.sliders))
         self.set_up(0)
 
     def set_up(self, number: int) -> None:
@@ -71,14 +73,14 @@ class PlantMachine:
     def tool_m(self, drives_m: np.ndarray, parts_c: dict[str, float]) -> np.ndarray:
         """Tool points (n, 2), free of noise."""
         out = np.empty((len(drives_m), 2))
-        for i, drives in enumerate(drives_m.tolist()):
+        for i, drives in enumerate((drives_m + self.lost_m).tolist()):
             tool = self.true.tool_point(self.true.pose(tuple(drives), 0, parts_c), parts_c)
             out[i] = tool.real, tool.imag
         return out
 
     def reflectors_m(self, drives_m: np.ndarray, parts_c: dict[str, float], rng: np.random.Generator) -> np.ndarray:
         """True places (n, s, 3) of all reflectors after approaching each pose, machine frame."""
-        near = drives_m + REPEATABILITY_M * rng.standard_normal(drives_m.shape)
+        near = drives_m + self.lost_m + REPEATABILITY_M * rng.standard_normal(drives_m.shape)
         true = self.true
         return np.array(
             [

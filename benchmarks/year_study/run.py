@@ -18,7 +18,7 @@ from benchmarks.side_by_side import side_by_side
 from tests.kept_results import until_stopped
 
 OUT = Path("runs/year-study")
-HERE = ("life", "plant_machine", "policies", "special", "tasks", "truths", "workshop")
+HERE = ("life", "lost_reference", "plant_machine", "policies", "special", "tasks", "truths", "workshop")
 CODE = (*(f"benchmarks/year_study/{name}.py" for name in HERE), "calibration/intervals", "mock_devices/plant")
 
 
@@ -42,7 +42,8 @@ def main() -> int:
     rows = [row for row in rows if row["limit"] == tasks.LIMITS.get(row["kind"])]
     done = {(row["kind"], row["number"]) for row in rows}
     rivals = 0 if options.without_rivals else min(options.years, options.rivals)
-    counts = (options.years, rivals, min(options.years, options.others), options.steps, options.ramps)
+    others, lost = (min(options.years, n) for n in (options.others, options.lost))
+    counts = (options.years, rivals, others, options.steps, options.ramps, lost)
     if not options.table:
         queue = [(*task, offset) for task in tasks.tasks(*counts) if task not in done]
         rows += _run(queue, file, options.processes)
@@ -56,8 +57,9 @@ def main() -> int:
     if steps:
         from benchmarks.year_study.picture import draw  # noqa: PLC0415
 
-        draw(steps, options.picture)
-        print(f"picture: {options.picture}", file=sys.stderr)
+        picture = options.picture or options.out / "power.png"
+        draw(steps, picture)
+        print(f"picture: {picture}", file=sys.stderr)
     return 1 if any(line.ok is False for line in lines) else 0
 
 
@@ -68,9 +70,10 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--others", type=int, default=200, help="years of each population with other rates")
     parser.add_argument("--steps", type=int, default=400, help="machines for the power curve")
     parser.add_argument("--ramps", type=int, default=400, help="machines that wear")
+    parser.add_argument("--lost", type=int, default=200, help="machines of which a drive loses its reference")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--picture", type=Path, default=OUT / "power.png")
+    parser.add_argument("--picture", type=Path, help="where to draw the power curve; power.png in --out")
     parser.add_argument("--development", action="store_true", help="other seeds, to set limits with")
     parser.add_argument("--without-rivals", action="store_true", help="while their limits are not set yet")
     parser.add_argument("--table", action="store_true", help="print what is there and simulate nothing more")

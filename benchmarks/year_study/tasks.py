@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from benchmarks.year_study.lost_reference import run_lost
 from benchmarks.year_study.policies import CHARTS, ChartRule, Decider, calendar, run_year, staircase
 from benchmarks.year_study.rival_limits import LIMITS
 from benchmarks.year_study.special import run_ramp, run_step
@@ -19,9 +20,9 @@ OTHER_RATES = {"rates halved": 0.5, "rates doubled": 2.0}
 Task = tuple[str, int]
 
 
-def tasks(years: int, rivals: int, others: int, steps: int, ramps: int) -> list[Task]:
+def tasks(years: int, rivals: int, others: int, steps: int, ramps: int, lost: int) -> list[Task]:
     """Kind and number of each life: what the goals need first, in blocks, so that a stopped study has some of all."""
-    most = {"ours": years, "step": steps, "ramp": ramps}
+    most = {"ours": years, "step": steps, "ramp": ramps, "lost": lost}
     most |= dict.fromkeys(RIVALS, rivals) | dict.fromkeys(OTHER_RATES, others)
     blocks: list[tuple[str, int, int]] = []
     for part in range(8):  # 200 years of ours, with as much of the rest as it is worth
@@ -29,6 +30,7 @@ def tasks(years: int, rivals: int, others: int, steps: int, ramps: int) -> list[
             ("ours", 25),
             ("step", 25),
             ("ramp", 25),
+            ("lost", 25),
             *((k, 25) for k in RIVALS),
             *((k, 10) for k in OTHER_RATES),
         ):
@@ -36,6 +38,7 @@ def tasks(years: int, rivals: int, others: int, steps: int, ramps: int) -> list[
     blocks += [(k, 80, others) for k in OTHER_RATES] + [
         ("step", 200, steps),
         ("ramp", 200, ramps),
+        ("lost", 200, lost),
         ("ours", 200, years),
     ]
     return [(kind, i) for kind, begin, end in blocks for i in range(begin, min(end, most[kind]))]
@@ -56,6 +59,8 @@ def run_task(kind: str, number: int, offset: int) -> dict[str, Any]:
         row = run_step(shop, 300_000 + seed)
     elif kind == "ramp":
         row = run_ramp(shop, 400_000 + seed)
+    elif kind == "lost":
+        row = run_lost(shop, 600_000 + seed)
     elif kind in OTHER_RATES:
         row = run_year(shop, draw_year(shop, 500_000 + seed, OTHER_RATES[kind]), None, 0)
     else:

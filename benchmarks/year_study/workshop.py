@@ -172,20 +172,34 @@ class Workshop:
         drives = self.drives(tables, self.calibration_xy)
         r = self.calibration_readings
         read = read_all(plant, r, drives, true_c, CALIBRATION_READINGS, rng)
-        design = replace(self.calibration_design, prior=prior.covariance)
-        shared = self.calibration_design.__dict__
+        return self.fit(plant, self.calibration_design, r, self.calibration_xy, drives, read, prior, read_c), read_c
+
+    def fit(
+        self,
+        plant: PlantMachine,
+        readings_design: CheckDesign,
+        readings: CheckReadings,
+        xy: np.ndarray,
+        drives: np.ndarray,
+        read_m: np.ndarray,
+        prior: Knowledge,
+        parts_c: dict[str, float],
+    ) -> Knowledge:
+        """A calibration from readings (r, 3) of poses (n, 2): the most probable one by a prior, iterated."""
+        design = replace(readings_design, prior=prior.covariance)
+        shared = readings_design.__dict__
         design.__dict__.update({k: shared[k] for k in ("_basis", "free") if k in shared})
         values, covariance = prior.values, prior.covariance
         for _ in range(4):
             now = Knowledge(values, covariance)
-            poses = self.predict(now, drives, self.calibration_xy, read_c)
-            residual = self.residual(r, now, poses, read, nests_of(plant, self.nests), rough_station(plant))
+            poses = self.predict(now, drives, xy, parts_c)
+            residual = self.residual(readings, now, poses, read_m, nests_of(plant, self.nests), rough_station(plant))
             white = residual + design.by_parameter @ (values - prior.values)
             change, covariance = joint_change(design, white)
             step, values = prior.values + change - values, prior.values + change
             if np.max(np.abs(step)) < 1e-7:
                 break
-        return Knowledge(values, covariance), read_c
+        return Knowledge(values, covariance)
 
     def look(self, number: int, residual: np.ndarray, known_m: np.ndarray) -> CheckEstimate:
         """What a check says at one of its looks."""

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.year_study.life import SETTINGS, Life
-from benchmarks.year_study.measures import false_alarms, of, policy_lines, ramp_lines, rate, step_lines
+from benchmarks.year_study.lost_reference import calibrate_offset
+from benchmarks.year_study.measures import false_alarms, lost_lines, of, policy_lines, ramp_lines, rate, step_lines
 from benchmarks.year_study.plant_machine import PARTS
 from benchmarks.year_study.policies import ChartRule, ours, sequential_check
 from benchmarks.year_study.special import SIZES
@@ -16,6 +17,7 @@ from benchmarks.year_study.tasks import MONTHLY, RIVALS, tasks
 from benchmarks.year_study.truths import TOLERANCE_M, Happening, MachineYear, draw_year, slope
 from benchmarks.year_study.workshop import Knowledge, workshop
 from calibration.intervals.charts import Shewhart
+from calibration.intervals.facts import EventFact
 from calibration.intervals.rules import judge_all
 
 SEED = 910_777
@@ -115,6 +117,26 @@ def test_a_collision_is_an_event_that_every_policy_acts_on(shop):
     assert rival(life) == "chart"
 
 
+def test_a_lost_reference_is_answered_by_ten_visits_with_the_former_calibration_as_the_prior(shop):
+    life = Life(shop, quiet_year(shop), 0)
+    life.go_to(1.0)
+    knowledge = life.known
+    life.plant.lost_m[0] += 3.0e-4
+    life.history = life.history.with_event(EventFact(life.now_s, "reference lost", "left"))
+    life.go_to(2.0)
+    assert life.true_error_m() > 1.0e-4
+    measurement = judge_all(life.history, SETTINGS, life.now_s).measurement
+    assert (measurement.extent, measurement.visits) == ("drive offset", 10)
+    done = calibrate_offset(life, measurement)
+    assert (done["accepted"], done["poses"]) == (True, 12)
+    assert done["after_m"] < 8.0e-6
+    moved = life.known.values - knowledge.values
+    names = shop.model.parameters.names
+    for strut in ("left_upper", "left_lower"):
+        assert moved[names.index(f"base_joint.{strut}.y")] == pytest.approx(3.0e-4, abs=2e-5)
+        assert abs(moved[names.index(f"base_joint.{strut}.x")]) < 2e-5
+
+
 def test_wear_alone_reaches_the_tolerance_when_it_says(shop):
     name = "drive_scale.right"
     per_week = slope(shop, name, 0.5)
@@ -137,10 +159,10 @@ def test_years_are_drawn_with_the_stated_rates(shop):
 
 
 def test_a_stopped_study_has_some_of_all():
-    queue = tasks(1000, 200, 200, 400, 400)
-    assert len(queue) == len(set(queue)) == 1000 + 200 * (len(RIVALS) + 2) + 800
-    assert {kind for kind, _ in queue[:600]} >= {"ours", "step", "ramp", *RIVALS}
-    assert tasks(20, 20, 20, 0, 10).count(("ours", 19)) == 1
+    queue = tasks(1000, 200, 200, 400, 400, 200)
+    assert len(queue) == len(set(queue)) == 1000 + 200 * (len(RIVALS) + 2) + 1000
+    assert {kind for kind, _ in queue[:600]} >= {"ours", "step", "ramp", "lost", *RIVALS}
+    assert tasks(20, 20, 20, 0, 10, 0).count(("ours", 19)) == 1
 
 
 def ramp(number, left, due, **dates):
@@ -160,6 +182,20 @@ def test_the_table_counts_what_it_says():
     years = [{"quiet_weeks": 26, "false_alarms": 1}, {"quiet_weeks": 52, "false_alarms": 0}]
     assert false_alarms(years, "x").figure == "0.67"
     assert rate(0, 2.0)[2] == pytest.approx(1.844, abs=1e-3)  # the rule of three, exactly
+
+
+def test_lost_references_are_counted_over_all_machines():
+    def row(number, **more):
+        return {"kind": "lost", "number": number} | more
+
+    kept = {"accepted": True, "after_m": 4e-6, "poses": 12, "hours": 0.25}
+    refused = {"accepted": False, "after_m": 9e-6, "poses": 30, "hours": 0.5}
+    rows = [row(0, **kept), row(1, **kept), row(2, **refused), row(3)]
+    stay, left, poses, hours = lost_lines(rows)
+    assert (stay.figure, stay.number) == ("50.0 %", 4)
+    assert (left.figure, left.number) == ("4.0", 2)
+    assert (poses.figure, hours.figure) == ("12", "0.25")
+    assert lost_lines([]) == []
 
 
 def test_policies_are_compared_on_the_same_years():

@@ -31,6 +31,18 @@ def code_digest(*names: str) -> str:
     return found.hexdigest()[:12]
 
 
+def read_only(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Settings and results of a file that another process may be writing; a last line that is not whole is passed over.
+
+    Raises OSError if it cannot be read, ValueError if it is no such file.
+    """
+    data = path.read_bytes()
+    lines = [json.loads(line) for line in data[: data.rfind(b"\n") + 1].splitlines()]
+    if not lines or not isinstance(lines[0].get("settings"), dict):
+        raise ValueError("its first line has no settings")
+    return lines[0]["settings"], lines[1:]
+
+
 @dataclass(frozen=True)
 class ResultsFile:
     """A header line with the settings, then one line a result, each on disk before the next is computed."""

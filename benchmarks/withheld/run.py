@@ -1,10 +1,12 @@
 """Checks the diagnosis on withheld cases: one table, three pictures (docs/explanation/withheld.md).
 
     python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2] [--no-leave-form-out]
+    python -m benchmarks.withheld.run --so-far DIR
 
 --final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
 comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any time,
-the same command goes on. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
+the same command goes on. --so-far prints the table of what a stopped or running run has finished, a random part of its
+cases, and changes nothing. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
 missed, 2 if a process fails or the diagnoser cannot be sealed (sealed_diagnoser).
 """
 
@@ -22,7 +24,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results_file import MixedSettingsError, ResultsFile
+from benchmarks.results_file import MixedSettingsError, ResultsFile, read_only
 from benchmarks.withheld.cases import BATCH, FULL, plan
 from benchmarks.withheld.lane import LaneOptions, RunFailed, run_lane
 from benchmarks.withheld.over_the_wire import LARGEST_M, largest_difference_m
@@ -38,6 +40,8 @@ CODE = ("calibration", "mock_devices", "benchmarks/withheld")
 def main(arguments: list[str] | None = None) -> int:
     """Run what is missing, then score all of it."""
     options = _options(arguments)
+    if options.so_far:
+        return _print_so_far(options.so_far)
     settings = {
         "seed": "operating system" if options.final else options.seed,
         "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
@@ -66,6 +70,23 @@ def main(arguments: list[str] | None = None) -> int:
         _append(options.log, log_entry(_run_id(out), settings, batches, summary_data))
     (out / "finished").touch()
     return 0 if all(m["ok"] is not False for m in summary_data["measures"]) else 1
+
+
+def _print_so_far(out: Path) -> int:
+    """The table of the finished batches of a run, whatever program made them; nothing is written."""
+    try:
+        header, batches = read_only(out / "results.jsonl")
+    except (OSError, ValueError) as error:
+        print(f"withheld: no results of a run in {out} ({error}); name its folder", file=sys.stderr)
+        return 2
+    rows = [row for batch in batches for row in batch["rows"]]
+    planned = len(plan(header["n"], header["kinds"], final="code" in header))
+    print(f"{len(rows)} of {planned} cases")
+    if not rows:
+        return 1
+    summary_data = summary(rows)
+    print(printed(summary_data))
+    return 0 if len(rows) == planned and all(m["ok"] is not False for m in summary_data["measures"]) else 1
 
 
 def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored: list[dict[str, Any]]) -> None:
@@ -153,6 +174,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--final", action="store_true", help="seed of the operating system, final variants, logged")
     which.add_argument("--seed", type=int, help="development: no final variants, not logged")
+    which.add_argument("--so-far", type=Path, metavar="DIR", help="the table of what the run of a folder has finished")
     parser.add_argument("--n", type=int, default=0, help=f"cases in all; {sum(FULL.values())} if left out")
     parser.add_argument("--kinds", default="", help=f"some of {', '.join(FULL)}, separated by commas")
     parser.add_argument("--out", type=Path, help="folder of the run")

@@ -391,6 +391,11 @@ def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch)
     monkeypatch.setattr(run, "run_lane", stopped)
     assert run.main(arguments(tmp_path / "parts", *diagnose, n=n)) == 2
     assert len(rows_of(tmp_path / "parts")) == 2
+    capsys.readouterr()
+    held = {file: file.read_bytes() for file in (tmp_path / "parts").rglob("*") if file.is_file()}
+    assert run.main(["--so-far", str(tmp_path / "parts")]) == 1
+    assert capsys.readouterr().out.startswith(f"2 of {len(rows_of(tmp_path / 'whole'))} cases\n")
+    assert held == {file: file.read_bytes() for file in (tmp_path / "parts").rglob("*") if file.is_file()}
     monkeypatch.setattr(run, "run_lane", whole)
     assert run.main(arguments(tmp_path / "parts", *diagnose, n=n)) == 1
     assert rows_of(tmp_path / "parts") == rows_of(tmp_path / "whole")
@@ -399,6 +404,15 @@ def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch)
     assert {"confusion.png", "reliability.png", "shrink.png", "results.json"} <= {
         file.name for file in (tmp_path / "parts").iterdir()
     }
+
+
+def test_results_that_are_not_there_are_said_in_one_line(tmp_path, capsys):
+    (tmp_path / "results.jsonl").write_text('{"rows": []}\n')
+    for folder in (tmp_path / "nowhere", tmp_path):
+        assert run.main(["--so-far", str(folder)]) == 2
+        message = capsys.readouterr().err
+        assert message.count("\n") == 1
+        assert str(folder) in message
 
 
 def test_a_final_run_is_logged_whatever_comes_out(tmp_path, capsys):

@@ -99,8 +99,8 @@ def verify(before_m: Array, after_m: Array, u_point_m: float) -> Verification:
     fall = math.sqrt(before) - math.sqrt(after)
     u = u_square / (2.0 * max(0.5 * (math.sqrt(before) + math.sqrt(after)), math.sqrt(u_square)))
     accepted = before - after > COVERAGE_FACTOR * u_square
-    words = f"fall {fall * 1e6:.1f} um, U = {COVERAGE_FACTOR * u * 1e6:.1f} um (k = 2): "
-    return Verification(fall, u, accepted, words + ("the tables stay" if accepted else "former tables back"))
+    words = "the tables stay" if accepted else "former tables back"
+    return Verification(fall, u, accepted, f"{_fall_words(fall, u)}: {words}")
 
 
 @dataclass(frozen=True)
@@ -127,18 +127,25 @@ def verify_further(
     """What poses so far (n, k) say of new tables, n being one of the plan's looks; the last look always decides.
 
     Accepted once the fall of the mean squared error exceeds z u, refused once a rise does, z by Bonferroni's inequality
-    for all looks.
+    for all looks. The verification says in words what was decided.
     """
     result = verify(before_m, after_m, u_point_m)
     if len(before_m) not in plan.looks:
         raise InputError(f"verification: {len(before_m)} poses are no look of {plan.looks}")
     z = float(-ndtri(plan.error / len(plan.looks)))
     before, after, u_square = _squares(before_m, after_m, u_point_m)
+    answer: VerificationAnswer = "go on"
     if before - after > z * u_square:
-        return "accepted", result
-    if after - before > z * u_square or len(before_m) == plan.looks[-1]:
-        return "refused", result
-    return "go on", result
+        answer = "accepted"
+    elif after - before > z * u_square or len(before_m) == plan.looks[-1]:
+        answer = "refused"
+    words = {"go on": "not decided yet", "accepted": "the tables stay", "refused": "former tables back"}[answer]
+    reason = f"{_fall_words(result.fall_m, result.u_m)} at {len(before_m)} poses: {words}"
+    return answer, Verification(result.fall_m, result.u_m, answer == "accepted", reason)
+
+
+def _fall_words(fall_m: float, u_m: float) -> str:
+    return f"fall {fall_m * 1e6:.1f} um, U = {COVERAGE_FACTOR * u_m * 1e6:.1f} um (k = 2)"
 
 
 def _squares(before_m: Array, after_m: Array, u_point_m: float) -> tuple[float, float, float]:

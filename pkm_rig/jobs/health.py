@@ -174,6 +174,7 @@ class _Check:
             operating_h=operating_h(rig, store, now),
             duration_s=duration_s,
             known_error_m=float(np.sqrt(np.mean(np.sum(known_m.reshape(-1, 3) ** 2, axis=1)))),
+            known_alignment=tuple(design.alignment(known_m).tolist()),
         )
 
     def _answer(self, look: int, fact: CheckFact) -> str:

@@ -78,7 +78,10 @@ def run_of_looks(rng, before_rms_m, after_rms_m):
     true = rng.standard_normal((2, plan.looks[-1], 2)) * np.array([before_rms_m, after_rms_m])[:, None, None]
     seen = true + 5e-6 * rng.standard_normal(true.shape)
     for look in plan.looks:
-        answer, _ = verify_further(seen[0, :look], seen[1, :look], 5e-6, plan)
+        answer, result = verify_further(seen[0, :look], seen[1, :look], 5e-6, plan)
+        assert result.accepted is (answer == "accepted")
+        assert f"at {look} poses: " in result.reason
+        assert ("the tables stay" in result.reason) is (answer == "accepted")
         if answer != "go on":
             return answer, look
     raise AssertionError

@@ -28,6 +28,8 @@ __all__ = [
     "nc_program",
     "next_command",
     "partial",
+    "partial_fit",
+    "partial_verification",
     "planning",
     "reference",
     "report",

@@ -48,6 +48,11 @@ class CheckObservations:
 
 def plan_visits(file: RigFile, reference: Reference, payload: int, count: int) -> list[PlannedVisit]:
     """`count` visits, the most informative first, by their power against changes of the machine since a calibration."""
+    return plan_check(file, reference, payload, count)[0]
+
+
+def plan_check(file: RigFile, reference: Reference, payload: int, count: int) -> tuple[list[PlannedVisit], CheckDesign]:
+    """`count` visits, the most informative first, and the design of a check that makes them all."""
     machine = reference.machine
     tool = candidate_poses(machine, CANDIDATES, SEED)
     targets = platform_poses(machine, np.unique(tool[:, machine.commanded], axis=0))
@@ -64,7 +69,14 @@ def plan_visits(file: RigFile, reference: Reference, payload: int, count: int) -
     visit, smr = np.repeat(np.arange(len(targets)), len(smrs)), np.tile(smrs, len(targets))
     readings = CheckReadings(visit, smr, place, _whiten(covariance, frame, reference.noise))
     design = _design(file, reference, readings, poses, entry)
-    chosen = choose_poses(design, np.repeat(visit, 3), count)
+    of_visit = np.repeat(visit, 3)
+    chosen = choose_poses(design, of_visit, count)
+    return _planned(file, machine, targets, drives, payload, chosen), design.rows(np.isin(of_visit, chosen))
+
+
+def _planned(
+    file: RigFile, machine: Machine, targets: Array, drives: Array, payload: int, chosen: Sequence[int]
+) -> list[PlannedVisit]:
     settings = file.campaign
     return [
         PlannedVisit(

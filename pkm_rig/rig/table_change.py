@@ -103,6 +103,13 @@ class TableChange:
         self._rig.bring_tables_to([tried[bank.drive.name] for bank in self._rig.banks], on=True)
         self._add(KEPT, {})
 
+    def use_former(self) -> None:
+        """Use what was before, within the change: to measure with it again. The change goes on."""
+        former = self.before
+        self._rig.bring_tables_to([former.images[bank.drive.name] for bank in self._rig.banks], on=former.on)
+        self._rig.compensation = int(self.former[0]["generation"]) if former.on else 0
+        self._rig.enable()
+
     def bring_to_target(self) -> None:
         """Bring all drives to the state that was asked for; that of before, where tables were to be tried."""
         images = self.target.images

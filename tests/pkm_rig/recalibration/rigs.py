@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.connection import connect_rig
 from pkm_rig.store.store import STORE_NAME
+from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import SHORT, mock_and_rig
 
 KEPT = Path(__file__).parents[2] / "data" / "life" / "store.db.gz"
@@ -43,3 +45,18 @@ def connected(path: Path, start_s: float = START_S):
     with mock_and_rig(file, machine, start_s=start_s) as (mock, rig):
         rig.path = path
         yield mock, rig
+
+
+@contextmanager
+def served(path: Path, start_s: float = START_S):
+    """The mock of a rig file, and what connects a rig to it: again and again, as commands do."""
+    file, machine = load_rig(path)
+    with embedded_mock_rig(file, path, start_s=start_s) as mock, mock.clock.activity():
+
+        @contextmanager
+        def connect():
+            with connect_rig(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path) as rig:
+                rig.path = path
+                yield rig
+
+        yield mock.mock, connect

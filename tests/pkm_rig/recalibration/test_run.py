@@ -12,7 +12,8 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.intervals.extent import Measurement
 from calibration.machine.description import load_machine, shipped_machine
-from pkm_rig.jobs.partial import growth_of
+from pkm_rig.jobs.partial_fit import growth_of
+from pkm_rig.jobs.partial_verification import AFTER, BEFORE
 from pkm_rig.jobs.reference import load_reference
 from pkm_rig.jobs.tables_in_force import wrong_tables
 from pkm_rig.recalibration.decisions import note
@@ -21,10 +22,11 @@ from pkm_rig.recalibration.proposals import approve, take_back
 from pkm_rig.recalibration.run import Recalibration
 from pkm_rig.recalibration.situation import situation_of
 from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.life import life_rows
 from pkm_rig.store.store import Store, store_path
 from tests.pkm_rig.conftest import silent
-from tests.pkm_rig.recalibration.rigs import ALWAYS, CALIBRATED_S, RIG, connected, keep_store, write_rig
+from tests.pkm_rig.recalibration.rigs import ALWAYS, CALIBRATED_S, RIG, connected, keep_store, served, write_rig
 
 PLC = "[recalibration.plc]\nautomatic = 21\nstate = 22\ndays_left = 23\nalarm = 24"
 TIGHT = "[recalibration.envelope]\ntable_m = 1e-9"
@@ -116,34 +118,101 @@ def test_every_run_leaves_a_line(proposed):
 
 
 LOST_M = 100e-6
+LOOSE = "[recalibration.envelope]\ntable_m = 1e-3\nerror_m = 1e-3"
+
+
+def lose_reference(mock, store, rig):
+    """The left drive counts more than before, and nothing else has changed; somebody enters that."""
+
+    def lose(axis):
+        t_s = mock.plant.clock.now_s()
+        axis.motion.recount(t_s, axis.encoder_inc(t_s) + LOST_M / 1e-8)
+
+    mock.drives[0].with_axis(lose)
+    note(store, situation_of(store, rig.file, rig.machine, CALIBRATED_S), "reference lost", "left", "tester", "off")
+
+
+def poses_of(store, campaign, phase):
+    return set(store.recording(campaign).rows(phase)["visit"].tolist())
 
 
 @pytest.fixture(scope="module")
 def partly(tmp_path_factory):
-    """The left drive counts 100 um more than before, and nothing else has changed."""
+    """A lost reference; the power fails while the new tables are on trial, and then it is done again."""
     out = keep_store(tmp_path_factory.mktemp("partly"))
-    loose = "[recalibration.envelope]\ntable_m = 1e-3\nerror_m = 1e-3"
-    path = write_rig(out, ALWAYS, "alone = true", loose)
-    now_s = CALIBRATED_S + 60.0
+    path = write_rig(out, ALWAYS, "alone = true", LOOSE)
+    now_s, seen = CALIBRATED_S + 60.0, {}
+    with closing(Store(store_path(out))) as store, served(path) as (mock, connect):
+        with connect() as rig:
+            lose_reference(mock, store, rig)
+        cut = []
+
+        def cut_power(_number, _total, what):
+            if what == AFTER and not cut:
+                cut.append(what)
+                for drive in mock.drives:
+                    drive.power_cycle()
+
+        job = Recalibration(path, out, store, connect, silent, cut_power, lambda: now_s)
+        seen["failed"] = job.run(scheduled=True)
+        with connect() as rig:
+            former = situation_of(store, rig.file, rig.machine, now_s).history.last_calibration
+            settle_tables(rig, store, silent)
+            seen["former back"] = wrong_tables(rig, former.tables)
+        result = job.run(scheduled=True)
+        with connect() as rig:
+            after = situation_of(store, rig.file, rig.machine, now_s)
+            wrong = wrong_tables(rig, after.history.last_calibration.tables)
+        visits = {phase: poses_of(store, result.campaign, phase) for phase in ("calibration", BEFORE, AFTER)}
+    return result, after, wrong, visits, seen
+
+
+def test_power_that_fails_in_the_middle_leaves_the_former_tables(partly):
+    seen = partly[-1]
+    assert (seen["failed"].done, seen["failed"].alarm) == ("failed", True)
+    assert seen["former back"] is None
+
+
+@pytest.fixture(scope="module")
+def warmer(tmp_path_factory):
+    """All of the machine is 6 K warmer than its calibration: what that does is known before, and no change of it."""
+    out = keep_store(tmp_path_factory.mktemp("warmer"))
+    path = write_rig(out, ALWAYS, "alone = true", LOOSE)
+    now_s = CALIBRATED_S + 8.0 * 86400.0
     with closing(Store(store_path(out))) as store, connected(path) as (mock, rig):
-
-        def lose(axis):
-            t_s = mock.plant.clock.now_s()
-            axis.motion.recount(t_s, axis.encoder_inc(t_s) + LOST_M / 1e-8)
-
-        mock.drives[0].with_axis(lose)
-        note(store, situation_of(store, rig.file, rig.machine, CALIBRATED_S), "reference lost", "left", "tester", "off")
+        for part in ("struts", "columns", "base", "platform"):
+            mock.plant.thermal.heat(part, 6.0)
         result = job_on(path, out, store, rig, lambda: now_s).run(scheduled=True)
         after = situation_of(store, rig.file, rig.machine, now_s)
         wrong = wrong_tables(rig, after.history.last_calibration.tables)
-        visits = set(store.recording(result.campaign).rows("calibration")["visit"].tolist())
+        visits = {phase: poses_of(store, result.campaign, phase) for phase in ("calibration", BEFORE, AFTER)}
     return result, after, wrong, visits
 
 
-def test_after_a_lost_reference_that_drive_s_offset_alone_is_measured(partly):
-    result, after, wrong, visits = partly
+def test_another_temperature_alone_asks_for_expansion_alone(warmer):
+    result, after, wrong, _ = warmer
     assert (result.done, after.state, wrong) == ("calibration", "fit", None)
-    assert len(visits) == 10
+    former, new = after.history.calibrations
+    assert (new.extent, after.history.checks[-1].calibration) == ("expansion", former.id)
+    assert new.temperature_c - former.temperature_c == pytest.approx(6.0, abs=0.6)
+    change = np.subtract(new.parameters, former.parameters) / np.sqrt(np.diag(former.covariance))
+    assert np.max(np.abs(change)) < 3.0  # the geometry is what it was
+    assert after.history.checks[-1].known_error_m > 10e-6
+    assert len(after.history.checks[-1].known_alignment) == len(after.history.checks[-1].watched)
+
+
+def test_a_verification_goes_on_with_both_tables_until_it_is_decided(warmer):
+    result, _, _, visits = warmer
+    assert len(visits["calibration"]) == 12
+    assert len(visits[BEFORE]) == len(visits[AFTER]) in (12, 18, 24, 30)
+    assert f"at {len(visits[AFTER])} poses: the tables stay" in result.why
+
+
+def test_after_a_lost_reference_that_drive_s_offset_alone_is_measured(partly):
+    result, after, wrong, visits, _ = partly
+    assert (result.done, after.state, wrong) == ("calibration", "fit", None)
+    assert len(visits["calibration"]) == 10
+    assert len(visits[BEFORE]) == len(visits[AFTER]) == 12
     former, new = after.history.calibrations
     assert (new.extent, new.id) == ("drive offset", result.campaign)
     change = dict(zip(new.parameter_names, np.subtract(new.parameters, former.parameters), strict=True))

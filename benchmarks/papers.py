@@ -80,7 +80,7 @@ def main() -> None:
 def rig_of(name: str, folder: Path) -> Path:
     """The rig file of a campaign."""
     folder.mkdir(parents=True, exist_ok=True)
-    source = SHIPPED_RIGS / "demo-gough8.toml" if name == "hexapod" else embedded_rig_path()
+    source = SHIPPED_RIGS / "demo-stewart6.toml" if name == "hexapod" else embedded_rig_path()
     text = source.read_text(encoding="utf-8")
     for old, new in CHANGES[name]:
         text = text.replace(old, new, 1)

@@ -73,7 +73,17 @@ def token_key(module: Path, token: str, label: str, certificate_path: Path, ask:
         slot = pkcs11.lib(str(module)).get_token(token_label=token)
         with slot.open(user_pin=ask(f"PIN of token '{token}': ")) as session:
             private = session.get_key(object_class=pkcs11.ObjectClass.PRIVATE_KEY, label=label)
-            yield _signing_key(_TokenKey(private, certificate), certificate, certificate_path)
+            yield _signing_key(_TokenKey(private, certificate, certificate_path), certificate, certificate_path)
+    except pkcs11.NoSuchToken as error:
+        raise InputError(f"--pkcs11 {module}: there is no token '{token}' in it; name it with --token") from error
+    except (pkcs11.NoSuchKey, pkcs11.MultipleObjectsReturned) as error:
+        many = "no" if isinstance(error, pkcs11.NoSuchKey) else "more than one"
+        raise InputError(
+            f"--pkcs11 {module}: token '{token}' has {many} key '{label}'; name it with --key-label"
+        ) from error
+    except (pkcs11.PinIncorrect, pkcs11.PinInvalid, pkcs11.PinLenRange, pkcs11.PinLocked) as error:
+        wrong = "is locked" if isinstance(error, pkcs11.PinLocked) else "is not right"
+        raise InputError(f"--pkcs11 {module}: the PIN {wrong}; nothing was written") from error
     except (pkcs11.PKCS11Error, RuntimeError, OSError) as error:
         said = str(error) or type(error).__name__
         raise InputError(f"--pkcs11 {module}: {said}; check module, token, label and PIN") from error
@@ -82,22 +92,38 @@ def token_key(module: Path, token: str, label: str, certificate_path: Path, ask:
 class _TokenKey:
     """A key of a token with the `sign` of `cryptography`."""
 
-    def __init__(self, private: Any, certificate: Any) -> None:
-        self._private, self._certificate = private, certificate
+    def __init__(self, private: Any, certificate: Any, certificate_path: Path) -> None:
+        self._private, self._certificate, self._path = private, certificate, certificate_path
+        self.key_size = certificate.public_key().key_size  # bits; XML Signature pads both numbers of ECDSA to it
 
     def sign(self, data: bytes, *arguments: Any, **options: Any) -> bytes:
-        """Sign with SHA-256, by RSA (PKCS #1 v1.5) or ECDSA, which cryptography writes in DER."""
-        import pkcs11  # noqa: PLC0415
-        from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
-        from cryptography.hazmat.primitives.asymmetric import rsa, utils  # noqa: PLC0415
+        """Sign with SHA-256, by RSA (PKCS #1 v1.5) or ECDSA, which cryptography writes in DER.
 
-        if isinstance(self._certificate.public_key(), rsa.RSAPublicKey):
-            return bytes(self._private.sign(data, mechanism=pkcs11.Mechanism.SHA256_RSA_PKCS))
-        digest = hashes.Hash(hashes.SHA256())
-        digest.update(data)
-        raw = bytes(self._private.sign(digest.finalize(), mechanism=pkcs11.Mechanism.ECDSA))
-        half = len(raw) // 2
-        return utils.encode_dss_signature(int.from_bytes(raw[:half], "big"), int.from_bytes(raw[half:], "big"))
+        InputError where the certificate's key does not verify it: a token cannot be asked whose key it has.
+        """
+        import pkcs11  # noqa: PLC0415
+        from cryptography.exceptions import InvalidSignature  # noqa: PLC0415
+        from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
+        from cryptography.hazmat.primitives.asymmetric import ec, padding, rsa, utils  # noqa: PLC0415
+
+        public = self._certificate.public_key()
+        try:
+            if isinstance(public, rsa.RSAPublicKey):
+                signature = bytes(self._private.sign(data, mechanism=pkcs11.Mechanism.SHA256_RSA_PKCS))
+                public.verify(signature, data, padding.PKCS1v15(), hashes.SHA256())
+                return signature
+            digest = hashes.Hash(hashes.SHA256())
+            digest.update(data)
+            raw = bytes(self._private.sign(digest.finalize(), mechanism=pkcs11.Mechanism.ECDSA))
+            half = len(raw) // 2
+            r, s = (int.from_bytes(part, "big") for part in (raw[:half], raw[half:]))
+            signature = utils.encode_dss_signature(r, s)
+            public.verify(signature, data, ec.ECDSA(hashes.SHA256()))
+        except (InvalidSignature, pkcs11.KeyTypeInconsistent) as error:
+            raise InputError(
+                f"the token's key is not the key of {self._path}; name the certificate that belongs to it"
+            ) from error
+        return signature
 
 
 def _signing_key(private: Any, certificate: Any, path: Path) -> SigningKey:

@@ -78,9 +78,11 @@ def unsigned():
     return certificate_xml(content())
 
 
-def key_and_certificate(name="Signer", days=(-1, 1), issuer=None, ca=False):
-    """A key of P-256 and its certificate, valid from and until so many days from now; self-signed, or issued."""
-    key = ec.generate_private_key(ec.SECP256R1())
+def key_and_certificate(name="Signer", days=(-1, 1), issuer=None, ca=False, key=None):
+    """A key, of P-256 if none is given, and its certificate, valid from and until so many days from now; self-signed,
+    or issued.
+    """
+    key = key or ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     now = datetime.now(UTC)
     issuer_key, issuer_name = (key, subject) if issuer is None else (issuer[0], issuer[1].subject)

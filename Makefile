@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -48,10 +48,15 @@ latency: $(VENV)/run.stamp
 overhead: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.overhead --real-time
 
-# What the page costs beside the same work without it, and how soon it shows what has changed; needs Chromium. Ten minutes
-# in real time.
+# What the page costs beside the same work without it, and how soon it shows what has changed, one table; needs Chromium.
+# A quarter of an hour in real time.
 panel: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.panel
+
+# Stops without and with a page, in pairs, until it can be said whether a page makes them slower; needs Chromium. Half an
+# hour in real time on a quiet computer; stopped, it goes on, PAIRS=80 adds to what is there.
+panel-stops: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.panel_stops $(if $(PAIRS),--pairs $(PAIRS))
 
 # From an empty folder to an accepted calibration of the mock rig by the page alone, at 390 and 1280 px; screens in
 # runs/panel-screens. Needs Chromium.

@@ -2,10 +2,11 @@
 
 A mock rig at time scale 1 in this process, a campaign started through the panel, one page in Chromium, which is a
 process of its own: computing time of this process with and without the page, time from a change of state to the frame
-that shows it, memory over hours 2 to 8 of readings that are fed in a minute, requests for other hosts, and the stop
-latency of `benchmarks.stop_latency` with and without a page, in turns.
+that shows it, memory over hours 2 to 8 of readings that are fed in a minute, requests for other hosts, and stops
+without and with a page, in pairs (`benchmarks.panel_stops`).
 
-`python -m benchmarks.panel [--seconds S] [--trips N]`; exit status 1 where a goal is missed, 2 without Chromium.
+`python -m benchmarks.panel [--seconds S] [--pairs N]` prints one table; exit status 1 where a goal is missed or not
+decided, 2 without Chromium.
 """
 
 from __future__ import annotations
@@ -17,16 +18,17 @@ import resource
 import shutil
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, ExitStack, closing
+from itertools import islice
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from benchmarks import stop_latency
+from benchmarks import panel_stops
 from pkm_rig.jobs.session import open_rig
 from pkm_rig.panel.actions import Action
 from pkm_rig.panel.server import Place, serving
@@ -34,10 +36,11 @@ from pkm_rig.panel.work import Work
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.rig import Rig
 
-SEEN_S, CPU_SHARE, GROWTH_MB, SLOWER = 0.5, 0.15, 20.0, 1.10
+SEEN_S, CPU_SHARE, GROWTH_MB = 0.5, 0.15, 20.0
 CHANGES = 150
 READINGS_AN_HOUR, FED_A_SECOND = 720, 120
 WARM = "\n[campaign]\nwarm_up_step_s = 1.0\nwarm_up_rate_k_per_h = 1000.0\n"
+HEAD = ("added by one page", "without", "with", "added", "goal", "")
 WATCH = """() => {
   window.seen = [];
   const lines = document.querySelector(".lines");
@@ -47,60 +50,93 @@ WATCH = """() => {
   }).observe(lines, { childList: true, characterData: true, subtree: true });
 }"""
 
+Row = tuple[str, str, str, str, str, str]
+
 
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="of computing time with, and without the page")
-    parser.add_argument("--trips", type=int, default=100, help="stops with, and as many without a page")
+    parser.add_argument("--pairs", type=int, default=12, help="of blocks of stops; `make panel-stops` takes more")
     options = parser.parse_args()
-    chromium = os.environ.get("CHROMIUM") or shutil.which("chromium")
-    if chromium is None:
+    if chromium() is None:
         print("there is no Chromium on this computer", file=sys.stderr)
         return 2
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+    with Panel() as panel:
+        bench = Bench(panel)
+        rows = [bench.computing_time(options.seconds), bench.time_to_pixel(), *bench.memory()]
+        with closing(panel_stops.pairs_of(panel.shown, seed=1)) as measured:
+            pairs = list(islice(measured, options.pairs))
+        rows += panel_stops.lines_of(pairs)[0]
+        foreign = [url for url in panel.asked if f"//{panel.host}/" not in url]
+        said = f"{len(foreign)} of {len(panel.asked)}"
+        rows.append(("requests for other hosts", "", said, said, "0", "missed" if foreign else "ok"))
+    print_table(HEAD, rows)
+    return 0 if all(row[-1] == "ok" for row in rows) else 1
 
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright, ExitStack() as stack:
-        path = Path(folder) / "rig.toml"
+
+def chromium() -> str | None:
+    """Where Chromium is; None where there is none."""
+    return os.environ.get("CHROMIUM") or shutil.which("chromium")
+
+
+def print_table(head: Row, rows: Iterable[Row]) -> None:
+    """Print a table with columns as wide as they need to be."""
+    lines = [head, *rows]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
+    for line in lines:
+        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip(), flush=True)
+
+
+class Panel:
+    """A panel on an embedded mock rig, and a browser for it."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self._said: list[str] = []
+        self.asked: set[str] = set()
+
+    def __enter__(self) -> Panel:
+        from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+        stack = self._stack
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        path = folder / "rig.toml"
         path.write_text(embedded_rig_path().read_text(encoding="utf-8") + WARM, encoding="utf-8")
-        work = Work(path, Path(folder) / "runs", lambda *a, **k: open_rig(*a, **k, real_time=True))
-        stack.callback(work.close)
-        said: list[str] = []
+        playwright = stack.enter_context(sync_playwright())
+        self.work = Work(path, folder / "runs", lambda *a, **k: open_rig(*a, **k, real_time=True))
+        stack.callback(self.work.close)
         address = stack.enter_context(
-            serving(work, Place(port=0), lambda at, token: said.append(f"{at.url}login#{token}"))
+            serving(self.work, Place(port=0), lambda at, token: self._said.append(f"{at.url}login#{token}"))
         )
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        stack.callback(browser.close)
-        asked: set[str] = set()
-        bench = Bench(work, lambda: open_page(browser, said, asked))
-        good = [
-            bench.computing_time(options.seconds),
-            bench.time_to_pixel(),
-            bench.memory(),
-            bench.stops(options.trips),
-        ]
-        print("\n".join(bench.lines))
-        foreign = [url for url in asked if f"//{address.url.split('/')[2]}/" not in url]
-        good.append(not foreign)
-        print(f"requests for other hosts: {len(foreign)} of {len(asked)}")
-    return 0 if all(good) else 1
+        self.host = address.url.split("/")[2]
+        self._browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-gpu"])
+        stack.callback(self._browser.close)
+        return self
 
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
 
-def open_page(browser: Any, said: list[str], asked: set[str]) -> Any:
-    """A page that has logged in."""
-    page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
-    page.on("request", lambda request: asked.add(request.url))
-    page.goto(said[-1])
-    page.get_by_text("has control").wait_for()
-    return page
+    def open(self) -> Any:
+        """A page that has logged in."""
+        page = self._browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+        page.on("request", lambda request: self.asked.add(request.url))
+        page.goto(self._said[-1])
+        page.get_by_text("has control").wait_for()
+        return page
+
+    def shown(self, rig: Rig) -> AbstractContextManager[None]:
+        """A page shows this rig, ten changes a second."""
+        return panel_stops.page_of(self.work, self.open, rig, _feed)
 
 
 class Bench:
     """One panel and at most one page."""
 
-    def __init__(self, work: Work, open_one: Callable[[], Any]) -> None:
-        self.work, self._open = work, open_one
-        self.lines: list[str] = []  # printed in the end: while a plan runs nothing is, on stdout
+    def __init__(self, panel: Panel) -> None:
+        self.work, self._open = panel.work, panel.open
 
     def start(self) -> None:
         """A campaign under way, past its warm-up."""
@@ -112,7 +148,7 @@ class Bench:
         while self.work.live.snapshot().done < 5:
             time.sleep(0.2)
 
-    def computing_time(self, seconds: float) -> bool:
+    def computing_time(self, seconds: float) -> Row:
         """What the page adds to this process' computing time, in turns of half the time."""
         self.start()
         shares: dict[bool, list[float]] = {True: [], False: []}
@@ -132,12 +168,13 @@ class Bench:
             time.sleep(6.0)  # until the server has forgotten the page
         without, beside = (float(np.mean(shares[key])) for key in (False, True))
         added = beside - without
-        self.lines.append(
-            f"computing time of one core: {without:.1%} without a page, {beside:.1%} with one, {added:.1%} added"
-        )
-        return added <= CPU_SHARE
+        verdict = "ok" if added <= CPU_SHARE else "missed"
+        return (
+            "computing time, of one core", f"{without:.1%}", f"{beside:.1%}", f"{added:.1%}", f"{CPU_SHARE:.0%}",
+            verdict,
+        )  # fmt: skip
 
-    def time_to_pixel(self) -> bool:
+    def time_to_pixel(self) -> Row:
         """From a change of state to the frame that shows it."""
         page = self._open()
         page.evaluate(WATCH)
@@ -156,12 +193,12 @@ class Bench:
         self.work.wait()
         waited = np.array([seen[line] - at_s for line, at_s in changed.items() if line in seen])
         middle, most = np.percentile(waited, (50, 95))
-        self.lines.append(
-            f"change to pixel: median {middle:.2f} s, 95 % {most:.2f} s, {len(waited)} of {CHANGES} seen by themselves"
-        )
-        return bool(most <= SEEN_S) and len(waited) > 0.9 * CHANGES
+        seen_all = len(waited) > 0.9 * CHANGES
+        what = f"change of state to pixel, 95 % of {len(waited)} of {CHANGES} (median {middle:.2f} s)"
+        verdict = "ok" if most <= SEEN_S and seen_all else "missed"
+        return what, "", f"{most:.2f} s", f"{most:.2f} s", f"{SEEN_S:g} s", verdict
 
-    def memory(self) -> bool:
+    def memory(self) -> list[Row]:
         """Growth of the server and of the page's heap from hour 2 to hour 8 of readings."""
         page = self._open()
         session = page.context.new_cdp_session(page)
@@ -177,52 +214,13 @@ class Bench:
                 sizes.append((_resident_mb(), heap / 1e6))
         page.context.close()
         (server, heap), (server_later, heap_later) = sizes
-        self.lines.append(
-            f"memory from hour 2 to 8: server {server_later - server:+.1f} MB, page {heap_later - heap:+.1f} MB"
-        )
-        return max(server_later - server, heap_later - heap) <= GROWTH_MB
-
-    def stops(self, trips: int) -> bool:
-        """Bit to last stop frame without and with a page that shows the rig, in turns."""
-        times: dict[bool, list[float]] = {True: [], False: []}
-        for with_page in (False, True, False, True):
-            with tempfile.TemporaryDirectory() as folder:
-                path = stop_latency.rig_file(Path(folder))
-                rows = stop_latency.measure(path, trips // 2, 1, self.shown if with_page else _alone)
-                times[with_page] += [row["total_ms"] for row in rows if "total_ms" in row]
-        without, beside = (np.array(times[key]) for key in (False, True))
-        draw = np.random.default_rng(1)
-        medians = [[np.median(draw.choice(of, of.size)) for of in (beside, without)] for _ in range(500)]
-        low, high = np.percentile(np.divide(*np.transpose(medians)), (2.5, 97.5))
-        self.lines.append(
-            f"bit to last stop frame: median {np.median(without):.2f} ms without, {np.median(beside):.2f} ms with: "
-            f"{np.median(beside) / np.median(without):.2f} times, 95 % of resampling {low:.2f} to {high:.2f}; "
-            f"99 % {np.percentile(without, 99):.1f} and {np.percentile(beside, 99):.1f} ms"
-        )
-        return bool(low <= SLOWER)
-
-    @contextmanager
-    def shown(self, rig: Rig) -> Iterator[None]:
-        """A page shows this rig, ten changes a second."""
-        page, ended = self._open(), threading.Event()
-        self.work.live.watch(rig)
-
-        def change() -> None:
-            while not ended.wait(0.1):
-                _feed(self.work, 0)
-
-        threading.Thread(target=change, daemon=True).start()
-        try:
-            yield
-        finally:
-            ended.set()
-            self.work.live.leave()
-            page.context.close()
-
-
-@contextmanager
-def _alone(_rig: Rig) -> Iterator[None]:
-    yield
+        return [
+            (
+                f"memory of the {what}, hour 8 after hour 2", f"{before:.1f} MB", f"{later:.1f} MB",
+                f"{later - before:+.1f} MB", f"{GROWTH_MB:g} MB", "ok" if later - before <= GROWTH_MB else "missed",
+            )
+            for what, before, later in (("server", server, server_later), ("page", heap, heap_later))
+        ]  # fmt: skip
 
 
 def _feed(work: Work, number: int) -> None:

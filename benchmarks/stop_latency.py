@@ -16,7 +16,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -133,13 +133,16 @@ def serve(path: Path, seed: int) -> None:
             print(json.dumps({"total_ms": total_ms, "polling_ms": polling_ms}), flush=True)
 
 
-def measure(
-    path: Path,
-    trips: int,
-    seed: int,
-    beside: Callable[[Rig], AbstractContextManager[None]] = lambda _rig: nullcontext(),
-) -> Iterator[dict[str, float]]:
-    """Trip supervision again and again while the rig works; `beside`: what else goes on meanwhile."""
+def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
+    """Trip supervision again and again while the rig works, then fault a drive."""
+    with at_work(path, seed) as (_rig, strike):
+        for number in range(trips + trips // 4):
+            yield strike("trip" if number < trips else "fault")
+
+
+@contextmanager
+def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[str, float]]]]:
+    """A rig at work, and what strikes it: `trip` opens the guard, `fault` faults a drive; it gives the times."""
     file, machine = load_rig(path)
     command = [sys.executable, "-m", "benchmarks.stop_latency", "--serve", str(path), "--seed", str(seed)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as mock:
@@ -147,18 +150,23 @@ def measure(
         assert mock.stdout is not None
         mock.stdout.readline()
         clock = ScaledClock(1.0)
-        with connect_rig(file, machine, clock, rig_path=path) as rig, beside(rig), working(rig):
-            for number in range(trips + trips // 4):
+        with connect_rig(file, machine, clock, rig_path=path) as rig, working(rig):
+
+            def strike(order: str) -> dict[str, float]:
                 start_again(rig)
                 mover = threading.Thread(target=move, args=(rig,))
                 mover.start()
-                mock.stdin.write("trip\n" if number < trips else "fault\n")
+                assert mock.stdin is not None
+                assert mock.stdout is not None
+                mock.stdin.write(f"{order}\n")
                 mock.stdin.flush()
-                message = json.loads(mock.stdout.readline())
+                message: dict[str, float] = json.loads(mock.stdout.readline())
                 mover.join()
                 if "error" in message:
                     raise SystemExit(message["error"])
-                yield message
+                return message
+
+            yield rig, strike
         mock.stdin.close()
         clock.close()
 

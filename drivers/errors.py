@@ -90,6 +90,9 @@ class WrongTarget(DeviceError):
     """A different reflector than intended was measured, or the beam is obstructed."""
 
 
+UNSEEN = (TargetNotFound, MultipleTargets, SignalError, AngleOnly, WrongTarget)  # put right at the reflector
+
+
 class NotImplementedByStation(StationError):
     """The station does not know this call."""
 

@@ -32,12 +32,24 @@ def read_table(
     Raises InputError in one line for a missing, unknown or doubled column, a cell that is no finite number, a row of
     the wrong length, no row at all, and too large a file.
     """
+    with open_text(path, MAX_CSV_BYTES) as stream:
+        return parse_table(stream, path, needed, optional, may_be_empty, page)
+
+
+def parse_table(
+    stream: io.TextIOBase,
+    path: Path,
+    needed: Collection[str],
+    optional: Collection[str] = (),
+    may_be_empty: Collection[str] = (),
+    page: str = "docs/reference/measurements.md",
+) -> dict[str, Array]:
+    """The same of an open file, or of a text; `path` is what messages name."""
     try:
-        with open_text(path, MAX_CSV_BYTES) as stream:
-            reader = csv.reader(bounded_lines(stream, path))
-            header = next(reader, [])
-            _check_header(path, header, needed, optional, page)
-            rows = list(_rows(path, reader, header, may_be_empty))
+        reader = csv.reader(bounded_lines(stream, path))
+        header = next(reader, [])
+        _check_header(path, header, needed, optional, page)
+        rows = list(_rows(path, reader, header, may_be_empty))
     except csv.Error as error:
         raise InputError(f"{path}: not CSV: {error}") from error
     if not rows:

@@ -78,7 +78,7 @@ def require_file_or_folder(path: Path) -> None:
         raise InputError(f"{path}: not a plain file or folder; check the path")
 
 
-def bounded_lines(stream: io.TextIOWrapper, path: Path) -> Iterator[str]:
+def bounded_lines(stream: io.TextIOBase, path: Path) -> Iterator[str]:
     """Lines of an open file; InputError for one that is longer than MAX_LINE characters."""
     number = 0
     while line := stream.readline(MAX_LINE + 1):

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from calibration.base.errors import InputError
 from pkm_rig.certificate.quantities import Quantity, payload_quantities
-from pkm_rig.report.words import Language, word
+from pkm_rig.report.words import Language, said, word
 
 Version = Literal["3.3.0", "3.0.0"]
 VERSIONS: tuple[Version, ...] = ("3.3.0", "3.0.0")
@@ -103,7 +103,9 @@ def make_content(
         statements=_statements(data, language, replaces),
         conditions=_conditions(data["conditions"], language),
         results=payload_quantities(data, language),
-        hashes=tuple((entry["of"], entry["sha256"]) for entry in data["record"]["hashes"]),
+        hashes=tuple(
+            (said(entry["of"], language), said(entry["sha256"], language)) for entry in data["record"]["hashes"]
+        ),
     )
 
 
@@ -122,10 +124,11 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
     accreditation = identity["accreditation"]
     out.append(Statement(word("not_accredited", language) if accreditation is None else accreditation))
     traceable = bool(identity["traceable"])
-    reasons = "" if traceable else f": {'; '.join(identity['not_traceable'])}"
+    reasons = "" if traceable else f": {'; '.join(said(reason, language) for reason in identity['not_traceable'])}"
     out.append(Statement(word("traceable" if traceable else "not_traceable", language) + reasons, traceable=traceable))
     if data["tables_as_found"] is not None:
-        out.append(Statement(f"{word('found_left', language)}: {data['tables_as_found']}; {data['tables_as_left']}"))
+        found, left = (said(data[key], language) for key in ("tables_as_found", "tables_as_left"))
+        out.append(Statement(f"{word('found_left', language)}: {found}; {left}"))
     by_host = data.get("back_end") == "host"
     verdict = "accepted_host" if by_host and data["decision"] == "accepted" else data["decision"]
     out.append(Statement(f"{word('decision', language)}: {word(verdict, language)}"))

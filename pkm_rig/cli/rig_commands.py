@@ -115,7 +115,8 @@ def measure(
         typer.Option(help="continue this campaign: it broke off, or gets more visits", autocompletion=campaigns),
     ] = None,
     campaign_file: Annotated[
-        Path | None, typer.Option("--campaign", help="campaign file: its visits in place of the rig file's poses")
+        Path | None,
+        typer.Option("--campaign", help="campaign file or CSV: its visits in place of the rig file's poses"),
     ] = None,
     new_setup: NewSetupOption = False,
     dry_run: Annotated[
@@ -133,14 +134,15 @@ def measure(
     from pkm_rig.report.terminal import print_message, print_result
     from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need
-    from pkm_rig.rig.config import load_rig, with_visits
+    from pkm_rig.rig.config import load_rig
     from pkm_rig.rig.schedule import calibration_blocks
     from pkm_rig.rig.session_record import last_moment
+    from pkm_rig.rig.visits_file import with_visits
     from pkm_rig.store.store import open_store
 
     if campaign_file is not None:  # errors are reported before any device is touched
         file, machine = load_rig(rig)
-        calibration_blocks(machine, with_visits(file, campaign_file).campaign, file.station.position_m)
+        calibration_blocks(machine, with_visits(file, campaign_file, machine).campaign, file.station.position_m)
     _require_campaign(resume, out, new_setup=new_setup)
     options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
@@ -151,7 +153,7 @@ def measure(
         live_progress(connected_rig) as progress,
     ):
         if campaign_file is not None:
-            connected_rig.file = with_visits(connected_rig.file, campaign_file)
+            connected_rig.file = with_visits(connected_rig.file, campaign_file, connected_rig.machine)
         campaign = measure(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
         simulated, stores_tables = store.header(campaign).simulated, bool(connected_rig.banks)
         made_for = connected_rig.file.campaign.made_for
@@ -175,10 +177,11 @@ def _dry_run(rig: Path, campaign_file: Path | None, out: Path, json: bool) -> No
     from pkm_rig.report.dry_run_text import draw_dry_run, print_dry_run
     from pkm_rig.report.pictures import save_png
     from pkm_rig.report.terminal import print_json, results
-    from pkm_rig.rig.config import load_rig, with_visits
+    from pkm_rig.rig.config import load_rig
+    from pkm_rig.rig.visits_file import with_visits
 
     file, machine = load_rig(rig)
-    run = dry_run(file if campaign_file is None else with_visits(file, campaign_file), machine)
+    run = dry_run(file if campaign_file is None else with_visits(file, campaign_file, machine), machine)
     picture = out / f"dry-run-{machine.name}.png"
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,10 @@ from pkm_rig.rig.schedule import Block
 from pkm_rig.store.store import Store
 
 SAME_TO_GO_ON = ("machine", "station", "campaign", "drives", "payloads", "nest_length", "plc")
-NOT_MEASURED = ("on_interlock",)  # settings of a campaign that change neither its readings nor their verdict
+NOT_MEASURED = (
+    "on_interlock",
+    "on_unseen",
+)  # settings of a campaign that change neither its readings nor their verdict
 SAME_OF_STATION = ("edm_mode", "prism_type", "prism_constant_m")  # older campaigns have the defaults
 
 RigFile = Mapping[str, Any]  # as the campaign's settings are stored

@@ -12,6 +12,7 @@ __all__ = [
     "measure_view",
     "page",
     "page_parts",
+    "page_words",
     "rig_view",
     "server",
     "tasks",

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from calibration.base.errors import InputError
-from calibration.base.toml_file import parse_toml
 from calibration.machine.description import Machine
 from pkm_rig.jobs.measure import planned_readings
 from pkm_rig.rig.campaign_sections import CampaignFile
 from pkm_rig.rig.config import RigFile, with_visits_of
 from pkm_rig.rig.schedule import calibration_blocks
+from pkm_rig.rig.visits_file import parse_visits
 
 Kind = Literal[
     "check", "home", "home again", "interim test", "calibrate", "measure", "verify", "go on", "tables off",
@@ -48,15 +48,15 @@ class Action:
             raise InputError(f"{self.kind}: of which campaign?")
 
 
-def read_visits(name: str, data: bytes) -> Visits:
-    """An uploaded campaign file, by the reader of the command line; InputError in one line."""
+def read_visits(name: str, data: bytes, machine: Machine) -> Visits:
+    """An uploaded campaign file (TOML or CSV), by the reader of the command line; InputError in one line."""
     if len(data) > MOST_UPLOAD_BYTES:
         raise InputError(f"{name}: {len(data)} bytes, more than {MOST_UPLOAD_BYTES}")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: byte {error.start} is not UTF-8") from error
-    return Visits(name, parse_toml(text, CampaignFile, name))
+    return Visits(name, parse_visits(name, text, machine))
 
 
 def what_moves(action: Action, file: RigFile, machine: Machine) -> str:

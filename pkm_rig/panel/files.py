@@ -7,6 +7,7 @@ from urllib.parse import quote
 
 from calibration.base.errors import InputError
 from calibration.base.plain_file import read_text
+from calibration.machine.description import Machine
 from pkm_rig.jobs.diagnose import PICTURES_FOLDER
 from pkm_rig.panel.actions import Visits, read_visits
 from pkm_rig.store.store import campaign_folder, open_existing_store, store_path
@@ -41,7 +42,7 @@ def pictures_of(out: Path, campaign: str) -> list[str]:
     return [name for name in PICTURES if picture_of(out, campaign, name) is not None]
 
 
-def next_measurements(out: Path, campaign: str) -> list[Visits]:
+def next_measurements(out: Path, campaign: str, machine: Machine) -> list[Visits]:
     """The campaign files that the diagnosis has written, the most informative first."""
     folder = campaign_folder(out, campaign) / PICTURES_FOLDER
     if not _is_stored(out, campaign) or not folder.is_dir():
@@ -50,7 +51,7 @@ def next_measurements(out: Path, campaign: str) -> list[Visits]:
     for path in sorted(folder.glob("next-*.toml"))[:MOST_NEXT_FILES]:
         file = _file(out, campaign, PICTURES_FOLDER, path.name)
         if file is not None:
-            found.append(read_visits(path.stem, read_text(file).encode()))
+            found.append(read_visits(path.stem, read_text(file).encode(), machine))
     return found
 
 

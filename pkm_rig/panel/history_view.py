@@ -127,7 +127,7 @@ def detail_of(work: Work, campaign: str) -> dict[str, Any]:
     resumes = not kinds & {"identified", "verifying", "accepted", "refused", "imported"}
     following: list[tuple[Visits, bool]] = []
     with contextlib.suppress(InputError, StoreError):
-        following = [(visits, resumes) for visits in next_measurements(work.out, campaign)]
+        following = [(visits, resumes) for visits in next_measurements(work.out, campaign, work.machine)]
     diagnosed = work.diagnosed.get(campaign) or next((e.data for e in reversed(events) if e.kind == "diagnosed"), None)
     return {
         "events": [_event_line(event) for event in events],

@@ -10,15 +10,18 @@ from pkm_rig.panel.actions import Action
 from pkm_rig.panel.files import report_of, report_url
 from pkm_rig.panel.machine_view import MachineView, mesh_of, scene_of
 from pkm_rig.panel.page_parts import PageOfWork
+from pkm_rig.panel.page_words import on_page
 from pkm_rig.panel.titles import title
 from pkm_rig.panel.trend import trend_svg
+from pkm_rig.report.asked import asked_of
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.terminal_live import left_in_words
 from pkm_rig.rig.live import Guard, LastReading, Snapshot
 
 TREND = "geometric mean over the parameters of standard uncertainty now / before"
 RESIDUAL = "residual: from the nominal machine, the mean of the reflector's readings taken off"
-ENDED = "The campaign has ended before its time; all readings are kept. Put right what is said below, then go on"
+ENDED = "The campaign has ended before its time: put right what is said below, then go on"
+GO_ON = "press Go on"
 SIGNS = {"good": "●", "bad": "▲", "unknown": "○"}
 
 
@@ -31,7 +34,8 @@ class MeasureView:
         self._estimate_version = -1
         with ui.element("div").classes("panes"):
             with ui.element("div").classes("card whole asked") as self._asked:
-                self._asked_text = ui.label().classes("text-weight-medium")
+                self._asked_action = ui.label().classes("big")
+                self._asked_text = ui.label()
                 self._take_up = ui.button("", on_click=self._press_take_up).props("no-caps")
                 self._go_on = ui.button("Go on", on_click=lambda: page.press(Action("go on"))).props("no-caps")
             with ui.element("div").classes("card whole"):
@@ -86,7 +90,7 @@ class MeasureView:
         self._machine.show(scene_of(self._page.work.machine, self._page.work.file, seen))
         self._place.set_text(_place(seen))
         self._readings.rows = [_row(reading) for reading in reversed(seen.readings)]
-        self._lines.set_text(with_symbols("\n".join(reversed(seen.lines))))
+        self._lines.set_text(with_symbols("\n".join(on_page(line) for line in reversed(seen.lines))))
         self._show_estimate()
 
     def _show_progress(self, seen: Snapshot) -> None:
@@ -99,7 +103,7 @@ class MeasureView:
             self._state.set_text(f"{job.action.kind.capitalize()}: {step}")
         else:
             self._state.set_text(f"{job.action.kind.capitalize()}: {'done' if job.result.good else 'ended'}")
-        line = "" if job is None or job.result is None else with_symbols(job.result.line)
+        line = "" if job is None or job.result is None else with_symbols(on_page(job.result.line))
         self._result.set_text(line)
         self._result.classes(remove="bad", add="bad" if job and job.result and not job.result.good else "")
         campaign = None if job is None or job.result is None else job.result.campaign
@@ -115,28 +119,22 @@ class MeasureView:
         self._pause.set_enabled(control and busy)
 
     def _show_request(self, seen: Snapshot) -> None:
-        request, goes_on = seen.request, self._goes_on()
-        self._asked.set_visibility(request is not None or goes_on is not None)
+        asked, goes_on = asked_of(seen, GO_ON), self._goes_on()
+        self._asked.set_visibility(asked is not None or goes_on is not None)
         self._take_up.set_visibility(goes_on is not None)
         if goes_on is not None:
-            self._asked_text.set_text(ENDED)
+            self._asked_action.set_text(ENDED)
+            self._asked_text.set_text("All readings are kept.")
             self._take_up.set_text("Go on in a new set-up" if goes_on.new_setup else "Go on with the campaign")
             self._take_up.set_enabled(self._page.has_control)
             self._go_on.set_visibility(False)
             return
-        if request is None:
+        if asked is None:
             return
-        missing = [guard.name for guard in seen.guards if guard.light == "bad" and guard.value in ("open", "off")]
-        waits = request.kind == "go on"
-        if waits and missing:
-            text = f"{request.text}. Put right at the machine: {', '.join(missing)}"
-        elif waits:
-            text = f"{request.text}. All guards are good: press Go on when nobody is at the machine"
-        else:
-            text = request.text
-        self._asked_text.set_text(with_symbols(text))
-        self._go_on.set_visibility(waits)
-        self._go_on.set_enabled(waits and not missing and self._page.has_control)
+        self._asked_action.set_text(with_symbols(asked.action))
+        self._asked_text.set_text(with_symbols(on_page(asked.why)))
+        self._go_on.set_visibility(asked.goes_on)
+        self._go_on.set_enabled(asked.goes_on and self._page.has_control)
 
     def _goes_on(self) -> Action | None:
         """What goes on with the campaign that has just ended before its time."""

@@ -11,6 +11,7 @@ from pkm_rig.errors import StoreError
 from pkm_rig.panel.actions import Action
 from pkm_rig.panel.history_view import HistoryView
 from pkm_rig.panel.measure_view import MeasureView
+from pkm_rig.panel.page_words import on_page
 from pkm_rig.panel.rig_view import RigView
 from pkm_rig.panel.work import Work
 
@@ -92,7 +93,7 @@ class Page:
 
     def say(self, line: str) -> None:
         """A line to whoever has pressed something."""
-        ui.notify(printable(line), type="warning", multi_line=True, timeout=8000, close_button="Close")
+        ui.notify(printable(on_page(line)), type="warning", multi_line=True, timeout=8000, close_button="Close")
 
     async def _stop(self) -> None:
         await run.io_bound(self.work.stop)

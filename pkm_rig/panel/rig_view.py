@@ -8,6 +8,7 @@ from nicegui.events import UploadEventArguments
 from calibration.base.errors import InputError
 from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, Action, Kind, planned_readings_of, read_visits
 from pkm_rig.panel.page_parts import PageOfWork
+from pkm_rig.panel.page_words import on_page
 from pkm_rig.panel.titles import title
 from pkm_rig.panel.work import NO_RELEASE
 from pkm_rig.report.notation import with_symbols
@@ -22,6 +23,7 @@ TABLE_BUTTONS: tuple[tuple[str, Kind], ...] = (
     ("Undo the last change", "tables rollback"),
     ("Switch compensation off", "tables off"),
 )
+WAITS_OR_ENDS = {"suspend": "waits", "stop": "ends"}
 
 
 class RigView:
@@ -52,11 +54,13 @@ class RigView:
                         self._button(word, Action(kind))
             with ui.element("div").classes("card"):
                 title("Other poses")
-                ui.label("A campaign file (TOML) lists visits in place of those of the rig file.").classes("note")
+                ui.label(
+                    "A campaign file (TOML, or a table in CSV) lists visits in place of those of the rig file."
+                ).classes("note")
                 ui.upload(
                     label="campaign file", auto_upload=True, max_file_size=MOST_UPLOAD_BYTES, max_files=1,
                     on_upload=self._uploaded, on_rejected=lambda: page.say("not taken: one file, at most a megabyte"),
-                ).props('accept=".toml" flat bordered dense').classes("full-width")  # fmt: skip
+                ).props('accept=".toml,.csv" flat bordered dense').classes("full-width")  # fmt: skip
                 self._visits = ui.column()
         self.refresh()
 
@@ -74,13 +78,14 @@ class RigView:
             f"payloads: {', '.join(f'{p.name} ({p.mass_kg:g} kg)' for p in file.payloads)}",
             f"a calibration: {file.campaign.calibration_poses} poses, up to {readings} readings, verified with "
             f"{', '.join(file.payloads[n].name for n in file.campaign.verification_payloads)}",
-            f"an interlock that opens: the campaign {'waits' if file.campaign.on_interlock == 'suspend' else 'ends'}",
+            f"an interlock that opens: the campaign {WAITS_OR_ENDS[file.campaign.on_interlock]}",
+            f"a reflector that is not seen: it {WAITS_OR_ENDS[file.campaign.on_unseen]}",
         ]
 
     async def _uploaded(self, event: UploadEventArguments) -> None:
         self._visits.clear()
         try:
-            visits = read_visits(event.file.name, await event.file.read())
+            visits = read_visits(event.file.name, await event.file.read(), self._page.work.machine)
         except InputError as error:
             self._page.say(str(error))
             return
@@ -108,6 +113,6 @@ class RigView:
             for line in lines:
                 ui.label(with_symbols(line))
             for problem in found["problems"]:
-                ui.label(with_symbols(problem)).classes("bad")
+                ui.label(with_symbols(on_page(problem))).classes("bad")
             if not found["problems"]:
                 ui.label("fit for a campaign").classes("text-weight-medium")

@@ -1,6 +1,7 @@
 """What people and programs see of a result: terminal, HTML, pictures, JSON."""
 
 __all__ = [
+    "asked",
     "axis_json",
     "axis_text",
     "check_text",

@@ -19,7 +19,7 @@ from pkm_rig.report import diagnosis_pictures, diagnosis_text, maps, pictures
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.page import Page
 from pkm_rig.report.report_json import maps_of, report_json
-from pkm_rig.report.words import Language
+from pkm_rig.report.words import Language, said
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.report_source import ReportSource
 from pkm_rig.store.store import campaign_folder
@@ -102,7 +102,8 @@ def _verdict(source: ReportSource, page: Page) -> str:
         return page.word(source.state)
     if source.outcome.accepted:
         return page.word("accepted_host" if source.outcome.back_end == "host" else "accepted")
-    return f"{page.word(source.outcome.decision)}: {source.outcome.restored or 'nothing was activated'}"
+    restored = said(source.outcome.restored or "nothing was activated", page.language)
+    return f"{page.word(source.outcome.decision)}: {restored}"
 
 
 def _parameter_unit(entry: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 A number is written as `<span data-key="payloads.0.fall_m" data-factor="1000000.0" data-round="0.1">24.1</span>`: the
 value at that key of the JSON object, times the factor, rounded to the place; `U` is an expanded uncertainty, to two
 digits and never down, `U:KEY` a value that ends at the place of the uncertainty at KEY, `3g` three significant digits,
-`text` a text as it is. A test reads all of them back.
+`text` a text as it is, `said` one in another language with its numbers as they are. A test reads all of them back.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from calibration.base.rounding import round_result, round_uncertainty
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.notation import plain_number, with_symbols
-from pkm_rig.report.words import Language, word
+from pkm_rig.report.words import Language, said, word
 
 NOTHING = "–"
 
@@ -88,6 +88,14 @@ class Page:
         if value is None or value == "":
             return Markup('<span class="missing">{}</span>').format(self.word("not_stated"))
         return Markup('<span data-key="{}" data-round="text">{}</span>').format(key, with_symbols(str(value)))
+
+    def said(self, key: str) -> Markup:
+        """A verdict or a field that the program has filled in words, in the page's language (`data-round="said"`)."""
+        value = self.at(key)
+        if self.language == "en" or value is None or value == "":
+            return self.text(key)
+        shown = with_symbols(said(str(value), self.language))
+        return Markup('<span data-key="{}" data-round="said">{}</span>').format(key, shown)
 
     def code(self, key: str) -> Markup:
         """A name or a hash as it is, in letters of one width."""

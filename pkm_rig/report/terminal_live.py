@@ -13,6 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from pkm_rig.report.asked import asked_of
 from pkm_rig.report.terminal import messages, progress_bar
 from pkm_rig.results.callbacks import Progress
 from pkm_rig.rig.live import Live, Snapshot
@@ -20,7 +21,7 @@ from pkm_rig.rig.rig import Rig
 
 SHOWN_READINGS = 5
 PER_SECOND = 4.0
-PAYLOAD, GO_ON = "put the payload on", "press Enter when nobody is at the machine"
+GO_ON = "press Enter"
 
 
 @contextmanager
@@ -44,9 +45,9 @@ def live_progress(rig: Rig) -> Iterator[Progress]:
 def shown(seen: Snapshot) -> RenderableType:
     """A snapshot as text: what is asked for first, as one thing to do."""
     parts: list[RenderableType] = []
-    if seen.request is not None:
-        what = PAYLOAD if seen.request.kind == "payload" else GO_ON
-        parts.append(Panel(Text(seen.request.text), title=what, title_align="left", border_style="bold"))
+    asked = asked_of(seen, GO_ON)
+    if asked is not None:
+        parts.append(Panel(Text(asked.why), title=Text(asked.action), title_align="left", border_style="bold"))
     parts += [_progress(seen), _place(seen), _guards(seen)]
     if seen.readings:
         parts.append(_readings(seen))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Literal, NamedTuple
 
 Language = Literal["en", "de"]
@@ -98,6 +99,71 @@ CATALOGUE: dict[str, Words] = {
     "pressure": Words("air pressure", "Luftdruck"),
     "humidity": Words("relative humidity", "relative Feuchte"),
     "reason": Words("reason", "Grund"),
+    # heads of rows and columns
+    "estimate": Words("estimate", "Schätzwert"),
+    "type": Words("type", "Typ"),
+    "distribution": Words("distribution", "Verteilung"),
+    "degrees_of_freedom": Words("degrees of freedom", "Freiheitsgrade"),
+    "sensitivity": Words("sensitivity", "Empfindlichkeit"),
+    "adds": Words("adds", "Beitrag"),
+    "share": Words("share", "Anteil"),
+    "readings_used": Words("readings used", "verwendete Messwerte"),
+    "range_constant": Words("range constant taken off", "abgezogene Additionskonstante"),
+    "command": Words("command", "Befehl"),
+    "ended": Words("ended", "beendet"),
+    "from": Words("from", "von"),
+    "to": Words("to", "bis"),
+    "begun": Words("begun, UTC", "begonnen, UTC"),
+    "reading": Words("reading", "Messwert"),
+    "of": Words("of", "von Größe"),
+    "off_by": Words("off by", "Abweichung"),
+    "in_sigmas": Words("in its standard deviations", "in Standardabweichungen"),
+    "instrument": Words("instrument", "Messmittel"),
+    "reflector": Words("reflector", "Reflektor"),
+    "on": Words("on", "an"),
+    "readings": Words("readings", "Messwerte"),
+    "mean": Words("mean", "Mittel"),
+    "largest": Words("largest", "größter"),
+    "effect": Words("effect", "Effekt"),
+    "place_of_effect": Words("place", "Ort"),
+    "size": Words("size", "Größe"),
+    "probability": Words("probability", "Wahrscheinlichkeit"),
+    "seen": Words("seen", "sichtbar"),
+    "gap": Words("gap on withheld data", "Abweichung bei zurückgehaltenen Daten"),
+    "gap_floor": Words("noise floor of the gap", "Rauschgrenze der Abweichung"),
+    "shrink": Words("shrink", "Abnahme"),
+    "share_over": Words("share of the gap over", "Anteil der Abweichung über"),
+    "which": Words("which", "welche"),
+    "interval": Words("interval", "Intervall"),
+    "parameter": Words("parameter", "Parameter"),
+    "deviation": Words("deviation", "Abweichung"),
+    "tolerance": Words("tolerance", "Toleranz"),
+    "unit": Words("unit", "Einheit"),
+    "stated_accuracy": Words("stated accuracy of the station", "angegebene Genauigkeit der Messstation"),
+    "certified_length": Words("certified length", "zertifizierte Länge"),
+    "written_by": Words("report written by", "Bericht geschrieben von"),
+    "as_found": Words("as found", "vorgefunden"),
+    "as_left": Words("as left", "hinterlassen"),
+    "deviations": Words("Deviations", "Abweichungen"),
+    "standard_figures": Words("Figures of a standard", "Kennwerte einer Norm"),
+    "bidirectional": Words("bidirectional", "beidseitig"),
+    "cycles": Words("cycles", "Zyklen"),
+    "accuracy_ap": Words("accuracy AP", "Genauigkeit AP"),
+    "repeatability_rp": Words("repeatability RP", "Wiederholgenauigkeit RP"),
+    "computed_for": Words("computed for", "berechnet für"),
+    "largest_correction": Words("largest correction", "größte Korrektur"),
+    "drive": Words("drive", "Antrieb"),
+    "generation": Words("generation", "Generation"),
+    "active": Words("active when verified", "aktiv bei der Prüfung"),
+    "load": Words("load", "Last"),
+    "pose": Words("pose", "Pose"),
+    "unpredicted": Words("unpredicted part", "nicht vorhergesagter Teil"),
+    "identification": Words("identification", "Identifikation"),
+    "position": Words("position", "Position"),
+    "turn": Words("rotation", "Verdrehung"),
+    "together": Words("together", "zusammen"),
+    "certificate_number": Words("certificate", "Kalibrierschein"),
+    # statements
     "by_host": Words(
         "after: corrected by the program that leads the drives; no table is in use in them",
         "nachher: vom Programm korrigiert, das die Antriebe führt; in ihnen ist keine Tabelle in Gebrauch",
@@ -107,6 +173,54 @@ CATALOGUE: dict[str, Words] = {
         "nachher: gemessen mit Tabellen, die erprobt und zurückgenommen wurden; nicht der hinterlassene Zustand",
     ),
 }
+
+PHRASES: tuple[Words, ...] = (  # of what the program states in a field or as a verdict, between its numbers and names
+    Words("nothing was activated", "nichts wurde aktiviert"),
+    Words("the former tables come back", "die früheren Tabellen kommen zurück"),
+    Words("the former tables", "die früheren Tabellen"),
+    Words("no compensation, as before", "keine Kompensation, wie vorher"),
+    Words("the tables stay", "die Tabellen bleiben"),
+    Words("the correction stays", "die Korrektur bleibt"),
+    Words("not decided, ", "nicht entschieden, "),
+    Words("is within w of the limit", "liegt innerhalb w der Grenze"),
+    Words("fall ", "Abnahme "),
+    Words("after ", "nachher "),
+    Words("limit ", "Grenze "),
+    Words("no table in use", "keine Tabelle in Gebrauch"),
+    Words("on all drives", "in allen Antrieben"),
+    Words("generation ", "Generation "),
+    Words("as the command asked for", "wie vom Befehl verlangt"),
+    Words("not known: the change of tables was not ended;", "nicht bekannt: der Tabellenwechsel wurde nicht beendet;"),
+    Words("` tells", "` sagt es"),
+    Words("simulated: nothing was measured", "simuliert: es wurde nichts gemessen"),
+    Words("no certificate of the station is stated", "kein Kalibrierschein der Messstation ist angegeben"),
+    Words(
+        "no certificate of the certified length is stated",
+        "kein Kalibrierschein der zertifizierten Länge ist angegeben",
+    ),
+    Words("the station that measured has serial number", "die Station, die gemessen hat, hat die Seriennummer"),
+    Words("no serial number is stated", "keine Seriennummer ist angegeben"),
+    Words("stated is ", "angegeben ist "),
+    Words("the day of measuring is not known", "der Tag der Messung ist nicht bekannt"),
+    Words("its certificate was due on", "sein Kalibrierschein war fällig am"),
+    Words("it was calibrated on", "es wurde kalibriert am"),
+    Words("measured until", "gemessen bis"),
+    Words("measured from", "gemessen ab"),
+    Words("station: ", "Messstation: "),
+    Words("nest_length: ", "zertifizierte Länge: "),
+    Words("head of the campaign in the store", "Kopf der Kampagne im Speicher"),
+    Words("settings of the campaign", "Einstellungen der Kampagne"),
+    Words("machine file", "Maschinendatei"),
+    Words("readings used", "verwendete Messwerte"),
+    Words("not chained", "nicht verkettet"),
+)
+_ANY_PHRASE = re.compile("|".join(f"(?<![^\\W_]){re.escape(p.en)}" for p in sorted(PHRASES, key=lambda p: -len(p.en))))
+_IN_GERMAN = {phrase.en: phrase.de for phrase in PHRASES}
+
+
+def said(text: str, language: Language = "en") -> str:
+    """What the program states, as it is in English; its phrases in German, names and numbers between them untouched."""
+    return text if language == "en" else _ANY_PHRASE.sub(lambda found: _IN_GERMAN[found[0]], text)
 
 
 def word(key: str, language: Language = "en") -> str:

@@ -113,6 +113,12 @@ class CampaignSettings(Section):
         description="What an interlock that opens does to a campaign: `stop` ends it, `suspend` has it wait until it "
         "is acknowledged; the drives are stopped and without power either way.",
     )
+    on_unseen: Literal["stop", "suspend"] = Field(
+        default="stop",
+        description="What a reflector that the station does not find, or gets no signal of, does to a campaign: `stop` "
+        "ends it, `suspend` has it wait, the drives without power, until somebody has cleaned it and acknowledges; the "
+        "visit is then measured anew.",
+    )
     payload_timeout_s: float = Field(
         gt=0.0, default=3600.0, description="Longest wait for the PLC to report a payload that was asked for."
     )

@@ -121,13 +121,10 @@ class RigFile(Section):
         return self
 
 
-def with_visits(rig: RigFile, path: Path) -> RigFile:
-    """The rig file with the visits of a campaign file for its own poses; InputError if it lacks their payload."""
-    return with_visits_of(rig, read_toml(path, CampaignFile), str(path))
-
-
 def with_visits_of(rig: RigFile, campaign_file: CampaignFile, name: str) -> RigFile:
-    """The same of a campaign file that was read, whose `name` errors begin with."""
+    """The rig file with the visits of a campaign file, which was read by `name`, for its own poses; InputError if it
+    lacks their payload.
+    """
     section = campaign_file.campaign
     visits = section.visits
     most = max(visit.payload for visit in visits)

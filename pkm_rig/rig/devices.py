@@ -7,6 +7,7 @@ lends the campaign's turn on the rig clock.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +21,7 @@ from calibration.machine.equilibrium import carried_point
 from calibration.machine.inverse import nominal_drives
 from calibration.machine.led_path import approach_point, tool_coordinates
 from calibration.recording.columns import columns_of
-from drivers.errors import DrivesMoved
+from drivers.errors import UNSEEN, DrivesMoved
 from drivers.station.laser_tracker import MeanReading, SettleCriterion, average
 from pkm_rig.rig.led_motion import side_of
 from pkm_rig.rig.rig import Rig
@@ -69,10 +70,11 @@ class ReadingTags:
     """Labels of the next reading; set by the plan's devices and stored with each reading.
 
     `replaces_visit`: the visit that the present one is made in place of, -1 without one. `setup`: number of the
-    station's set-up.
+    station's set-up. `smr`: the reflector that was aimed at last.
     """
 
     phase: str = "repeatability"
+    smr: str = ""
     setup: int = 1
     visit: PlannedVisit | None = None
     visit_number: int = -1
@@ -160,7 +162,6 @@ class StationDevice:
 
     def __init__(self, rig: Rig, worker: Worker, tags: ReadingTags) -> None:
         self._rig, self._worker, self._tags = rig, worker, tags
-        self._smr = ""
         self._row: dict[str, float | str] = {}
         self._stamp_s = 0.0
         self.moved: DrivesMoved | None = None
@@ -169,13 +170,13 @@ class StationDevice:
 
     def set(self, smr: str) -> WorkStatus:
         """Choose the reflector and aim at it."""
-        self._smr = smr
+        self._tags.smr = smr
         self._rig.observer.aiming_at(smr)
-        return self._worker.submit(f"station to {smr}", self._aim)
+        return self._worker.submit(f"station to {smr}", lambda: self._at_reflector(self._aim))
 
     def trigger(self) -> WorkStatus:
         """Measure."""
-        return self._worker.submit(f"station measures {self._smr}", self._measure)
+        return self._worker.submit(f"station measures {self._tags.smr}", lambda: self._at_reflector(self._measure))
 
     def read(self) -> dict[str, dict[str, Any]]:
         """The row of the last measurement."""
@@ -192,6 +193,14 @@ class StationDevice:
             if c.name != "uid"
         }
 
+    def _at_reflector(self, work: Callable[[], None]) -> None:
+        """Aim or measure; what is wrong with the beam names the reflector, which only the campaign knows."""
+        try:
+            work()
+        except UNSEEN as error:
+            error.where = f"{error.where}, reflector {self._tags.smr}"
+            raise
+
     @property
     def last_position_m(self) -> Array:
         """The last measured point, station's frame."""
@@ -200,13 +209,13 @@ class StationDevice:
     def _expected_position_m(self) -> Array:
         """Predicted position (3,) of the reflector in the machine frame, from the drives' commanded position."""
         machine, visit = self._rig.machine, self._tags.visit
-        smr = machine.smr(self._smr)
+        smr = machine.smr(self._tags.smr)
         if smr.on == "floor":
             return smr.position_m
         if smr.on == "slider":
             return carried_point(machine, smr.drive, smr.position_m, self._rig.positions_m())
         if visit is None:
-            raise RuntimeError(f"reflector {self._smr} on the platform is measured before any visit")
+            raise RuntimeError(f"reflector {self._tags.smr} on the platform is measured before any visit")
         turn = rotation_matrix(visit.target_m[None, 3:])[0]
         return np.asarray(visit.target_m[:3] + turn @ smr.position_m)
 
@@ -230,7 +239,7 @@ class StationDevice:
         settle = None
         if tags.fresh_arrival:
             settle = SettleCriterion(window=SETTLE_READINGS, across_m=SETTLED_ACROSS_M, limit_s=SETTLE_LIMIT_S)
-        on_floor = rig.machine.smr(self._smr).on == "floor"
+        on_floor = rig.machine.smr(self._tags.smr).on == "floor"
         count = settings.readings_per_nest if on_floor else settings.readings_per_smr
         readings = rig.station.measure(count, two_face=settings.two_face, settle=settle)
         if on_floor:  # a stored nest reading certifies the station's settings for all readings since the previous one
@@ -258,7 +267,7 @@ class StationDevice:
             "sequence": float(tags.sequence),
             "phase": tags.phase,
             "nest_check": float(tags.nest_check),
-            "smr": self._smr,
+            "smr": self._tags.smr,
             "t_rig_s": mean.t_rig_s,
             "t_host_s": first.t_host_s,
             "t_utc_s": first.t_host_s + (time.time() - time.monotonic()),  # anew each time: UTC may be set
@@ -310,4 +319,4 @@ class StationDevice:
         """A reflector far from its predicted position is another one, or the beam is obstructed."""
         e, n, h = (float(x) for x in self._frame().to_station(self._expected_position_m()[None])[0])
         tolerance_m = TARGET_TOLERANCE_M if self._tags.aim.is_fitted else INITIAL_TARGET_TOLERANCE_M
-        self._rig.station.require_target(mean, (e, n, h), tolerance_m, self._smr)
+        self._rig.station.require_target(mean, (e, n, h), tolerance_m, self._tags.smr)

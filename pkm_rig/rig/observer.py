@@ -11,10 +11,11 @@ from calibration.base.arrays import Array
 
 @dataclass(frozen=True)
 class Request:
-    """What a campaign waits for somebody to do."""
+    """What a campaign waits for somebody to do: one thing. `of`: the payload in words, or the reflector's name."""
 
-    kind: Literal["payload", "go on"]
+    kind: Literal["payload", "reflector", "go on"]
     text: str
+    of: str = ""
 
 
 class Observer(Protocol):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from drivers.errors import UNSEEN
+from pkm_rig.rig.devices import ReadingTags
 from pkm_rig.rig.observer import Request
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.waiting import Waiting
@@ -26,25 +28,26 @@ class PayloadDevice:
         say: Callable[[str], None],
         note: Callable[[str, dict[str, Any]], None],
         progress: Callable[[int, str], None],
-        hold: Callable[[str], None] = lambda _why: None,
+        hold: Callable[[Request], None] = lambda _request: None,
     ) -> None:
         self._rig, self._worker, self._say, self._note, self._progress = rig, worker, say, note, progress
         self._hold = hold
 
     def set(self, number: int) -> WorkStatus:
         """Have a payload put on; the PLC is told, and whoever stands at the terminal or reads the log."""
-        what = f"payload {number}"
+        job = f"payload {number}"
         state = self._rig.supervisor.state()
         if state.payload == number:
-            return self._worker.submit(what, lambda: self._rig.change_payload(number))
+            return self._worker.submit(job, lambda: self._rig.change_payload(number))
         load = self._rig.file.payloads[number]
         who = "the simulated PLC has it put on" if state.simulated else "put it on and acknowledge at the PLC"
-        text = f"payload needed: '{load.name}' ({load.mass_kg:g} kg); {who}"
+        what = f"'{load.name}' ({load.mass_kg:g} kg)"
+        text = f"payload needed: {what}; {who}"
         self._say(text)
-        self._rig.observer.asks(Request("payload", text))
+        self._rig.observer.asks(Request("payload", text, what))
         self._note(PAYLOAD_ASKED, {"payload": number, "name": load.name, "mass_kg": load.mass_kg})
         self._progress(0, "payload exchange")
-        return self._worker.submit(what, lambda: self._exchange(number))
+        return self._worker.submit(job, lambda: self._exchange(number))
 
     def _exchange(self, number: int) -> None:
         """Wait for the payload. The PLC acknowledges it; who stands at the PLC it does not say."""
@@ -56,7 +59,7 @@ class PayloadDevice:
         by = {"acknowledged_by": f"{plc.name} ({plc.where})", "simulated": simulated}
         self._note(PAYLOAD_ON, {"payload": number, "name": self._rig.file.payloads[number].name, **by})
         if self._rig.needs_release:  # a guard that closes behind the payload must set nothing going
-            self._hold("the payload is on")
+            self._hold(Request("go on", "the payload is on"))
 
 
 class WaitingDevice:
@@ -65,19 +68,22 @@ class WaitingDevice:
     name = "waiting"
     parent = None
 
-    def __init__(self, worker: Worker, waiting: Waiting) -> None:
-        self._worker, self._waiting = worker, waiting
+    def __init__(self, worker: Worker, waiting: Waiting, tags: ReadingTags) -> None:
+        self._worker, self._waiting, self._tags = worker, waiting, tags
 
     def broken(self) -> bool:
-        """Whether an interlock has broken what was done last."""
+        """Whether an interlock, or a reflector that was not seen, has broken what was done last."""
         return self._worker.pardoned is not None
 
     def asked(self) -> bool:
-        """Whether it has to wait: the operator has asked for a pause, or an interlock has opened."""
+        """Whether it has to wait: the operator has asked for a pause, or something has broken what was done."""
         return self.broken() or self._waiting.asked()
 
     def set(self, _why: object = None) -> WorkStatus:
         """Wait for the operator."""
         error, self._worker.pardoned = self._worker.pardoned, None
         why = "paused" if error is None else f"suspended: {error}"
-        return self._worker.submit(why, lambda: self._waiting.hold(why))
+        request = Request("go on", why)
+        if isinstance(error, UNSEEN):
+            request = Request("reflector", why, self._tags.smr)
+        return self._worker.submit(why, lambda: self._waiting.hold(request))

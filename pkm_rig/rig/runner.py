@@ -86,7 +86,7 @@ class Runner:
             wait=WaitDevice(rig, self._worker),
             progress=progress,
             note=note,
-            waiting=WaitingDevice(self._worker, self._waiting),
+            waiting=WaitingDevice(self._worker, self._waiting, tags),
             nest_shift_m=lambda: float(nest_shift(store.recording(campaign))[1][-1]),
         )
         self._engine = RunEngine({}, context_managers=[], during_task=_UntilDone())

@@ -1,6 +1,6 @@
 """A campaign that waits for its operator between two readings, the drives without power: paused, or suspended.
 
-It goes on when it is acknowledged, at the terminal or at the PLC, and all interlocks are good.
+It goes on when it is acknowledged, at the terminal, the page or the PLC, and all interlocks are good.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from drivers.errors import InterlockOpen, PlcError, Stopped
+from drivers.errors import UNSEEN, InterlockOpen, PlcError, Stopped
 from pkm_rig.rig.observer import Request
 from pkm_rig.rig.release import missing_to_move
 from pkm_rig.rig.rig import Rig
@@ -35,7 +35,8 @@ class Waiting:
         self._rig, self._operator, self._say, self._note = rig, rig.operator, say, note
         self._host_sleep_s = host_sleep_s
         self._ended = threading.Event()
-        self._suspends = rig.file.campaign.on_interlock == "suspend"
+        campaign = rig.file.campaign
+        self._suspends, self._suspends_unseen = campaign.on_interlock == "suspend", campaign.on_unseen == "suspend"
 
     def asked(self) -> bool:
         """Whether a pause is to begin."""
@@ -46,23 +47,27 @@ class Waiting:
         self._ended.set()
 
     def suspends_at(self, error: BaseException) -> bool:
-        """Whether an error suspends the campaign instead of ending it: an interlock that opened, nothing else."""
-        if not self._suspends or self._ended.is_set():
+        """Whether an error suspends the campaign instead of ending it: an interlock that opened, or a reflector that
+        the station does not see, where the rig file says so; nothing else.
+        """
+        if self._ended.is_set():
             return False
         trip = self._rig.supervisor.trip
-        return type(trip) is InterlockOpen if trip is not None else type(error) is InterlockOpen
+        if trip is None and isinstance(error, UNSEEN):
+            return self._suspends_unseen
+        return self._suspends and type(error if trip is None else trip) is InterlockOpen
 
-    def hold(self, why: str) -> None:
+    def hold(self, request: Request) -> None:
         """Take the power off and wait until it is acknowledged with all interlocks good; then power the drives.
 
         Raises Stopped if the campaign ends meanwhile, and what else supervision finds.
         """
-        rig = self._rig
+        rig, why = self._rig, request.text
         self._note("held", {"reason": why})
         with rig.supervised_without_power() as payload:
             where = self._operator.hint + ("" if rig.plc.map.acknowledge is None else ", or acknowledge at the PLC")
             self._operator.begin_wait()
-            rig.observer.asks(Request("go on", why))
+            rig.observer.asks(request)
             self._say(f"{why}; the drives are without power: {where} to go on")
             try:
                 self._wait_for_acknowledgement()

@@ -19,7 +19,7 @@ from calibration.machine.description import load_machine
 from calibration.recording.header import AccuracyEntry
 from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.effects import EffectChoice, parse
-from mock_devices.faults import FAULTS, NO_FAULTS, FaultPlan, parse_fault
+from mock_devices.faults import FAULTS, FaultPlan, parse_fault
 from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.any_plant import is_planar_slider_machine
 from mock_devices.plant.plant import Plant, Sighting
@@ -161,7 +161,7 @@ def embedded_mock_rig(
             clock,
             bus,
             without_blocks=without_blocks,
-            faults=faults or NO_FAULTS,
+            faults=faults or FaultPlan(),
             plant=None if twin is None else twin_plant(file, rig_path, twin, clock),
         ) as mock:
             host, port = mock.plc_address

@@ -52,7 +52,10 @@ PAGES = (
     Page(
         "campaign-file.md",
         "The campaign file, key by key",
-        "Visits for `pkm-rig measure --campaign FILE`; `pkm-rig diagnose` writes such files.",
+        "Visits for `pkm-rig measure --campaign FILE`; `pkm-rig diagnose` writes such files. A table in CSV does as "
+        "well, by the\nend `.csv` of its name: a row a visit, a column for each commanded coordinate, named as in "
+        "[recordings](recording.md)\n(`target_x_m`, `target_rz_rad` ...), and if wanted `payload`, `speed_m_per_s`, "
+        "`dwell_s` and the sides of all drives,\n`NAME_direction`, 1 or -1.",
         CampaignFile,
     ),
     Page(

@@ -21,7 +21,8 @@ from calibration.recording.measurement_folder import read_measurements
 from drivers.drives import drive_profile
 from mock_devices.machine_file import MachineFileError, read_machine_file
 from pkm_rig.jobs.measured_machine import import_printer
-from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.visits_file import with_visits
 from tests.either import either
 from tests.pkm_rig.plant_recording import record
 
@@ -77,7 +78,12 @@ READERS = {
     "rig": Reader("rig.toml", load_rig, whole_rig),
     "campaign": Reader(
         "campaign.toml",
-        lambda p: with_visits(load_rig(embedded_rig_path())[0], p),
+        lambda p: with_visits(load_rig(embedded_rig_path())[0], p, load_rig(embedded_rig_path())[1]),
+        lambda rig: len(rig.campaign.visits) > 0 and all(v.payload <= 2 for v in rig.campaign.visits),
+    ),
+    "campaign as CSV": Reader(
+        "campaign.csv",
+        lambda p: with_visits(load_rig(embedded_rig_path())[0], p, load_rig(embedded_rig_path())[1]),
         lambda rig: len(rig.campaign.visits) > 0 and all(v.payload <= 2 for v in rig.campaign.visits),
     ),
     "drive profile": Reader(
@@ -114,6 +120,7 @@ def good(tmp_path_factory, request):
     shutil.copy(shipped_machine("planar4"), place / "machine.toml")
     shutil.copy(embedded_rig_path(), place / "rig.toml")
     (place / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
+    (place / "campaign.csv").write_text("target_x_m,target_y_m,payload\n0.1,0.2,0\n-0.1,0.2,2\n", encoding="utf-8")
     shutil.copy(Path(drive_profile.__file__).parent / "profiles" / "pkm-mock.toml", place / "profile.toml")
     printer = request.config.rootpath / "tests" / "data" / "printer.cfg"
     shutil.copy(printer, place / "printer.cfg")

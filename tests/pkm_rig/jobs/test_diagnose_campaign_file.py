@@ -13,8 +13,8 @@ from pkm_rig.cli.entry import app
 from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.campaign_file import campaign_text, write_campaign_files
 from pkm_rig.jobs.measure import measure
-from pkm_rig.rig.config import with_visits
 from pkm_rig.rig.schedule import calibration_blocks
+from pkm_rig.rig.visits_file import with_visits
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 from tests.pkm_rig.diagnosis_example import example, planned
@@ -45,7 +45,7 @@ def test_a_campaign_file_says_what_it_is_for(candidate_file):
 
 def test_visits_are_planned_as_they_are_given(candidate_file):
     files, file, machine = candidate_file
-    chosen = with_visits(file, Path(files["other dwell"]))
+    chosen = with_visits(file, Path(files["other dwell"]), machine)
     blocks = calibration_blocks(machine, chosen.campaign)
     assert [block.payload for block in blocks] == [0, 2]
     visits = [visit for block in blocks for visit in block.visits]
@@ -61,7 +61,7 @@ def test_what_a_visit_leaves_out_is_the_campaigns(tmp_path):
     file, machine = short_rig_file()
     path = tmp_path / "visits.toml"
     path.write_text("[campaign]\nvisits = [{target = [0.0, 0.1]}, {target = [0.1, 0.0]}]\n")
-    visit = calibration_blocks(machine, with_visits(file, path).campaign)[0].visits[0]
+    visit = calibration_blocks(machine, with_visits(file, path, machine).campaign)[0].visits[0]
     assert visit.direction == (1, 1)
     assert (visit.speed_m_per_s, visit.dwell_s) == (file.campaign.speeds_m_per_s[0], file.campaign.dwells_s[0])
 
@@ -90,7 +90,7 @@ def test_an_unfit_campaign_file_is_one_line(tmp_path, text, complaint):
     path = tmp_path / "visits.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=complaint) as caught:
-        calibration_blocks(machine, with_visits(file, path).campaign)
+        calibration_blocks(machine, with_visits(file, path, machine).campaign)
     assert "\n" not in str(caught.value)
 
 
@@ -109,10 +109,10 @@ def test_visits_are_measured_and_added_to_a_campaign(candidate_file, tmp_path):
     path = tmp_path / "first.toml"
     path.write_text("[campaign]\nvisits = [{target = [0.0, 0.1]}, {target = [0.1, 0.0], payload = 1}]\n")
     store = Store(tmp_path / "store.sqlite")
-    with mock_and_rig(with_visits(file, path), machine) as (_, rig):
+    with mock_and_rig(with_visits(file, path, machine), machine) as (_, rig):
         campaign = measure(rig, store, silent, silent)
         first = store.recording(campaign).rows("calibration")
-        rig.file = with_visits(rig.file, Path(files["other dwell"]))
+        rig.file = with_visits(rig.file, Path(files["other dwell"]), machine)
         measure(rig, store, silent, silent, resume=campaign)
         both = store.recording(campaign).rows("calibration")
         measure(rig, store, silent, silent, resume=campaign)  # all of it is there
@@ -120,7 +120,7 @@ def test_visits_are_measured_and_added_to_a_campaign(candidate_file, tmp_path):
         rig.file = file
         with pytest.raises(InputError, match="another rig file or campaign file"):
             measure(rig, store, silent, silent, resume=campaign)
-        rig.file = with_visits(file, Path(files["other dwell"]))
+        rig.file = with_visits(file, Path(files["other dwell"]), machine)
         rig.file = rig.file.model_copy(update={"payloads": rig.file.payloads[:2]})
         with pytest.raises(InputError, match="another rig file"):
             measure(rig, store, silent, silent, resume=campaign)

@@ -28,9 +28,10 @@ from pkm_rig.jobs import diagnose
 from pkm_rig.report import diagnosis_text
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.report.diagnosis_text import diagnosis_line
-from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.schedule import calibration_blocks
+from pkm_rig.rig.visits_file import with_visits
 from pkm_rig.virtual.mock_rig import TwinFiles, embedded_mock_rig
 from pkm_rig.virtual.twin_files import find_twin, read_twin
 
@@ -111,7 +112,7 @@ def test_the_next_measurements_can_be_measured(added):
     files = [c["file"] for c in result["next_measurement"] if c["visits"]]
     assert files
     for path in files:
-        blocks = calibration_blocks(machine, with_visits(file, Path(path)).campaign)
+        blocks = calibration_blocks(machine, with_visits(file, Path(path), machine).campaign)
         assert sum(len(block.visits) for block in blocks) >= 2
 
 

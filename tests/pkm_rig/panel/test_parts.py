@@ -12,13 +12,14 @@ from calibration.identification.calibration import identify_recording
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives, platform_poses
 from pkm_rig.jobs.running_estimate import Estimate, estimate_so_far
-from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, read_visits
+from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, Action, read_visits, what_moves
 from pkm_rig.panel.files import next_measurements, picture_of, pictures_of, report_of, report_url
 from pkm_rig.panel.server import LOOPBACK, Place, require_place
 from pkm_rig.panel.trend import trend_svg
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.live import Live
 from pkm_rig.rig.tool_place import places, platform_pose
+from pkm_rig.rig.visits_file import with_visits
 from pkm_rig.store.store import open_store
 from tests.pkm_rig.plant_recording import record
 
@@ -61,8 +62,46 @@ def test_the_picture_has_less_than_a_hundred_objects():
     assert mesh["shares"] == [0.0, 0.25, 0.5, 1.0]
 
 
-def test_an_upload_is_read_as_the_command_reads_it():
-    assert len(read_visits("next.toml", VISITS.encode()).file.campaign.visits) == 2
+PLANAR = load_machine(shipped_machine("planar4"))
+TABLE = (
+    "target_x_m,target_y_m,payload,speed_m_per_s,left_direction,right_direction\n0.1,0.2,0,,1,-1\n0.2,0.1,2,0.3,1,1\n"
+)
+
+
+def test_an_upload_is_read_as_the_command_reads_it(tmp_path):
+    assert len(read_visits("next.toml", VISITS.encode(), PLANAR).file.campaign.visits) == 2
+    found = read_visits("Table.CSV", TABLE.encode(), PLANAR).file.campaign.visits
+    assert [visit.target for visit in found] == [(0.1, 0.2), (0.2, 0.1)]
+    assert [visit.direction for visit in found] == [(1, -1), (1, 1)]
+    assert [(visit.payload, visit.speed_m_per_s, visit.dwell_s) for visit in found] == [(0, None, None), (2, 0.3, None)]
+    (tmp_path / "table.csv").write_text(TABLE, encoding="utf-8")
+    file, machine = load_rig(embedded_rig_path())
+    assert with_visits(file, tmp_path / "table.csv", machine).campaign.visits == found
+    assert (
+        "payloads, one after the other: none, plates 400 kg"
+        in what_moves(Action("measure", visits=read_visits("t.csv", TABLE.encode(), machine)), file, machine).lower()
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "no column 'target_x_m'"),
+        ("target_x_m,target_z_m\n0,0\n", "no column 'target_y_m'"),
+        ("target_x_m,target_y_m,path\n0,0,1\n", "unknown column 'path'"),
+        ("target_x_m,target_y_m\n", "no rows"),
+        ("target_x_m,target_y_m\n0,nan\n", "line 2, column 'target_y_m': 'nan' is not finite"),
+        ("target_x_m,target_y_m,left_direction\n0,0,1\n", "no column 'right_direction'"),
+        ("target_x_m,target_y_m,left_direction,right_direction\n0,0,1,2\n", "line 2, direction"),
+        ("target_x_m,target_y_m,payload\n0,0,0.5\n", "is not a count"),
+        ("target_x_m,target_y_m,speed_m_per_s\n0,0,9\n", "line 2, speed_m_per_s: .* less than or equal to 2"),
+        ("target_x_m,target_y_m\n" + "0,0\n" * 2001, "more than 2000 visits"),
+    ],
+)
+def test_what_is_no_table_of_visits_is_refused_in_one_line(text, complaint):
+    with pytest.raises(InputError, match=complaint) as refused:
+        read_visits("t.csv", text.encode(), PLANAR)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +117,7 @@ def test_an_upload_is_read_as_the_command_reads_it():
 )
 def test_what_is_no_campaign_file_is_refused_in_one_line(data, complaint):
     with pytest.raises(InputError, match=complaint) as refused:
-        read_visits("next.toml", data)
+        read_visits("next.toml", data, PLANAR)
     assert "\n" not in str(refused.value)
 
 
@@ -98,10 +137,10 @@ def test_files_are_found_by_campaigns_of_the_store_only(tmp_path):
     (out / "other" / "report.html").write_text("other", encoding="utf-8")
     assert report_of(out, campaign) == (out / campaign / "report.html").resolve()
     assert pictures_of(out, campaign) == ["error-map"]  # what leads elsewhere is not there
-    assert [visits.name for visits in next_measurements(out, campaign)] == ["next-1-a"]
+    assert [visits.name for visits in next_measurements(out, campaign, PLANAR)] == ["next-1-a"]
     for name in ("..", "../..", "other", "", "/etc", f"{campaign}/.."):
         assert report_of(out, name) is None
-        assert next_measurements(out, name) == []
+        assert next_measurements(out, name, PLANAR) == []
     for name in ("../report", "../../report", "next-1-a.toml", ""):
         assert picture_of(out, campaign, name) is None
     assert report_of(tmp_path / "nowhere", campaign) is None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pkm_rig.report.terminal import PeopleConsole
-from pkm_rig.report.terminal_live import GO_ON, PAYLOAD, left_in_words, shown
+from pkm_rig.report.terminal_live import left_in_words, shown
 from pkm_rig.rig.live import Guard, LastReading, Live, Snapshot
 from pkm_rig.rig.observer import Request
 
@@ -41,11 +41,27 @@ def test_where_it_is_what_is_left_and_what_is_not_good():
     assert "41" in text.split("residual")[1]
 
 
-@pytest.mark.parametrize(("kind", "what"), [("payload", PAYLOAD), ("go on", GO_ON)])
-def test_what_is_asked_for_comes_first(kind, what):
-    text = drawn(snapshot(request=Request(kind, "payload needed: 'plate [bold]200' (200 kg)")))
-    assert text.index(what) < text.index("readings")
-    assert "'plate [bold]200'" in text
+GOOD = (Guard("guard closed", "good", "good"), Guard("nest shift", "good", "21 of 80 um"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "of", "guards", "what"),
+    [
+        ("payload", "'plate [bold]200' (200 kg)", (), "Exchange the payload: put 'plate [bold]200' (200 kg) on"),
+        ("go on", "", GOOD, "See that nobody is at the machine, then press Enter"),
+        ("go on", "", None, "Close the door of the guard"),
+        ("go on", "", (Guard("gate 7 shut", "bad", "open"),), "Put right at the machine: gate 7 shut"),
+        ("reflector", "P2", GOOD, "Clean reflector P2, see that nothing stands in its beam, then press Enter"),
+        ("reflector", "P2", None, "Close the door of the guard"),
+    ],
+)
+def test_one_thing_to_do_comes_first(kind, of, guards, what):
+    shown_guards = {} if guards is None else {"guards": guards}
+    text = drawn(snapshot(request=Request(kind, "why [bold]it waits", of), **shown_guards))
+    assert what in text
+    assert text.index(what) < text.index("why [bold]it waits") < text.index("readings")
+    others = ("Exchange", "Clean", "Close the door", "See that nobody", "Put right")
+    assert sum(text.count(other) for other in others) == 1
 
 
 def test_before_anything_is_known():

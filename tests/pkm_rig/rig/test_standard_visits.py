@@ -7,9 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from pkm_rig.rig.config import embedded_rig_path, load_rig, with_visits
+from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.rig.standard_visits import axis_visits, pose_visits
+from pkm_rig.rig.visits_file import with_visits
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_the_file_is_one_that_measure_takes(run, rig, tmp_path, options):
     ended = run("poses", "--rig", "embedded", *options)
     assert ended.returncode == 0
     (tmp_path / "campaign.toml").write_text(ended.stdout, encoding="utf-8")
-    file = with_visits(rig[0], tmp_path / "campaign.toml")
+    file = with_visits(rig[0], tmp_path / "campaign.toml", rig[1])
     assert file.campaign.made_for is not None
     (block,) = calibration_blocks(rig[1], file.campaign)
     found = json.loads(run("poses", "--rig", "embedded", *options, "--json").stdout)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from calibration.reduction.nest_checks import usable_readings
-from drivers.errors import InterlockOpen, PlcError
+from drivers.errors import InterlockOpen, PlcError, TargetNotFound
+from mock_devices.faults import parse_fault
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.device_sections import RegisterEntry
+from pkm_rig.rig.live import Live
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
@@ -129,6 +131,57 @@ def test_an_interlock_ends_a_campaign_unless_the_rig_file_says_otherwise(tmp_pat
                 mock.plc.set_interlock(GUARD, good=False)
 
         with pytest.raises(InterlockOpen, match="guard closed"):
+            measure(rig, store, lambda _line: None, meddle)
+    store.close()
+
+
+def test_a_reflector_that_is_not_seen_is_asked_for_by_name_and_its_visit_measured_anew(tmp_path):
+    file, machine = short_rig_file(seed=4, on_unseen="suspend", **SHORT)
+    store = Store(tmp_path / "store.sqlite")
+    strikes = {12: "tracker-no-target", 23: "tracker-beam-break", 34: "tracker-wrong-nest"}  # by readings taken
+    asked, counts = [], {"calibration": 0}
+    with mock_and_rig(file, machine) as (mock, rig):
+        rig.operator = script = Script(mock, rig)
+        live = Live()
+        live.watch(rig)
+        live.asks = asked.append
+
+        def meddle(_advance, _total, what):
+            if what != "calibration":
+                return
+            counts[what] += 1
+            fault = strikes.get(counts[what])
+            if fault is not None:
+                script.steps = ["wait", "enter"]
+                mock.faults.arm([parse_fault(f"{fault}@1")])
+
+        name = measure(rig, store, lambda _line: None, meddle)
+    recording = store.recording(name)
+    is_calibration = np.asarray(recording["phase"]) == "calibration"
+    used = usable_readings(recording) & is_calibration
+    assert mock.faults.struck == tuple(strikes.values())
+    assert np.count_nonzero(used) == 6 * 4 * 5
+    replaced = recording["replaces_visit"]
+    assert len(set(replaced[replaced >= 0.0])) == np.count_nonzero([n % 5 for n in strikes])
+    requests = [request for request in asked if request is not None and request.kind == "reflector"]
+    assert len(requests) == 3
+    assert all(f"reflector {request.of}" in request.text for request in requests)
+    assert {request.of for request in requests} <= {smr.name for smr in machine.smrs}
+    assert not any(script.seen)  # without power meanwhile
+    assert [event.data["reason"] for event in store.events(name, "held")] == [request.text for request in requests]
+    store.close()
+
+
+def test_a_reflector_that_is_not_seen_ends_a_campaign_unless_the_rig_file_says_otherwise(tmp_path):
+    file, machine = short_rig_file(seed=4, on_interlock="suspend", **SHORT)
+    store = Store(tmp_path / "store.sqlite")
+    with mock_and_rig(file, machine) as (mock, rig):
+
+        def meddle(_advance, _total, what):
+            if what == "nests" and not mock.faults.armed:
+                mock.faults.arm([parse_fault("tracker-no-target@1")])
+
+        with pytest.raises(TargetNotFound, match="reflector N2"):
             measure(rig, store, lambda _line: None, meddle)
     store.close()
 

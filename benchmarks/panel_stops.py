@@ -1,0 +1,157 @@
+"""Whether a page that is open makes stops slower: pairs of blocks of stops, without a page and with one, in turns.
+
+One mock rig in a process of its own, at work all the while (`benchmarks.stop_latency`); the page is opened and closed
+between blocks, which of a pair comes first changes from pair to pair. Shown is the ratio of the medians with its 95 %
+interval, pairs resampled whole, so that what a busy computer does for seconds counts once. It is decided when the
+interval lies on one side of the goal.
+
+`python -m benchmarks.panel_stops [--pairs N] [--out FILE]` adds pairs until there are N; stopped, it goes on. Exit
+status 1 where stops are shown to be slower than the goal or it is not decided, 2 without Chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import stop_latency
+from benchmarks.results_file import ResultsFile, code_digest
+from pkm_rig.rig.rig import Rig
+
+GOAL = 1.10  # times as long
+TRIPS, FAULTS = 16, 4  # stops of each kind in a block
+DRAWS = 1000
+KINDS = {"total_ms": "bit to last stop frame", "fault_ms": "one drive's fault to the other's stop"}
+
+Block = list[float]
+Pair = dict[
+    str, dict[str, Block]
+]  # kind of a stop to its times in ms, of the block "without" and the one "with" a page
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Medians in ms without and with a page, their ratio and its 95 % interval."""
+
+    without_ms: float
+    with_ms: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def verdict(self) -> str:
+        """Whether the goal is met, missed, or not decided by so many pairs."""
+        return "ok" if self.high <= GOAL else "missed" if self.low > GOAL else "not decided"
+
+
+def ratio_of(pairs: Sequence[Pair], kind: str, seed: int = 1, draws: int = DRAWS) -> Ratio:
+    """The ratio of medians over all pairs, whole pairs resampled for its interval."""
+    blocks = {when: [np.array(pair[kind][when]) for pair in pairs] for when in ("without", "with")}
+    medians = {when: float(np.median(np.concatenate(found))) for when, found in blocks.items()}
+    draw = np.random.default_rng(seed)
+    drawn = []
+    for _ in range(draws):
+        chosen = draw.integers(0, len(pairs), len(pairs))
+        both = [np.median(np.concatenate([blocks[when][n] for n in chosen])) for when in ("with", "without")]
+        drawn.append(both[0] / both[1])
+    low, high = np.percentile(drawn, (2.5, 97.5))
+    count = sum(len(block) for block in blocks["with"])
+    return Ratio(medians["without"], medians["with"], float(low), float(high), count)
+
+
+def pairs_of(shown: Callable[[Rig], AbstractContextManager[None]], seed: int) -> Iterator[Pair]:
+    """Pair after pair on one rig at work, without end; `shown`: a page shows it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = stop_latency.rig_file(Path(folder))
+        with stop_latency.at_work(path, seed) as (rig, strike):
+            for _ in range(2):
+                strike("trip")  # what is slow the first time
+            number = 0
+            while True:
+                pair: Pair = {kind: {} for kind in KINDS}
+                order = ("without", "with") if number % 2 == 0 else ("with", "without")
+                for when in order:
+                    with shown(rig) if when == "with" else nullcontext():
+                        rows = [strike("trip") for _ in range(TRIPS)] + [strike("fault") for _ in range(FAULTS)]
+                    for kind in KINDS:
+                        pair[kind][when] = [row[kind] for row in rows if kind in row]
+                yield pair
+                number += 1
+
+
+@contextmanager
+def page_of(work: Any, open_one: Callable[[], Any], rig: Rig, feed: Callable[[Any, int], None]) -> Iterator[None]:
+    """A page shows this rig, ten changes a second."""
+    page, ended = open_one(), threading.Event()
+    work.live.watch(rig)
+
+    def change() -> None:
+        while not ended.wait(0.1):
+            feed(work, 0)
+
+    changes = threading.Thread(target=change, daemon=True)
+    changes.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        changes.join()
+        work.live.leave()
+        page.context.close()
+        time.sleep(6.0)  # until the server has forgotten the page
+
+
+def lines_of(pairs: Sequence[Pair]) -> tuple[list[tuple[str, str, str, str, str, str]], bool]:
+    """Rows of a table, and whether every goal is met."""
+    rows, good = [], True
+    for kind, what in KINDS.items():
+        found = ratio_of(pairs, kind)
+        good = good and found.verdict == "ok"
+        added = f"{found.with_ms / found.without_ms:.2f} times, 95 % {found.low:.2f} to {found.high:.2f}"
+        rows.append((
+            f"{what}, median of {found.count}", f"{found.without_ms:.2f} ms", f"{found.with_ms:.2f} ms", added,
+            f"{GOAL:.2f} times", found.verdict,
+        ))  # fmt: skip
+    return rows, good
+
+
+def main() -> int:
+    """Measure and print."""
+    from benchmarks.panel import HEAD, Panel, chromium, print_table  # noqa: PLC0415  # which prints these rows too
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=40, help="of blocks of 16 trips and 4 faults; 35 s each")
+    parser.add_argument("--out", type=Path, default=Path("runs/panel-stops.jsonl"))
+    options = parser.parse_args()
+    if chromium() is None:
+        print("there is no Chromium on this computer", file=sys.stderr)
+        return 2
+    settings = {"trips": TRIPS, "faults": FAULTS, "code": code_digest("benchmarks/panel_stops.py", "pkm_rig/panel")}
+    results = ResultsFile(options.out, settings)
+    pairs: list[Pair] = [row["pair"] for row in results.rows()]
+    if len(pairs) < options.pairs:
+        with Panel() as panel, closing(pairs_of(panel.shown, seed=len(pairs) + 1)) as measured:
+            for pair in measured:
+                results.append({"pair": pair})
+                pairs.append(pair)
+                print(f"{len(pairs)} of {options.pairs} pairs", file=sys.stderr)
+                if len(pairs) >= options.pairs:
+                    break
+    rows, good = lines_of(pairs)
+    print_table(HEAD, rows)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

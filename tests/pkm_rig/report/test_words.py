@@ -1,0 +1,63 @@
+"""Headings, verdicts and fields in two languages, from one catalogue."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import pkm_rig.report.html as html_module
+from calibration.reduction.figures import Figures
+from pkm_rig.jobs.acceptance import decide
+from pkm_rig.report.words import CATALOGUE, PHRASES, said
+
+
+def test_heads_of_sections_rows_and_columns_are_all_from_the_catalogue():
+    """No letters of their own but symbols, units and abbreviations that are the same in both languages."""
+    same = re.compile(r"\b(RMS|CRC|SHA-256|U|or|µm|µrad|kg|ppm)\b")
+    for path in (Path(html_module.__file__).parent / "templates").glob("*.html"):
+        for _, head in re.findall(r"<(th|h[1-3])\b[^>]*>(.*?)</\1>", path.read_text(encoding="utf-8")):
+            own = same.sub("", re.sub(r"\{\{.*?\}\}|\{%.*?%\}|<[^>]+>", "", head))
+            assert not re.search(r"[A-Za-z]{2,}", own), f"{path.name}: {head}"
+
+
+def test_every_word_has_two_languages_and_every_key_of_a_template_is_in_the_catalogue():
+    templates = (Path(html_module.__file__).parent / "templates").glob("*.html")
+    used = {key for path in templates for key in re.findall(r"word\('(\w[\w ]*)'\)", path.read_text(encoding="utf-8"))}
+    assert len(used) > 80
+    assert used <= set(CATALOGUE)
+    assert all(entry.en.strip() and entry.de.strip() for entry in (*CATALOGUE.values(), *PHRASES))
+
+
+@pytest.mark.parametrize(
+    ("text", "german"),
+    [
+        (
+            "fall 24.1 um > U = 4.6 um; after 6.9 um <= limit 10.0 um - w, w = U = 1.7 um: the tables stay",
+            "Abnahme 24.1 um > U = 4.6 um; nachher 6.9 um <= Grenze 10.0 um - w, w = U = 1.7 um: die Tabellen bleiben",
+        ),
+        (
+            "after 9.0 um is within w of the limit 10.0 um, w = U: not decided, the former tables come back",
+            "nachher 9.0 um liegt innerhalb w der Grenze 10.0 um, w = U: nicht entschieden, die früheren Tabellen "
+            "kommen zurück",
+        ),
+        ("generation 3, CRC 0A1B2C3D on all drives", "Generation 3, CRC 0A1B2C3D in allen Antrieben"),
+        ("station: its certificate was due on 2025-12-31, measured until 2026-01-01",
+         "Messstation: sein Kalibrierschein war fällig am 2025-12-31, gemessen bis 2026-01-01"),
+    ],
+)  # fmt: skip
+def test_what_the_program_states_is_said_in_german(text, german):
+    assert said(text, "de") == german
+    assert said(text) == text
+
+
+@pytest.mark.parametrize("rotation", [False, True])
+@pytest.mark.parametrize("after_um", [5.0, 9.5, 20.0, 40.0])
+def test_no_english_word_is_left_in_a_rule(rotation, after_um):
+    before = Figures(31e-6, 50e-6, 30e-6, 2e-6, 2e-6, 40)
+    after = replace(before, position_rms_m=after_um * 1e-6)
+    for limit_m in (None, 10e-6):
+        rule = said(decide(before, after, limit_m, rotation=rotation).rule, "de")
+        assert not re.search(r"\b(fall|after|limit|the|tables|stay|come|not|within)\b", rule), rule

@@ -57,10 +57,11 @@ class RigView:
                 ui.label(
                     "A campaign file (TOML, or a table in CSV) lists visits in place of those of the rig file."
                 ).classes("note")
-                ui.upload(
+                self._upload = ui.upload(
                     label="campaign file", auto_upload=True, max_file_size=MOST_UPLOAD_BYTES, max_files=1,
                     on_upload=self._uploaded, on_rejected=lambda: page.say("not taken: one file, at most a megabyte"),
-                ).props('accept=".toml,.csv" flat bordered dense').classes("full-width")  # fmt: skip
+                )  # fmt: skip
+                self._upload.props('accept=".toml,.csv" flat bordered dense').classes("full-width")
                 self._visits = ui.column()
         self.refresh()
 
@@ -84,6 +85,7 @@ class RigView:
 
     async def _uploaded(self, event: UploadEventArguments) -> None:
         self._visits.clear()
+        self._upload.reset()  # it takes one file: the next is another one
         try:
             visits = read_visits(event.file.name, await event.file.read(), self._page.work.machine)
         except InputError as error:

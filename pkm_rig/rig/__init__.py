@@ -35,6 +35,7 @@ __all__ = [
     "table_change",
     "table_recovery",
     "tool_place",
+    "visits_file",
     "waiting",
     "worker",
 ]

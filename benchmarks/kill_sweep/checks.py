@@ -17,7 +17,8 @@ from calibration.identification.prediction import ToolDerivatives, _without_rigi
 from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import TIES
 from pkm_rig.jobs.acceptance import last_verification_attempt
-from pkm_rig.store.store import STORE_NAME, Store
+from pkm_rig.store.place import STORE_NAME
+from pkm_rig.store.store import Store
 
 MOST_U = 0.5
 TRIAL = 2  # mode of compensation (docs/reference/drive-objects.md)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pkm_rig.store.store import STORE_NAME
+from pkm_rig.store.place import STORE_NAME
 from pkm_rig.virtual.new_rig import with_values, write_new_rig
 
 RIG = Path(__file__).with_name("rig.toml")

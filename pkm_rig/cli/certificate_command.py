@@ -68,7 +68,7 @@ def certificate(
         replaces=_replaces(amends, substitutes, why),
     )
     rig_file = None if rig is None else load_rig(rig)[0]
-    with hold_existing_store(out) as store:
+    with hold_existing_store(out, campaign=campaign) as store:
         result = issue(store, campaign, out, wanted, rig_file)
     print_result(
         json,

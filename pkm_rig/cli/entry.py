@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import functools
 import logging
 import os
 import signal
@@ -11,6 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
@@ -74,9 +76,41 @@ COMMANDS: dict[str, Callable[..., None]] = {  # in the order of the help
     "delete": record_commands.delete,
 }
 
+CONNECTING = (
+    "calibrate",
+    "measure",
+    "verify",
+    "check",
+    "home",
+    "interim-test",
+    "tables",
+    "panel",
+    "health",
+    "recalibrate",
+)
+
+
+def _with_store_of_rig(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, for which `--out` has the store that the rig file names, if it names one."""
+
+    @functools.wraps(command)
+    def bound(*, rig: Path | None = None, out: Path, **options: object) -> None:
+        if rig is not None:
+            from calibration.base.toml_file import read_toml  # noqa: PLC0415 - help comes without it
+            from pkm_rig.rig.config import RigFile  # noqa: PLC0415
+            from pkm_rig.store.place import bind_folder  # noqa: PLC0415
+
+            address = read_toml(rig, RigFile).store
+            if address is not None:
+                bind_folder(out, address)
+        command(rig=rig, out=out, **options)
+
+    return bound
+
+
 app = typer.Typer(pretty_exceptions_enable=False)
 for _name, _command in COMMANDS.items():
-    app.command(name=_name)(_command)
+    app.command(name=_name)(_with_store_of_rig(_command) if _name in CONNECTING else _command)
 
 
 class Interrupted(BaseException):

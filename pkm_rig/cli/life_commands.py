@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import JsonOption, OutOption, RigOption
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption, rig_name
 from pkm_rig.errors import CampaignRefused, NotChecked
 
 PARAMETERS = 6  # that the picture shows
@@ -25,7 +25,7 @@ def health(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption = Fal
     from pkm_rig.store.store import hold_existing_store
 
     with (
-        hold_existing_store(out) as store,
+        hold_existing_store(out, rig=rig_name(rig)) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES) as connected_rig,
         progress_bar() as progress,
     ):
@@ -72,12 +72,12 @@ def _draw(life: dict[str, object], out: Path) -> str | None:
     from pkm_rig.jobs.history import largest_changes
     from pkm_rig.report.history_pictures import draw_history
     from pkm_rig.report.pictures import save_png
-    from pkm_rig.store.store import store_path
+    from pkm_rig.store.place import store_folder
 
     shown = cast("dict[str, Any]", life)
     if not shown["calibrations"] and not shown["checks"]:
         return None
-    path = store_path(out).parent / f"history-{shown['rig']}.png"
+    path = store_folder(out) / f"history-{shown['rig']}.png"
     figure = draw_history(shown, largest_changes(shown["parameters"], PARAMETERS))
     try:
         save_png(figure, path, simulated=shown["simulated"])

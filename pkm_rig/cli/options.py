@@ -16,6 +16,13 @@ def rig_path(name: str) -> Path:
     return config.rig_path(name)
 
 
+def rig_name(path: Path) -> str:
+    """The name of the rig of a rig file, by which it is held in the store."""
+    from pkm_rig.rig import config
+
+    return config.rig_name(path)
+
+
 def campaigns(context: typer.Context, incomplete: str) -> list[str]:
     """Ids of the store's campaigns that begin so, for a shell that completes them; none where there is no store.
 
@@ -25,6 +32,8 @@ def campaigns(context: typer.Context, incomplete: str) -> list[str]:
 
     out = Path(context.params.get("out") or "runs")
     store = out if out.is_file() else out / "pkm-rig.sqlite"
+    if (out / "store.toml").is_file():
+        return [name for name in _on_the_server(out) if name.startswith(incomplete)]
     if not store.is_file():
         return []
     try:
@@ -33,6 +42,18 @@ def campaigns(context: typer.Context, incomplete: str) -> list[str]:
     except sqlite3.Error:
         return []
     return [str(row[0]) for row in rows if str(row[0]).startswith(incomplete)]
+
+
+def _on_the_server(out: Path) -> list[str]:
+    from calibration.base.errors import InputError
+    from pkm_rig.errors import StoreError
+    from pkm_rig.store.store import open_existing_store
+
+    try:
+        with open_existing_store(out) as store:
+            return store.newest(1000)
+    except (InputError, StoreError):
+        return []
 
 
 RigOption = Annotated[

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import JsonOption, OutOption, RigOption
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption, rig_name
 
 if TYPE_CHECKING:
     from pkm_rig.recalibration.run import RunResult
@@ -154,7 +154,7 @@ def _one_run(rig: Path, out: Path, *, scheduled: bool, command: str, quiet: bool
         with open_rig(rig, needs=Need.MOTION | Need.TABLES) as connected_rig:
             yield connected_rig
 
-    with hold_existing_store(out) as store, progress_bar() as progress:
+    with hold_existing_store(out, rig=rig_name(rig)) as store, progress_bar() as progress:
         job = Recalibration(rig, out, store, connect, print_message, progress)
         return job.run(scheduled=scheduled, command=command, quiet=quiet)
 
@@ -198,7 +198,7 @@ def _decided(rig: Path, out: Path) -> Iterator[tuple[Store, Situation]]:
     from pkm_rig.recalibration.situation import read_situation
     from pkm_rig.store.store import hold_existing_store
 
-    with hold_existing_store(out) as store:
+    with hold_existing_store(out, rig=rig_name(rig)) as store:
         situation, _ = read_situation(store, rig, time.time())
         yield store, situation
 

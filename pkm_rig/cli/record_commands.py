@@ -60,10 +60,16 @@ def backup(
     from pkm_rig.report.terminal import print_result
     from pkm_rig.store.audit import audit
     from pkm_rig.store.copies import back_up
-    from pkm_rig.store.store import open_existing_store, store_path
+    from pkm_rig.store.place import ServerAddress, store_place
+    from pkm_rig.store.store import open_existing_store
 
+    place = store_place(out)
+    if isinstance(place, ServerAddress):
+        raise InputError(
+            f"backup: the store is on a server; use PostgreSQL's own program: pg_dump --dbname={place} --file={file}"
+        )
     with open_existing_store(out):  # says what is wrong with it
-        back_up(store_path(out), file)
+        back_up(place, file)
     with open_existing_store(file) as store:
         audits = audit(store)
     broken = [one.problem for one in audits if one.state == "broken"]
@@ -86,7 +92,7 @@ def archive(
     from pkm_rig.store.removal import archive_campaign
     from pkm_rig.store.store import hold_existing_store
 
-    with hold_existing_store(out) as store:
+    with hold_existing_store(out, campaign=campaign) as store:
         removed = archive_campaign(store, campaign, file, why)
     print_result(json, removed._asdict(), Text(removed_line(removed)))
 
@@ -104,7 +110,7 @@ def delete(
     from pkm_rig.store.removal import delete_campaign
     from pkm_rig.store.store import hold_existing_store
 
-    with hold_existing_store(out) as store:
+    with hold_existing_store(out, campaign=campaign) as store:
         if not yes:
             store.head(campaign)  # says if there is no such campaign
             if not sys.stdin.isatty():

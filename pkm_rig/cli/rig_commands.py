@@ -11,7 +11,7 @@ import typer
 
 from calibration.base.errors import InputError
 from pkm_rig.cli.going_on import resumable
-from pkm_rig.cli.options import JsonOption, OutOption, RigOption, campaigns, rig_path
+from pkm_rig.cli.options import JsonOption, OutOption, RigOption, campaigns, rig_name, rig_path
 from pkm_rig.cli.terminal_operator import operated_from_terminal
 from pkm_rig.errors import CampaignRefused, StoreError
 
@@ -88,7 +88,7 @@ def _calibrate(
 
     needs, begun_s = Need.MOTION | Need.TABLES, time.monotonic()
     _require_campaign(resume, out, new_setup=new_setup)
-    with goes_on, open_store(out, hold=True, campaign=resume) as store:
+    with goes_on, open_store(out, hold=True, rig=rig_name(rig), campaign=resume) as store:
         after = None if resume is None else last_moment(store, resume)
         with (
             open_rig(rig, needs=needs, real_time=real_time, seed=seed, after=after) as connected_rig,
@@ -147,7 +147,7 @@ def measure(
     options = [] if campaign_file is None else ["--campaign", str(campaign_file)]
     with (
         resumable("measure", rig, out, *options, campaign=resume, new_setup=new_setup),
-        open_store(out, hold=True, campaign=resume) as store,
+        open_store(out, hold=True, rig=rig_name(rig), campaign=resume) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
         operated_from_terminal(connected_rig),
         live_progress(connected_rig) as progress,
@@ -231,7 +231,7 @@ def verify(
         store.recording(campaign)  # an unknown campaign is reported before any device is touched
     with (
         resumable("verify", rig, out, campaign=campaign, new_setup=new_setup),
-        open_store(out, hold=True, campaign=campaign) as store,
+        open_store(out, hold=True, rig=rig_name(rig), campaign=campaign) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
         operated_from_terminal(connected_rig),
         live_progress(connected_rig) as progress,

@@ -164,7 +164,7 @@ def _import_printer(source: Path, folder: Path | None, out: Path, json: bool) ->
     from pkm_rig.jobs.measured_machine import import_printer, printer_name
     from pkm_rig.jobs.next_command import command_line
     from pkm_rig.report.terminal import print_result
-    from pkm_rig.store.store import campaign_folder
+    from pkm_rig.store.place import campaign_folder
 
     folder = folder or campaign_folder(out, printer_name(source))
     result = import_printer(source, folder)

@@ -24,7 +24,8 @@ from pkm_rig.report.report_json import report_json
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.report_source import ReportSource
 from pkm_rig.rig.config import RigFile
-from pkm_rig.store.store import Store, campaign_folder
+from pkm_rig.store.place import campaign_folder
+from pkm_rig.store.store import Store
 from pkm_rig.store.stored_rows import StoredEvent
 
 ISSUED = "certificate"  # event of a campaign: a number was used

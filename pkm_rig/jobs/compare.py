@@ -14,7 +14,7 @@ from calibration.reduction.nest_checks import drop_unclosed_readings
 from pkm_rig.report import comparison_pictures
 from pkm_rig.report.comparison_json import comparison_json
 from pkm_rig.report.diagnosis_pictures import save
-from pkm_rig.store.store import campaign_folder
+from pkm_rig.store.place import campaign_folder
 
 PICTURES_FOLDER = "compared-with"
 

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.compensation.tables import build_table
 from calibration.recording.recording import Recording
 from pkm_rig.jobs.control_files import IdentifiedLoad
-from pkm_rig.store.store import campaign_folder
+from pkm_rig.store.place import campaign_folder
 
 
 def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[str, Any]:

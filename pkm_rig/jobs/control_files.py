@@ -35,7 +35,7 @@ from pkm_rig.errors import CampaignRefused
 from pkm_rig.report.maps import error_fields, error_maps
 from pkm_rig.report.pictures import save_png
 from pkm_rig.results.callbacks import Notify
-from pkm_rig.store.store import campaign_folder
+from pkm_rig.store.place import campaign_folder
 from pkm_rig.version import __version__
 
 LEAST_REMOVED = 0.5  # of the RMS of the corrections

@@ -19,7 +19,7 @@ from pkm_rig.jobs.campaign_file import write_campaign_files
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import additions_by_gain, diagnosis_json, gap_json
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
-from pkm_rig.store.store import campaign_folder
+from pkm_rig.store.place import campaign_folder
 from pkm_rig.virtual.twin_files import TWIN_FOLDER, write_twin
 
 PICTURES_FOLDER = "diagnosis"

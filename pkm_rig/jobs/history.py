@@ -29,7 +29,7 @@ def chosen_rig(store: Store, name: str | None) -> str:
     if name in rigs:
         return str(name)
     there = f"there are {', '.join(rigs)}" if rigs else "nothing was calibrated or checked in it"
-    raise InputError(f"store {store.path}: " + (f"no rig '{name}'; {there}" if name else f"name a rig; {there}"))
+    raise InputError(f"store {store.name}: " + (f"no rig '{name}'; {there}" if name else f"name a rig; {there}"))
 
 
 def history(store: Store, rig: str) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def history(store: Store, rig: str) -> dict[str, Any]:
 
     StoreError for a row that is not as it was written.
     """
-    with RowDamage(f"store {store.path}: the life of rig {rig}"):
+    with RowDamage(f"store {store.name}: the life of rig {rig}"):
         return _history(store, rig)
 
 

@@ -16,7 +16,7 @@ from calibration.recording.recording import Recording
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.control_files import LEAST_REMOVED, Choice, IdentifiedLoad
 from pkm_rig.results.callbacks import Notify
-from pkm_rig.store.store import campaign_folder
+from pkm_rig.store.place import campaign_folder
 
 
 def write_kinematics_files(

@@ -23,7 +23,6 @@ from pkm_rig.rig.config import RigFile
 from pkm_rig.rig.recalibration_sections import CertificateEntry
 from pkm_rig.rig.table_change import BEGUN, ENDS, GIVEN_UP, KEPT, TRIAL
 from pkm_rig.store.campaign_state import campaign_state
-from pkm_rig.store.lock import campaign_worked_on
 from pkm_rig.store.store import Store, open_existing_store
 from pkm_rig.store.stored_machine import stored_machine
 from pkm_rig.store.stored_rows import StoredEvent, StoredTableChange
@@ -44,8 +43,7 @@ def report_source(
     """
     header, events = store.header(campaign), store.events(campaign)
     settings: Mapping[str, Any] = next((e.data for e in events if e.kind == "settings"), {})
-    worked_on = campaign_worked_on(store.path.with_name(f"{store.path.name}.lock"))
-    state, step = campaign_state(events, is_worked_on=campaign == worked_on)
+    state, step = campaign_state(events, is_worked_on=campaign in store.worked_on())
     known: dict[str, Any] = {
         "campaign": campaign,
         "header": header,

@@ -1,6 +1,6 @@
 """What a campaign that is still being measured has told so far, computed in a process of its own.
 
-`python -m pkm_rig.jobs.running_estimate STORE CAMPAIGN` prints one JSON object; with low priority, and only reading, so
+`python -m pkm_rig.jobs.running_estimate OUT CAMPAIGN` prints one JSON object; with low priority, and only reading, so
 that whoever measures and supervises is not kept waiting.
 """
 
@@ -92,12 +92,12 @@ def _error_field(identified: Calibration) -> tuple[Array, Array]:
     return target[:, :3], np.linalg.norm(error, axis=1)
 
 
-def main(store: str, campaign: str) -> None:
+def main(out: str, campaign: str) -> None:
     """Print the estimate of a stored campaign, or nothing where there is none yet."""
     os.nice(NICE)
     try:
-        with open_existing_store(Path(store)) as opened:
-            recording = opened.recording(campaign)
+        with open_existing_store(Path(out)) as store:
+            recording = store.recording(campaign)
         print(json.dumps(estimate_so_far(recording).as_dict(), allow_nan=False))
     except (InputError, StoreError, ValueError, np.linalg.LinAlgError):
         return

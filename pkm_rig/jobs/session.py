@@ -14,8 +14,9 @@ from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_lock import rig_lock
+from pkm_rig.store.place import has_store
 from pkm_rig.store.sessions import Moment
-from pkm_rig.store.store import Store, open_store, store_path
+from pkm_rig.store.store import Store, open_store
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 
@@ -82,7 +83,7 @@ def open_rig(
 @contextmanager
 def store_if_there(out: Path) -> Iterator[Store | None]:
     """The store in a folder; None, and nothing created, if there is none."""
-    if not store_path(out).is_file():
+    if not has_store(out):
         yield None
         return
     with open_store(out) as store:

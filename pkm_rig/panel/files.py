@@ -10,7 +10,8 @@ from calibration.base.plain_file import read_text
 from calibration.machine.description import Machine
 from pkm_rig.jobs.diagnose import PICTURES_FOLDER
 from pkm_rig.panel.actions import Visits, read_visits
-from pkm_rig.store.store import campaign_folder, open_existing_store, store_path
+from pkm_rig.store.place import campaign_folder, has_store, store_folder
+from pkm_rig.store.store import open_existing_store
 
 REPORT = "report.html"
 PICTURES = ("error-map", "coordinates", "time-line", "spectrum")
@@ -56,7 +57,7 @@ def next_measurements(out: Path, campaign: str, machine: Machine) -> list[Visits
 
 
 def _is_stored(out: Path, campaign: str) -> bool:
-    if not store_path(out).is_file():
+    if not has_store(out):
         return False
     try:
         with open_existing_store(out) as store:
@@ -70,7 +71,7 @@ def _file(out: Path, campaign: str, *parts: str) -> Path | None:
     """A plain file below the store's folder; nothing that leads elsewhere, whatever a campaign is called."""
     if not _is_stored(out, campaign):
         return None
-    root = store_path(out).parent.resolve()
+    root = store_folder(out).resolve()
     path = campaign_folder(out, campaign).joinpath(*parts)
     resolved = path.resolve()
     inside = resolved.is_relative_to(root) and len(resolved.relative_to(root).parts) == 1 + len(parts)

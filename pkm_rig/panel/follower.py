@@ -23,8 +23,8 @@ MOST_ESTIMATES = 200
 class Follower:
     """Estimates of one campaign after the other; `estimates` and `version` may be read from any thread."""
 
-    def __init__(self, store: Path, host_s: Callable[[], float] = time.monotonic) -> None:
-        self._store, self._host_s = store, host_s
+    def __init__(self, out: Path, host_s: Callable[[], float] = time.monotonic) -> None:
+        self._out, self._host_s = out, host_s
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
         self._campaign, self._tried, self._not_before_s = "", 0, 0.0
@@ -41,7 +41,7 @@ class Follower:
             if not campaign or not due or readings < max(FIRST_READINGS, MORE_READINGS * self._tried):
                 return
             self._tried = readings
-            command = [sys.executable, "-m", "pkm_rig.jobs.running_estimate", str(self._store), campaign]
+            command = [sys.executable, "-m", "pkm_rig.jobs.running_estimate", str(self._out), campaign]
             self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             threading.Thread(target=self._wait, args=(self._process, campaign), name="estimate", daemon=True).start()
 

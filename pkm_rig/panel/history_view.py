@@ -15,7 +15,8 @@ from pkm_rig.panel.page_parts import PageOfWork
 from pkm_rig.panel.titles import title
 from pkm_rig.panel.work import Work
 from pkm_rig.report.notation import with_symbols
-from pkm_rig.store.store import open_existing_store, store_path
+from pkm_rig.store.place import has_store
+from pkm_rig.store.store import open_existing_store
 from pkm_rig.store.stored_rows import CampaignSummary, StoredEvent
 
 MOST_CAMPAIGNS = 50
@@ -113,7 +114,7 @@ class HistoryView:
 
 def campaigns_of(work: Work) -> list[CampaignSummary]:
     """The last campaigns of the store, newest first; none where there is no store."""
-    if not store_path(work.out).is_file():
+    if not has_store(work.out):
         return []
     with open_existing_store(work.out) as store:
         return list(reversed(store.campaigns()))[:MOST_CAMPAIGNS]

@@ -25,7 +25,7 @@ from pkm_rig.report.html import report_path, write_report
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.capabilities import Need
-from pkm_rig.rig.config import with_visits_of
+from pkm_rig.rig.config import rig_name, with_visits_of
 from pkm_rig.rig.live import Live
 from pkm_rig.rig.operator import Operator
 from pkm_rig.rig.release import require_release
@@ -67,6 +67,11 @@ class Workplace:
     live: Live
     operator: Operator
     hold_of: Callable[[Rig | None], None]
+
+    @property
+    def rig_name(self) -> str:
+        """The rig's name, by which it is held in the store."""
+        return rig_name(self.rig_path)
 
     @contextmanager
     def rig(self, action: Action, needs: Need, *, homing: bool = False, after: Moment | None = None) -> Iterator[Rig]:
@@ -119,7 +124,7 @@ def _interim_test(action: Action, place: Workplace) -> Result:
 
 def _measure(action: Action, place: Workplace) -> Result:
     with (
-        open_store(place.out, hold=True, campaign=action.campaign) as store,
+        open_store(place.out, hold=True, rig=place.rig_name, campaign=action.campaign) as store,
         place.rig(action, Need.MOTION, after=_end_of(action, place)) as rig,
     ):
         if action.visits is not None:
@@ -132,7 +137,7 @@ def _measure(action: Action, place: Workplace) -> Result:
 def _calibrate(action: Action, place: Workplace) -> Result:
     live = place.live
     with (
-        open_store(place.out, hold=True, campaign=action.campaign) as store,
+        open_store(place.out, hold=True, rig=place.rig_name, campaign=action.campaign) as store,
         place.rig(action, Need.MOTION | Need.TABLES, after=_end_of(action, place)) as rig,
     ):
         outcome = calibrate(rig, store, live.notify, live.progress, action.campaign, new_setup=action.new_setup)
@@ -142,7 +147,7 @@ def _calibrate(action: Action, place: Workplace) -> Result:
 def _verify(action: Action, place: Workplace) -> Result:
     live, campaign = place.live, str(action.campaign)
     with (
-        open_store(place.out, hold=True, campaign=campaign) as store,
+        open_store(place.out, hold=True, rig=place.rig_name, campaign=campaign) as store,
         place.rig(action, Need.MOTION | Need.TABLES, after=_end_of(action, place)) as rig,
     ):
         outcome = verify(rig, store, campaign, live.notify, live.progress, new_setup=action.new_setup)

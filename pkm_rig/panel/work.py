@@ -25,7 +25,6 @@ from pkm_rig.panel.tasks import Connect, Result, Workplace, run
 from pkm_rig.rig.config import RigFile, drive_profile, load_rig
 from pkm_rig.rig.live import Live, Snapshot
 from pkm_rig.rig.rig import Rig
-from pkm_rig.store.store import store_path
 
 STOPPED = "stopped from the page"
 SAME_S = 0.1  # by which looks of several pages are one
@@ -112,7 +111,7 @@ class Work:
         self.job: Job | None = None
         self.checked: dict[str, Any] | None = None
         self.diagnosed: dict[str, dict[str, Any]] = {}
-        self.follower = Follower(store_path(out), host_s)
+        self.follower = Follower(out, host_s)
         self._seen: tuple[float, Snapshot] | None = None
         self.version = 0
 

@@ -12,7 +12,7 @@ from drivers.errors import DeviceError
 from pkm_rig.recalibration.situation import Situation, days_until
 from pkm_rig.rig.recalibration_sections import PlcWords
 from pkm_rig.rig.rig import Rig
-from pkm_rig.store.store import store_path
+from pkm_rig.store.place import store_folder
 
 NOTIFY_LIMIT_S = 60.0
 NONE_IN_SIGHT = 0xFFFF
@@ -21,7 +21,7 @@ STATE_WORDS = {"fit": 0, "due": 1, "out of tolerance": 2}
 
 def journal_path(out: Path, rig: str) -> Path:
     """The file with one JSON line a run; each rig has its own, so that two do not disturb each other."""
-    return store_path(out).parent / f"recalibration-{rig}.jsonl"
+    return store_folder(out) / f"recalibration-{rig}.jsonl"
 
 
 def write_line(out: Path, rig: str, entry: Mapping[str, Any]) -> str:

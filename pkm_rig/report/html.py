@@ -22,7 +22,7 @@ from pkm_rig.report.report_json import maps_of, report_json
 from pkm_rig.report.words import Language, said
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.report_source import ReportSource
-from pkm_rig.store.store import campaign_folder
+from pkm_rig.store.place import campaign_folder
 
 WRONG_READINGS = 50  # the largest, by name; all are in the JSON of `identify`
 CAUSES = {

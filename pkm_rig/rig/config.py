@@ -24,6 +24,7 @@ from pkm_rig.rig.device_sections import (
     StationConnection,
 )
 from pkm_rig.rig.recalibration_sections import CertificateEntry, RecalibrationSettings
+from pkm_rig.store.place import Address
 
 PART_SENSORS = ("struts", "columns", "base", "platform")  # of the PLC, beside the air's
 TABLE_DRIVES = 2  # each drive interpolates its table over its own position and its one partner's
@@ -62,6 +63,11 @@ class RigFile(Section):
     """A rig: its machine, its devices, what is mounted and what a campaign does."""
 
     rig: Name = Field(description="Name of the rig.")
+    store: Address | None = Field(
+        default=None,
+        description="Address of a PostgreSQL server's database that has the store, as in "
+        "`postgresql://rig@host/campaigns`, without a password; left out, a file in `--out`.",
+    )
     machine: str = Field(description="Name of a shipped machine, or a machine file beside the rig file.")
     time_scale: float | None = Field(
         gt=0.0, default=None, description="Rig seconds in a second of host time; only for mocks, 1 if left out."
@@ -230,6 +236,11 @@ def machine_path(rig: RigFile, rig_path: Path) -> Path:
 def rig_path(name: str | Path) -> Path:
     """The path of a rig file; "embedded" names the shipped one of the embedded mock rig."""
     return embedded_rig_path() if str(name) == EMBEDDED else Path(name)
+
+
+def rig_name(path: Path) -> str:
+    """The name of a rig, by which it is held in the store; InputError if its file is not valid."""
+    return read_toml(path, RigFile).rig
 
 
 def embedded_rig_path() -> Path:

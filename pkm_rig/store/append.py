@@ -35,7 +35,7 @@ def append_readings(
     connection: sa.Connection, campaign: str, new: Sequence[tuple[str, int, Mapping[str, float | str]]]
 ) -> None:
     """Add readings (uid, sequence, data)."""
-    position, chain = head_of(connection, campaign)
+    position, chain = head_of(connection, campaign, to_add=True)
     rows = []
     for uid, sequence, data in new:
         position += 1
@@ -51,7 +51,7 @@ def append_readings(
 
 def append_event(connection: sa.Connection, campaign: str, kind: str, data: Mapping[str, Any]) -> None:
     """Add an event."""
-    position, chain = head_of(connection, campaign)
+    position, chain = head_of(connection, campaign, to_add=True)
     position, created = position + 1, now_text()
     if chain is not None:
         chain = event_link(chain, campaign, position, created, kind, data)
@@ -63,9 +63,14 @@ def append_event(connection: sa.Connection, campaign: str, kind: str, data: Mapp
     _set_head(connection, campaign, position, chain)
 
 
-def head_of(connection: sa.Connection, campaign: str) -> tuple[int, str | None]:
-    """Number and chain value of a campaign's last row; InputError if there is no such campaign."""
-    head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign)).first()
+def head_of(connection: sa.Connection, campaign: str, *, to_add: bool = False) -> tuple[int, str | None]:
+    """Number and chain value of a campaign's last row; InputError if there is no such campaign.
+
+    `to_add`: nobody else adds to the campaign until the transaction ends, so that its chain cannot fork.
+    """
+    query = sa.select(heads).where(heads.c.campaign == campaign)
+    # SQLite has no such clause and leaves it out: its transaction keeps all writers out from its beginning
+    head = connection.execute(query.with_for_update() if to_add else query).first()
     if head is None:
         raise InputError(f"no campaign '{campaign}'; `pkm-rig list` shows what is there")
     return head.position, head.chain

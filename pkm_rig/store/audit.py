@@ -61,7 +61,7 @@ def audit(store: Store, campaign: str | None = None) -> list[Audit]:
         names = connection.execute(sa.union(*(sa.select(column) for column in tables))).scalars().all()
     if campaign is not None:
         if campaign not in names:
-            raise InputError(f"store {store.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
+            raise InputError(f"store {store.name}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
         names = [campaign]
     return [_audit(store, name) for name in names]
 
@@ -70,7 +70,7 @@ def _audit(store: Store, campaign: Any) -> Audit:
     result = Audit(campaign if isinstance(campaign, str) else repr(campaign))
     try:
         with store.reading() as connection:
-            _follow_chain(connection, f"store {store.path}", campaign, result)
+            _follow_chain(connection, f"store {store.name}", campaign, result)
     except (StoreError, InputError) as error:
         result.state, result.problem = "broken", str(error)
     return result

@@ -40,5 +40,15 @@ def event_link(previous: str, campaign: str, position: int, created: str, kind: 
     )
 
 
+def event_link_of_text(previous: str, campaign: str, position: int, created: str, kind: str, data: str) -> str:
+    """The same value of an event whose content is given as the canonical text that it is stored as.
+
+    No other row has this value: `created`, `data` and `kind` can be told apart in the text that is digested.
+    """
+    event = f'{{"created":{canonical(created)},"data":{data},"kind":{canonical(kind)}}}'
+    text = f'{{"after":{canonical(previous)},"campaign":{canonical(campaign)},"event":{event},"position":{position}}}'
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
 def _digest(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical(content).encode("ascii")).hexdigest()

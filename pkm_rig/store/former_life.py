@@ -30,7 +30,7 @@ def rigs_with_campaigns(store: Store) -> list[str]:
     found = set()
     with store.reading() as connection:
         for row in connection.execute(sa.select(campaigns.c.id, campaigns.c.description)):
-            rig = stored_object(row.description, f"store {store.path}: campaign {row.id!r:.120}").get("rig")
+            rig = stored_object(row.description, f"store {store.name}: campaign {row.id!r:.120}").get("rig")
             if isinstance(rig, str):
                 found.add(rig)
     return sorted(found)
@@ -48,7 +48,7 @@ def _campaigns_without_row(store: Store, rig: str) -> list[str]:
     found = []
     with store.reading() as connection:
         for row in connection.execute(query):
-            where = f"store {store.path}: campaign {row.id!r:.120}"
+            where = f"store {store.name}: campaign {row.id!r:.120}"
             if stored_object(row.description, where).get("rig") == rig:
                 found.append(stored_text(row.id, where))
     return found

@@ -91,7 +91,7 @@ def life_rows(store: Store, table: LifeTable, rig: str, machine: str | None = No
     if machine is not None:
         query = query.where(source.c.machine == machine)
     with store.reading() as connection:
-        return [_read(row, f"store {store.path}: row {row.id!r:.20} of {table}") for row in connection.execute(query)]
+        return [_read(row, f"store {store.name}: row {row.id!r:.20} of {table}") for row in connection.execute(query)]
 
 
 def rigs_with_a_life(store: Store) -> list[str]:
@@ -99,7 +99,7 @@ def rigs_with_a_life(store: Store) -> list[str]:
     parts = [sa.select(schema.metadata.tables[name].c.rig) for name in ("machines", "calibrations", "checks")]
     with store.reading() as connection:
         found = connection.execute(sa.union(*parts)).scalars().all()
-    return sorted(stored_text(name, f"store {store.path}, rig of a machine's life") for name in found)
+    return sorted(stored_text(name, f"store {store.name}, rig of a machine's life") for name in found)
 
 
 def _read(row: Any, where: str) -> LifeRow:

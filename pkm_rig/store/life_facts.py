@@ -46,7 +46,7 @@ def machine_history(store: Store, rig: str, key: str, tolerance_m: float | None 
     rolled_back = {str(row.data["campaign"]): utc_s(row.created) for row in events if row.kind == ROLLED_BACK}
     facts = _calibrations([row for row in calibrations if row.machine == key], rolled_back)
     known = {fact.id for fact in facts}
-    with RowDamage(f"store {store.path}: the life of rig {rig}"):
+    with RowDamage(f"store {store.name}: the life of rig {rig}"):
         return MachineHistory(
             machine=_machine(key, facts, events, tolerance_m),
             instruments=_instruments(life_rows(store, "instruments", rig)),

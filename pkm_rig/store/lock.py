@@ -11,6 +11,7 @@ import os
 import pwd
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,8 +39,7 @@ class Lock:
             os.close(self._file)
             raise StoreError(f"{what}: {path} cannot be locked: {error.strerror}; choose another place") from error
         os.ftruncate(self._file, 0)
-        since = f"{datetime.now(UTC):%F %T} UTC"
-        self._mine = {"command": _this_command(), "pid": os.getpid(), "user": user_name(), "since": since}
+        self._mine = this_process()
         self.say_campaign(None)
 
     def say_campaign(self, campaign: str | None) -> None:
@@ -107,13 +107,24 @@ def _open(path: Path, what: str) -> int:
         raise StoreError(f"{what}: {path} cannot be opened: {error.strerror}; choose another place") from error
 
 
-def _owner(file: int) -> str:
-    """Who says in the file that he has it."""
-    owner = _content(file)
+def this_process() -> dict[str, Any]:
+    """What an owner says of himself: command, process, user, since when."""
+    since = f"{datetime.now(UTC):%F %T} UTC"
+    return {"command": _this_command(), "pid": os.getpid(), "user": user_name(), "since": since}
+
+
+def describe_owner(owner: Mapping[str, Any]) -> str:
+    """An owner in words, with his computer where he says it."""
     try:
-        return f"'{owner['command']}', process {owner['pid']} of {owner['user']} since {owner['since']}"
+        host = f" on {owner['host']}" if "host" in owner else ""
+        return f"'{owner['command']}', process {owner['pid']} of {owner['user']}{host} since {owner['since']}"
     except KeyError:
         return "another process"
+
+
+def _owner(file: int) -> str:
+    """Who says in the file that he has it."""
+    return describe_owner(_content(file))
 
 
 def _content(file: int) -> dict[str, Any]:

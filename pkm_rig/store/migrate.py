@@ -21,8 +21,8 @@ NEW = ""
 _log = logging.getLogger(__name__)
 
 
-def revision_of(connection: sa.Connection, path: Path) -> str:
-    """The schema's revision, NEW for an empty file; InputError if a newer version or another program wrote it."""
+def revision_of(connection: sa.Connection, path: Path | str) -> str:
+    """The schema's revision, NEW for an empty database; InputError if a newer version or another program wrote it."""
     tables = set(sa.inspect(connection).get_table_names())
     if not tables:
         return NEW

@@ -38,6 +38,7 @@ def archive_campaign(store: Store, campaign: str, file: Path, why: str) -> Remov
     """
     why = _reason(why)
     with store.writing() as connection:
+        connection.execute(sa.select(heads).where(heads.c.campaign == campaign).with_for_update())
         with new_store_file(file) as part, closing(Store(part)) as archive:
             with archive.writing() as target:
                 for table, name in TABLES:
@@ -64,7 +65,7 @@ def _remove(connection: sa.Connection, campaign: str, why: str, archive: Path | 
     created = connection.execute(sa.select(campaigns.c.created).where(campaigns.c.id == campaign)).scalar()
     if created is None:
         raise InputError(f"no campaign '{campaign}'; `pkm-rig list` shows what is there")
-    head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign)).first()
+    head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign).with_for_update()).first()
     count = sa.select(sa.func.count()).select_from(readings).where(readings.c.campaign == campaign)
     removed = RemovedCampaign(
         campaign=campaign,

@@ -1,4 +1,4 @@
-"""The record: SQLite in WAL mode, one durable commit a reading, append-only.
+"""The record of campaigns: one durable commit a reading, append-only, in a file or on a server.
 
 Campaigns, readings and results are only ever inserted; triggers refuse to change or delete them. Readings and events of
 a campaign form one hash chain (`chain`); campaigns of version 0.1 have none.
@@ -10,7 +10,7 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
@@ -23,13 +23,11 @@ from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from pkm_rig.errors import StoreError
 from pkm_rig.store.append import append_campaign, append_event, append_readings, head_of, now_text
-from pkm_rig.store.campaign_state import campaign_state
 from pkm_rig.store.chain import canonical
-from pkm_rig.store.connections import engine_for_writing, writer
-from pkm_rig.store.lock import Lock, campaign_worked_on
-from pkm_rig.store.migrate import bring_up_to_date, engine_for_reading
+from pkm_rig.store.place import ServerAddress, has_store, store_place
 from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns, table_changes
 from pkm_rig.store.sessions import with_sessions
+from pkm_rig.store.sqlite_file import SqliteFile
 from pkm_rig.store.stored_rows import (
     CampaignRows,
     CampaignSummary,
@@ -40,59 +38,74 @@ from pkm_rig.store.stored_rows import (
     read_campaign,
     read_removed,
     read_table_change,
-    stored_text,
 )
+from pkm_rig.store.summaries import list_campaigns
 
-STORE_NAME = "pkm-rig.sqlite"
+if TYPE_CHECKING:
+    from pkm_rig.store.postgresql import Server
 
 
 class Store:
-    """The record in one file. Safe to use from several threads."""
+    """The record in one place. Safe to use from several threads; `name` is how messages call it."""
 
-    def __init__(self, path: Path, *, read_only: bool = False) -> None:
-        """Open the file. To write, it is made if it is not there, and an older one is migrated.
+    def __init__(self, place: Path | ServerAddress, *, read_only: bool = False) -> None:
+        """Open it. To write, it is made if it is not there, and an older one is migrated.
 
         `read_only` it must be there, and is left as it is. Raises InputError and StoreError.
         """
-        self.path = path
-        self._lock: Lock | None = None
+        self._place: SqliteFile | Server
+        if isinstance(place, Path):
+            self._place = SqliteFile(place)
+        else:
+            from pkm_rig.store.postgresql import Server  # noqa: PLC0415 - only who has one loads it
+
+            self._place = Server(place)
+        self.name = self._place.name
         try:
-            if read_only:
-                with self._errors():
-                    self._engine = engine_for_reading(path)
-                return
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._engine = engine_for_writing(path)
             with self._errors():
-                bring_up_to_date(self._engine, path)
-        except OSError as error:
-            advice = "check the path" if read_only else "choose a place that can be written"
-            raise InputError(f"store {path}: {error.strerror}; {advice}") from error
+                self._place.open(read_only=read_only)
+        except BaseException:
+            self._place.close()
+            raise
+
+    @property
+    def path(self) -> Path:
+        """The store's file; InputError if it is on a server."""
+        return self._file.path
+
+    @property
+    def _file(self) -> SqliteFile:
+        if not isinstance(self._place, SqliteFile):
+            raise InputError(f"store {self.name}: is on a server, not in a file; use PostgreSQL's own programs")
+        return self._place
 
     def limit_pages(self, pages: int) -> None:
         """Let the file grow to so many pages of 4096 bytes at most: a quota, and a way to try a full disk."""
-        with self._engine.connect() as connection:
+        with self._file.engine.connect() as connection:
             connection.exec_driver_sql(f"PRAGMA max_page_count={pages}")
 
     def close(self) -> None:
-        """Close all connections and let others have the store."""
-        self._engine.dispose()
-        if self._lock is not None:
-            self._lock.release()
+        """Close all connections and let others have the store, or the rig."""
+        self._place.close()
 
-    def hold(self) -> None:
-        """Keep other campaigns out until the store is closed; again does nothing.
+    def hold(self, rig: str | None = None) -> None:
+        """Keep others from working on a rig until the store is closed; again does nothing.
 
-        Raises StoreError, naming it, if another process holds the store. Reading needs no permission.
+        A file, and a server without a rig's name, is held as a whole. Raises StoreError, naming it, if another process
+        holds it. Reading needs no permission.
         """
-        if self._lock is None:
-            self._lock = Lock(self.path.with_name(f"{self.path.name}.lock"), f"store {self.path}")
+        with self._errors():
+            self._place.hold(rig)
 
-    def work_on(self, campaign: str | None) -> None:
-        """Hold the store and have others see which campaign is worked on; None: on none any more."""
-        self.hold()
-        if self._lock is not None:
-            self._lock.say_campaign(campaign)
+    def work_on(self, campaign: str | None, rig: str | None = None) -> None:
+        """Hold the rig and have others see which campaign is worked on; None: on none any more."""
+        self.hold(rig)
+        self._place.say_campaign(campaign)
+
+    def worked_on(self) -> set[str]:
+        """Campaigns that somebody works on now."""
+        with self._errors():
+            return self._place.worked_on()
 
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
         """Insert a campaign; its id must be new."""
@@ -101,11 +114,11 @@ class Store:
 
     def _add_campaign(self, connection: sa.Connection, file: RecordingFile, machine_text: str) -> None:
         if connection.execute(sa.select(heads).where(heads.c.campaign == file.campaign)).first():
-            raise InputError(f"store {self.path}: campaign '{file.campaign}' is there already")
+            raise InputError(f"store {self.name}: campaign '{file.campaign}' is there already")
         gone = removed_campaigns.c
         was = connection.execute(sa.select(gone.removed).where(gone.campaign == file.campaign)).scalar()
         if was is not None:
-            raise InputError(f"store {self.path}: campaign '{file.campaign}' was removed on {was}; give it another id")
+            raise InputError(f"store {self.name}: campaign '{file.campaign}' was removed on {was}; give it another id")
         append_campaign(connection, file, machine_text)
 
     def add_reading(self, campaign: str, uid: str, sequence: int, data: Mapping[str, float | str]) -> None:
@@ -146,39 +159,38 @@ class Store:
         if rig is not None:
             query = query.where(table_changes.c.rig == rig)
         with self.reading() as connection:
-            return [read_table_change(row, f"store {self.path}") for row in connection.execute(query)]
+            return [read_table_change(row, f"store {self.name}") for row in connection.execute(query)]
 
     def campaigns(self) -> list[CampaignSummary]:
         """All campaigns, oldest first; a damaged one says so and does not hide the others."""
-        with self.reading() as connection:
-            ids = connection.execute(sa.select(campaigns.c.id).order_by(campaigns.c.created)).scalars().all()
-        worked_on = campaign_worked_on(self.path.with_name(f"{self.path.name}.lock"))
-        return [self._summary(campaign, is_worked_on=campaign == worked_on) for campaign in ids]
-
-    def _summary(self, campaign: object, *, is_worked_on: bool) -> CampaignSummary:
-        where = f"store {self.path}: campaign {campaign!r:.120}"
-        name, created, rig, count, last_event, damage = repr(campaign), "", "", 0, "", ""
-        state, step, simulated = "", "", False
+        worked_on, where = self.worked_on(), f"store {self.name}"
         try:
-            name = stored_text(campaign, where)
             with self.reading() as connection:
-                count = _count(connection, name)
-                query = sa.select(events.c.kind).where(events.c.campaign == name).order_by(events.c.position.desc())
-                last = connection.execute(query.limit(1)).first()
-                last_event = "" if last is None else stored_text(last.kind, f"{where}, last event")
-                head = self._campaign(connection, name)
-                created, rig = head.created, stored_text(head.description.get("rig"), f"{where}, rig")
-                simulated = head.description.get("simulated") is True
-            state, step = campaign_state(self.events(name), is_worked_on=is_worked_on)
-        except StoreError as error:
-            damage = str(error)
-        return CampaignSummary(name, created, rig, count, last_event, state, step, damage, simulated)
+                return list_campaigns(connection, where, worked_on)
+        except StoreError:  # a page that cannot be read: which campaign has it is found one by one
+            with self.reading() as connection:
+                ids = connection.execute(sa.select(campaigns.c.id).order_by(campaigns.c.created)).scalars().all()
+            return [self._summary(campaign, worked_on) for campaign in ids]
+
+    def _summary(self, campaign: object, worked_on: set[str]) -> CampaignSummary:
+        try:
+            with self.reading() as connection:
+                (summary,) = list_campaigns(connection, f"store {self.name}", worked_on, only=campaign)
+        except (StoreError, InputError, ValueError) as error:
+            return CampaignSummary(repr(campaign), "", "", 0, "", damage=str(error))
+        return summary
+
+    def newest(self, count: int) -> list[str]:
+        """Ids of the newest campaigns."""
+        query = sa.select(campaigns.c.id).order_by(campaigns.c.created.desc()).limit(count)
+        with self.reading() as connection:
+            return list(connection.execute(query).scalars())
 
     def removed(self) -> list[RemovedCampaign]:
         """What stays of campaigns that were removed, in the order of their removal."""
         query = sa.select(removed_campaigns).order_by(removed_campaigns.c.removed)
         with self.reading() as connection:
-            return [read_removed(row, f"store {self.path}") for row in connection.execute(query)]
+            return [read_removed(row, f"store {self.name}") for row in connection.execute(query)]
 
     def events(self, campaign: str, kind: str | None = None) -> list[StoredEvent]:
         """What happened to a campaign, oldest first."""
@@ -197,6 +209,13 @@ class Store:
     def has_readings(self, campaign: str) -> bool:
         """Whether anything was measured in a campaign."""
         return self.count_readings(campaign) > 0
+
+    def rig_of(self, campaign: str) -> str | None:
+        """The rig that a campaign was measured on; None if there is no such campaign, or it cannot be read."""
+        try:
+            return self.header(campaign).rig
+        except (InputError, StoreError):
+            return None
 
     def header(self, campaign: str) -> RecordingFile:
         """What a campaign was measured with; InputError if it is unknown."""
@@ -224,14 +243,14 @@ class Store:
             raise
         except (ValueError, TypeError, LookupError, OverflowError) as error:
             raise StoreError(
-                f"store {self.path}: campaign '{campaign}' is damaged ({error}); restore the store from a backup"
+                f"store {self.name}: campaign '{campaign}' is damaged ({error}); restore the store from a backup"
             ) from error
 
     def _campaign(self, connection: sa.Connection, campaign: str) -> StoredCampaign:
         row = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
         if row is None:
-            raise InputError(f"store {self.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
-        return read_campaign(row, f"store {self.path}")
+            raise InputError(f"store {self.name}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
+        return read_campaign(row, f"store {self.name}")
 
     def _rows(self, connection: sa.Connection, campaign: str) -> CampaignRows:
         start = sa.select(sa.literal(0).label("position"), campaigns.c.chain).where(campaigns.c.id == campaign)
@@ -241,10 +260,10 @@ class Store:
             head = connection.execute(sa.select(heads).where(heads.c.campaign == campaign)).first()
             if head is None or (head.position, head.chain) != (len(chains) - 1, chains.get(head.position)):
                 raise StoreError(
-                    f"store {self.path}: campaign '{campaign}': damaged (rows are missing or were added); "
+                    f"store {self.name}: campaign '{campaign}': damaged (rows are missing or were added); "
                     "`pkm-rig audit` says which, restore the store from a backup"
                 )
-        return CampaignRows(f"store {self.path}", campaign, chains)
+        return CampaignRows(f"store {self.name}", campaign, chains)
 
     def add_recording(self, recording: Recording) -> None:
         """Import a recording as a campaign, all or nothing."""
@@ -257,31 +276,45 @@ class Store:
 
     @contextmanager
     def writing(self) -> Iterator[sa.Connection]:
-        """A transaction that writes; nobody else does meanwhile. SQLite's errors come in one line."""
-        with self._errors(), writer(self._engine).begin() as connection:
+        """A transaction that writes; nobody else adds to the same campaign meanwhile. Errors come in one line."""
+        with self._errors(), self._place.writing() as connection:
             yield connection
 
     @contextmanager
     def reading(self) -> Iterator[sa.Connection]:
-        """A connection that sees the store at one moment. SQLite's errors come in one line."""
-        with self._errors(), self._engine.connect() as connection:
+        """A connection that sees the store at one moment. Errors come in one line."""
+        with self._errors(), self._place.reading() as connection:
             yield connection
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        """SQLite's errors in one line."""
+        """The database's errors in one line."""
         try:
             yield
         except IntegrityError as error:
-            raise InputError(f"store {self.path}: {error.orig}; a reading's uid must be unique") from error
+            raise InputError(f"store {self.name}: {_line(error)}; a reading's uid must be unique") from error
         except UnicodeError as error:
-            raise InputError(f"store {self.path}: a name that is not Unicode; check it") from error
+            raise InputError(f"store {self.name}: a name that is not Unicode; check it") from error
         except (SQLAlchemyError, sqlite3.Error) as error:
-            cause = str(getattr(error, "orig", None) or error)
+            cause = _line(error)
             if "not a database" in cause:
-                raise InputError(f"store {self.path}: {cause}; choose another folder") from error
-            advice = "; free space or choose another place" if "full" in cause else ""
-            raise StoreError(f"store {self.path}: {cause}{advice}") from error
+                raise InputError(f"store {self.name}: {cause}; choose another folder") from error
+            raise StoreError(f"store {self.name}: {cause}{_advice(cause)}") from error
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(getattr(error, "orig", None) or error).split())
+
+
+def _advice(cause: str) -> str:
+    """What to do, by the database's own words."""
+    words = {
+        "full": "free space or choose another place",
+        "No space left": "free space or choose another place",
+        "connection failed": "check that the server runs, its address, and PGPASSWORD or ~/.pgpass",
+        "lock timeout": "another computer writes the same rows; wait, and try again",
+    }
+    return next((f"; {advice}" for word, advice in words.items() if word in cause), "")
 
 
 def _count(connection: sa.Connection, campaign: str) -> int:
@@ -289,26 +322,18 @@ def _count(connection: sa.Connection, campaign: str) -> int:
     return int(connection.execute(count).scalar_one())
 
 
-def store_path(out: Path) -> Path:
-    """The store in a folder; a file is a store itself: a backup or an archive."""
-    return out if out.is_file() else out / STORE_NAME
-
-
-def campaign_folder(out: Path, campaign: str) -> Path:
-    """Where files of a campaign are written: in the store's folder, so beside a store that was given as a file."""
-    return store_path(out).parent / campaign
-
-
 @contextmanager
-def open_store(out: Path, *, hold: bool = False, campaign: str | None = None) -> Iterator[Store]:
-    """The store in a folder, created if it does not exist; with `hold` other campaigns are kept out meanwhile.
+def open_store(
+    out: Path, *, hold: bool = False, rig: str | None = None, campaign: str | None = None
+) -> Iterator[Store]:
+    """The store of a folder, created if it does not exist; with `hold` others are kept off the rig meanwhile.
 
     `campaign`: the one that it is held for, which others see as running.
     """
-    store = Store(store_path(out))
+    store = Store(store_place(out))
     try:
         if hold:
-            store.work_on(campaign)
+            store.work_on(campaign, rig)
         yield store
     finally:
         store.close()
@@ -316,10 +341,9 @@ def open_store(out: Path, *, hold: bool = False, campaign: str | None = None) ->
 
 @contextmanager
 def open_existing_store(out: Path) -> Iterator[Store]:
-    """The store in a folder, for reading; InputError, and nothing created, if there is none."""
-    if not store_path(out).is_file():
-        raise InputError(f"there is no store in {out}; give --out")
-    store = Store(store_path(out), read_only=True)
+    """The store of a folder, for reading; InputError, and nothing created, if there is none."""
+    require_store(out)
+    store = Store(store_place(out), read_only=True)
     try:
         yield store
     finally:
@@ -327,12 +351,21 @@ def open_existing_store(out: Path) -> Iterator[Store]:
 
 
 @contextmanager
-def hold_existing_store(out: Path) -> Iterator[Store]:
-    """The store in a folder, to write, other campaigns kept out; InputError, and nothing created, if there is none."""
-    if not store_path(out).is_file():
-        raise InputError(f"there is no store in {out}; give --out")
-    with open_store(out, hold=True) as store:
+def hold_existing_store(out: Path, *, rig: str | None = None, campaign: str | None = None) -> Iterator[Store]:
+    """The store of a folder, to write, others kept off the rig; InputError, and nothing created, if there is none.
+
+    `campaign`: its rig is meant.
+    """
+    require_store(out)
+    with open_store(out) as store:
+        store.hold(rig if campaign is None else store.rig_of(campaign))
         yield store
+
+
+def require_store(out: Path) -> None:
+    """InputError if a folder has no store."""
+    if not has_store(out):
+        raise InputError(f"there is no store in {out}; give --out")
 
 
 def find_recording(name: str, out: Path, *, by_sequence: bool = False) -> Recording:
@@ -344,7 +377,7 @@ def find_recording(name: str, out: Path, *, by_sequence: bool = False) -> Record
     if folder.is_dir():
         return read_folder(folder, by_sequence=by_sequence)
     require_file_or_folder(folder)
-    if not store_path(out).is_file():
+    if not has_store(out):
         raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
     with open_existing_store(out) as store:
         return store.recording(name)

@@ -16,5 +16,5 @@ def stored_machine(store: Store, campaign: str) -> Machine:
     with store.reading() as connection:
         row = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
     if row is None:
-        raise InputError(f"store {store.path}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
-    return parse_machine(read_campaign(row, f"store {store.path}").machine, f"machine of campaign {campaign}")
+        raise InputError(f"store {store.name}: no campaign '{campaign}'; `pkm-rig list` shows what is there")
+    return parse_machine(read_campaign(row, f"store {store.name}").machine, f"machine of campaign {campaign}")

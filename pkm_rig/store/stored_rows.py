@@ -120,7 +120,7 @@ class CampaignRows:
         """A row of `events`, as it was written."""
         where = f"{self._where}, event {row.kind!r:.80} (row {row.position!r:.20})"
         created, kind = stored_text(row.created, where), stored_text(row.kind, where)
-        event = StoredEvent(created, kind, _EventData(stored_object(row.data, where), where))
+        event = StoredEvent(created, kind, EventData(stored_object(row.data, where), where))
         after, position = self._before(row, where)
         if after is not None:
             self._compare(row, where, event_link(after, self._campaign, position, *event), event.data)
@@ -143,7 +143,7 @@ class CampaignRows:
             raise _damaged(where, "not as it was written")
 
 
-class _EventData(dict[str, Any]):
+class EventData(dict[str, Any]):
     """What was written with an event: a key that is asked for and is not there is damage, and names the row."""
 
     def __init__(self, data: Mapping[str, Any], where: str) -> None:

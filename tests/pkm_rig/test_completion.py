@@ -13,7 +13,8 @@ from pkm_rig.cli import main
 from pkm_rig.jobs.next_command import command_line, measure_more, rig_word
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.runner import describe_campaign, settings_event
-from pkm_rig.store.store import STORE_NAME, open_store
+from pkm_rig.store.place import STORE_NAME
+from pkm_rig.store.store import open_store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
 STORE = Path(__file__).parents[1] / "data" / "version_0_1" / "store.db.gz"

@@ -24,7 +24,7 @@ from pkm_rig.jobs.measured_machine import printer_name
 from pkm_rig.report import pictures
 from pkm_rig.report.notation import literal
 from pkm_rig.report.terminal import PeopleConsole
-from pkm_rig.store.store import STORE_NAME
+from pkm_rig.store.place import STORE_NAME
 from tests.pkm_rig.plant_recording import record
 
 NAMES = ["[/b]", "[red]x", r"$\frac{$", "$", ":smile:", "_hidden", "a%s{0}", "<b>&amp;", "..", "CON", "‘’", "x" * 200]

@@ -12,7 +12,7 @@ import pytest
 import pkm_rig
 from pkm_rig.cli.entry import COMMANDS
 from pkm_rig.rig.config import embedded_rig_path
-from pkm_rig.store.store import STORE_NAME
+from pkm_rig.store.place import STORE_NAME
 
 STORE = Path(__file__).parents[1] / "data" / "version_0_1" / "store.db.gz"
 FOR_WORK = ("numpy", "sqlalchemy", "bluesky", "matplotlib", "scipy", "canopen", "pymodbus", "jinja2")

@@ -17,7 +17,8 @@ from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import drop_unclosed_readings
 from pkm_rig.jobs.acceptance import stored_outcome
 from pkm_rig.rig.config import load_rig
-from pkm_rig.store.store import STORE_NAME, open_store
+from pkm_rig.store.place import STORE_NAME
+from pkm_rig.store.store import open_store
 
 DATA = Path(__file__).parents[1] / "data" / "version_0_1"
 EXPECTED = json.loads((DATA / "expected.json").read_text(encoding="utf-8"))

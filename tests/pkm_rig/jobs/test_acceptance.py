@@ -29,7 +29,8 @@ from pkm_rig.results.outcome import WrittenTable
 from pkm_rig.rig.campaign_sections import CampaignSettings
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.schedule import verification_block
-from pkm_rig.store.store import STORE_NAME, open_store
+from pkm_rig.store.place import STORE_NAME
+from pkm_rig.store.store import open_store
 from tests.pkm_rig.plant_recording import record
 
 OLD_STORE = Path(__file__).parents[2] / "data" / "version_0_1" / "store.db.gz"

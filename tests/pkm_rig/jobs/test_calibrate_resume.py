@@ -22,8 +22,8 @@ from pkm_rig.jobs.session import pin_to_one_core
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.table_recovery import unfinished_change
+from pkm_rig.store.place import STORE_NAME
 from pkm_rig.store.schema import events
-from pkm_rig.store.store import STORE_NAME
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import Stopped, short_rig_file, silent
 from tests.pkm_rig.tables_bench import Killed, TablesBench

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
-from pkm_rig.store.store import STORE_NAME
+from pkm_rig.store.place import STORE_NAME
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import SHORT, mock_and_rig
 

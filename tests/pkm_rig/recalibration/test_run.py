@@ -24,7 +24,8 @@ from pkm_rig.recalibration.situation import situation_of
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.life import life_rows
-from pkm_rig.store.store import Store, store_path
+from pkm_rig.store.place import store_path
+from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import silent
 from tests.pkm_rig.recalibration.rigs import ALWAYS, CALIBRATED_S, RIG, connected, keep_store, served, write_rig
 

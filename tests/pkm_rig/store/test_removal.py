@@ -16,8 +16,9 @@ from pkm_rig.errors import CampaignRefused
 from pkm_rig.store import copies
 from pkm_rig.store.audit import audit, find_head
 from pkm_rig.store.lock import user_name
+from pkm_rig.store.place import campaign_folder
 from pkm_rig.store.removal import archive_campaign, delete_campaign
-from pkm_rig.store.store import Store, campaign_folder
+from pkm_rig.store.store import Store
 from tests.pkm_rig.store.stores import change, rows, small_recording, small_store, version_0_1_store
 
 OLD = "embedded-mock-20261122-035604-9d78"

@@ -3,6 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
+from pkm_rig.store.migrations.triggers import refuse
+
 revision = "0001"
 down_revision = None
 
@@ -33,7 +35,4 @@ def upgrade() -> None:
     )
     for table in ("campaigns", "readings", "events"):
         for verb in ("UPDATE", "DELETE"):
-            op.execute(
-                f"CREATE TRIGGER keep_{table}_{verb.lower()} BEFORE {verb} ON {table} "
-                "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
-            )
+            refuse(verb, table)

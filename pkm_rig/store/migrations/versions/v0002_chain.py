@@ -6,6 +6,8 @@ Which reading of version 0.1 came before which event is not known: its readings 
 import sqlalchemy as sa
 from alembic import op
 
+from pkm_rig.store.migrations.triggers import allow, on_server, refuse
+
 revision = "0002"
 down_revision = "0001"
 
@@ -16,9 +18,19 @@ def upgrade() -> None:
     """Copy readings and events into tables with a position and a chain value; older campaigns have no chain values."""
     for table in KEPT:
         for verb in ("update", "delete"):
-            op.execute(f"DROP TRIGGER keep_{table}_{verb}")
+            allow(verb, table)
     op.drop_index("ix_events_campaign", "events")
     op.add_column("campaigns", sa.Column("chain", sa.String))
+    if on_server():  # there has never been a store of version 0.1 on one
+        op.drop_table("readings")
+        op.drop_table("events")
+        _make_tables()
+    else:
+        _copy_into_new_tables()
+    _make_triggers()
+
+
+def _copy_into_new_tables() -> None:
     op.rename_table("readings", "former_readings")
     op.rename_table("events", "former_events")
     _make_tables()
@@ -40,7 +52,6 @@ def upgrade() -> None:
     )
     op.drop_table("former_readings")
     op.drop_table("former_events")
-    _make_triggers()
 
 
 def _make_tables() -> None:
@@ -97,13 +108,5 @@ def _make_tables() -> None:
 def _make_triggers() -> None:
     """Nothing is changed; nothing is deleted but rows of a campaign whose removal is on record."""
     for table in (*KEPT, "table_changes", "removed_campaigns"):
-        verbs = {f"UPDATE ON {table}"}
-        if table in KEPT:
-            verbs.add(f"DELETE ON {table} WHEN OLD.{KEPT[table]} NOT IN (SELECT campaign FROM removed_campaigns)")
-        else:
-            verbs.add(f"DELETE ON {table}")
-        for verb in sorted(verbs):
-            op.execute(
-                f"CREATE TRIGGER keep_{table}_{verb[:6].lower()} BEFORE {verb} "
-                "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
-            )
+        refuse("DELETE", table, unless_removed=KEPT.get(table))
+        refuse("UPDATE", table)

@@ -6,6 +6,8 @@ What older campaigns say of it is read from their events (`pkm_rig.store.life`);
 import sqlalchemy as sa
 from alembic import op
 
+from pkm_rig.store.migrations.triggers import refuse
+
 revision = "0003"
 down_revision = "0002"
 
@@ -34,7 +36,4 @@ def upgrade() -> None:
         )
         op.create_index(f"ix_{table}_rig", table, ["rig"])
         for verb in ("UPDATE", "DELETE"):
-            op.execute(
-                f"CREATE TRIGGER keep_{table}_{verb.lower()} BEFORE {verb} ON {table} "
-                "BEGIN SELECT RAISE(ABORT, 'the record is append-only'); END"
-            )
+            refuse(verb, table)

@@ -15,6 +15,9 @@ from pathlib import Path
 
 import pytest
 
+from pkm_rig.store.place import ServerAddress
+from pkm_rig.store.store import Store
+
 PROGRAMS = "/usr/lib/postgresql"  # where Debian has them, not on the path
 ORDINARY = ("postgres", "nobody")  # whom root asks: the server refuses to run as root
 SETTINGS = {
@@ -64,6 +67,7 @@ class PostgresServer:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.data = folder, folder / "data"
+        self._pattern: str | None = None
         user = _ordinary() if os.getuid() == 0 else None
         self._as: dict[str, object] = {}
         if user is not None:
@@ -109,6 +113,13 @@ class PostgresServer:
         name = f"store_{next(_numbers)}"
         self.query(f"CREATE DATABASE {name} {options}")
         return name
+
+    def new_store(self) -> str:
+        """The name of a database that has a new store."""
+        if self._pattern is None:
+            self._pattern = self.new_database()
+            Store(ServerAddress(self.address(self._pattern))).close()
+        return self.new_database(f"TEMPLATE {self._pattern}")
 
 
 @contextmanager

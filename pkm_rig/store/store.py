@@ -308,10 +308,13 @@ def _line(error: Exception) -> str:
 
 def _advice(cause: str) -> str:
     """What to do, by the database's own words."""
+    server = "check that the server runs, its address, and PGPASSWORD or ~/.pgpass"
     words = {
         "full": "free space or choose another place",
         "No space left": "free space or choose another place",
-        "connection failed": "check that the server runs, its address, and PGPASSWORD or ~/.pgpass",
+        "connection to server": server,
+        "connection timeout": server,
+        "resolve host": server,
         "lock timeout": "another computer writes the same rows; wait, and try again",
     }
     return next((f"; {advice}" for word, advice in words.items() if word in cause), "")

@@ -6,7 +6,6 @@ value, it is as it was written, and need not be parsed.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any, NamedTuple
@@ -24,6 +23,7 @@ from pkm_rig.store.stored_rows import (
     EventData,
     StoredEvent,
     read_campaign,
+    stored_object,
     stored_text,
 )
 
@@ -173,8 +173,9 @@ def _event(where: str, campaign: str, row: Any, chains: Mapping[Any, Any]) -> St
     after = chains.get(row.position - 1) if isinstance(row.position, int) else None
     is_text = isinstance(after, str) and all(isinstance(text, str) and text.isascii() for text in texts)
     if is_text and row.chain == event_link_of_text(str(after), campaign, row.position, *texts):
-        data = json.loads(row.data) if '"plan":' in row.data or row.kind in (BEGUN, ENDED) else {}
-        return StoredEvent(row.created, row.kind, EventData(data, f"{where}: campaign '{campaign}'"))
+        here = f"{where}: campaign '{campaign}', event {row.kind!r:.80}"
+        is_used = '"plan":' in row.data or row.kind in (BEGUN, ENDED)
+        return StoredEvent(row.created, row.kind, EventData(stored_object(row.data, here) if is_used else {}, here))
     return CampaignRows(where, campaign, chains).event(row)
 
 

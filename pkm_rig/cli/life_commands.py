@@ -46,8 +46,7 @@ def history(
     all_rigs: Annotated[bool, typer.Option("--all", help="every rig of the store")] = False,
 ) -> None:
     """A machine over the years: checks with their limits, calibrations, parameters, effects, events, doubt."""
-    from pkm_rig.jobs.history import chosen_rig, rigs_of
-    from pkm_rig.jobs.history import history as history_of
+    from pkm_rig.jobs.history import chosen_rig, histories, rigs_of
     from pkm_rig.report.history_text import print_history
     from pkm_rig.report.terminal import print_either, print_json
     from pkm_rig.store.store import open_existing_store
@@ -56,7 +55,7 @@ def history(
         raise InputError("history: name a rig or give --all, not both")
     with open_existing_store(out) as store:
         names = rigs_of(store) if all_rigs else [chosen_rig(store, name)]
-        lives = [history_of(store, one) for one in names]
+        lives = histories(store, names)
     for life in lives:
         life["picture"] = _draw(life, out)
     if json:

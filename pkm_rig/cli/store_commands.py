@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,11 +13,15 @@ from calibration.base.plain_file import require_file_or_folder
 from pkm_rig.cli.options import JsonOption, OutOption, SequenceOption, StoredCampaignArgument
 from pkm_rig.errors import StoreError
 
+if TYPE_CHECKING:
+    from pkm_rig.store.stored_rows import CampaignSummary
+
 
 def list_campaigns(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     removed: Annotated[bool, typer.Option("--removed", help="campaigns that were deleted or archived")] = False,
+    chart: Annotated[bool, typer.Option("--chart", help="draw them too: campaigns.png, a line a rig")] = False,
 ) -> None:
     """What is in the store."""
     from pkm_rig.report.record_text import removed_line
@@ -25,8 +30,10 @@ def list_campaigns(
 
     with open_existing_store(out) as store:
         rows, gone = store.campaigns(), store.removed()
+    picture = _chart(rows, out) if chart else None
     if json:
-        print_json({"campaigns": [row._asdict() for row in rows], "removed": [one._asdict() for one in gone]})
+        result = {"campaigns": [row._asdict() for row in rows], "removed": [one._asdict() for one in gone]}
+        print_json(result | ({} if picture is None else {"picture": str(picture)}))
     elif removed:
         for one in gone:
             results.print(removed_line(one), soft_wrap=True, markup=False)
@@ -37,9 +44,28 @@ def list_campaigns(
             results.print("  ".join(str(part) for part in parts).rstrip(), soft_wrap=True, markup=False)
         if gone:
             results.print(f"{len(gone)} removed: pkm-rig list --removed --out {out}", soft_wrap=True, markup=False)
+        if picture is not None:
+            results.print(f"picture: {picture}", soft_wrap=True, markup=False)
     damaged = [row.damage for row in rows if row.damage]
     if damaged:
         raise StoreError(damaged[0])
+
+
+def _chart(rows: Sequence[CampaignSummary], out: Path) -> Path:
+    from pkm_rig.report.campaign_chart import draw_campaigns
+    from pkm_rig.report.pictures import save_png
+    from pkm_rig.report.terminal import print_message
+    from pkm_rig.store.place import store_folder
+
+    picture = store_folder(out) / "campaigns.png"
+    figure, undated = draw_campaigns(rows)
+    try:
+        save_png(figure, picture, simulated=bool(rows) and all(row.simulated for row in rows))
+    except OSError as error:
+        raise InputError(f"list: {picture}: {error.strerror}; choose another --out") from error
+    if undated:
+        print_message(f"{undated} without a date are not in the picture")
+    return picture
 
 
 def show(campaign: StoredCampaignArgument, out: OutOption = Path("runs"), json: JsonOption = False) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from pkm_rig.store.former_life import calibration_rows, rigs_with_campaigns
-from pkm_rig.store.life import ACCEPTED, IDENTIFIED, LifeRow, life_rows, rigs_with_a_life
+from pkm_rig.store.life import ACCEPTED, IDENTIFIED, LifeRow, LifeTable, life_rows, rigs_with_a_life
 from pkm_rig.store.life_facts import TOLERANCE_CHANGED, RowDamage, covariance_of, utc_s
 from pkm_rig.store.store import Store
 
+TABLES: tuple[LifeTable, ...] = ("machines", "instruments", "checks", "machine_events")
 OUT_OF_TOLERANCE, FIT = "out of tolerance", "fit"
 
 
@@ -37,16 +38,35 @@ def history(store: Store, rig: str) -> dict[str, Any]:
 
     StoreError for a row that is not as it was written.
     """
-    with RowDamage(f"store {store.name}: the life of rig {rig}"):
-        return _history(store, rig)
+    (life,) = histories(store, [rig])
+    return life
 
 
-def _history(store: Store, rig: str) -> dict[str, Any]:
-    rows = calibration_rows(store, rig)
-    machines = life_rows(store, "machines", rig)
+def histories(store: Store, rigs: Sequence[str]) -> list[dict[str, Any]]:
+    """The lives of several rigs, which are asked for in as few queries as that of one."""
+    only = rigs[0] if len(rigs) == 1 else None
+    rows = {table: _by_rig(life_rows(store, table, only)) for table in TABLES}
+    calibrations = _by_rig(calibration_rows(store, only))
+    lives = []
+    for rig in rigs:
+        with RowDamage(f"store {store.name}: the life of rig {rig}"):
+            own = {table: rows[table].get(rig, []) for table in TABLES}
+            lives.append(_history(rig, own, calibrations.get(rig, [])))
+    return lives
+
+
+def _by_rig(rows: Sequence[LifeRow]) -> dict[str, list[LifeRow]]:
+    found: dict[str, list[LifeRow]] = {}
+    for row in rows:
+        found.setdefault(row.rig, []).append(row)
+    return found
+
+
+def _history(rig: str, own: Mapping[LifeTable, Sequence[LifeRow]], rows: Sequence[LifeRow]) -> dict[str, Any]:
+    machines = own["machines"]
     key = machines[-1].machine if machines else rows[-1].machine
-    events = life_rows(store, "machine_events", rig, key)
-    checks = [_check(row) for row in life_rows(store, "checks", rig, key)]
+    events = [row for row in own["machine_events"] if row.machine == key]
+    checks = [_check(row) for row in own["checks"] if row.machine == key]
     calibrations = _calibrations([row for row in rows if row.machine == key])
     tolerances = [
         {"since": row.created, "position_m": row.data["position_m"]} for row in events if row.kind == TOLERANCE_CHANGED
@@ -64,7 +84,7 @@ def _history(store: Store, rig: str) -> dict[str, Any]:
         "events": [_event(row, events) for row in events],
         "instruments": [
             {"created": row.created, "kind": row.kind, "serial": row.serial or None, **row.data}
-            for row in life_rows(store, "instruments", rig)
+            for row in own["instruments"]
         ],
         "in_doubt": periods_in_doubt(checks, calibrations, tolerances),
     }

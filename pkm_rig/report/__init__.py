@@ -4,6 +4,7 @@ __all__ = [
     "asked",
     "axis_json",
     "axis_text",
+    "campaign_chart",
     "check_text",
     "comparison_json",
     "comparison_pictures",

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
+from functools import lru_cache
 from typing import Any
 
 import sqlalchemy as sa
 
 from calibration.base.errors import InputError
-from calibration.machine.description import parse_machine
+from calibration.machine.description import Machine, parse_machine
 from calibration.model.parameters import ParameterSet
 from pkm_rig.errors import StoreError
 from pkm_rig.store.life import ACCEPTED, IDENTIFIED, NOT_DECIDED, REFUSED, LifeRow, life_rows, machine_key
 from pkm_rig.store.schema import calibrations, campaigns, events
 from pkm_rig.store.store import Store
 from pkm_rig.store.stored_rows import StoredEvent, stored_object, stored_text
+from pkm_rig.store.summaries import checked_events, event_rows
 
 
-def calibration_rows(store: Store, rig: str) -> list[LifeRow]:
-    """All calibrations of a rig, oldest first: rows of its life, and what older campaigns' events say."""
+def calibration_rows(store: Store, rig: str | None) -> list[LifeRow]:
+    """All calibrations of a rig, or of all with None, oldest first: rows of its life, and what events say."""
     rows = life_rows(store, "calibrations", rig)
-    rows += [row for campaign in _campaigns_without_row(store, rig) for row in _from_events(store, rig, campaign)]
+    rows += _of_campaigns_without_row(store, rig)
     return sorted(rows, key=lambda row: (row.created, row.id))
 
 
@@ -36,45 +38,55 @@ def rigs_with_campaigns(store: Store) -> list[str]:
     return sorted(found)
 
 
-def _campaigns_without_row(store: Store, rig: str) -> list[str]:
-    """Campaigns that were identified and have no row; one that is damaged is left to `audit`."""
-    known = sa.select(calibrations.c.campaign)
-    query = (
-        sa.select(campaigns.c.id, campaigns.c.description)
-        .where(campaigns.c.id.not_in(known))
-        .where(campaigns.c.id.in_(sa.select(events.c.campaign).where(events.c.kind == IDENTIFIED)))
-        .order_by(campaigns.c.created)
+def _of_campaigns_without_row(store: Store, rig: str | None) -> list[LifeRow]:
+    """What the events of campaigns say that were identified and have no row; a damaged one is left to `audit`."""
+    where = f"store {store.name}"
+    without = campaigns.c.id.not_in(sa.select(calibrations.c.campaign)) & campaigns.c.id.in_(
+        sa.select(events.c.campaign).where(events.c.kind == IDENTIFIED)
     )
-    found = []
+    found: list[LifeRow] = []
     with store.reading() as connection:
+        query = sa.select(campaigns.c.id, campaigns.c.description, campaigns.c.machine).where(without)
+        wanted = {}
         for row in connection.execute(query):
-            where = f"store {store.name}: campaign {row.id!r:.120}"
-            if stored_object(row.description, where).get("rig") == rig:
-                found.append(stored_text(row.id, where))
+            here = f"{where}: campaign {row.id!r:.120}"
+            own = stored_object(row.description, here).get("rig")
+            if isinstance(own, str) and rig in (None, own):
+                wanted[stored_text(row.id, here)] = (stored_text(own, here), str(row.machine))
+        if not wanted:
+            return []
+        in_all = events.c.campaign.in_(sa.select(campaigns.c.id).where(without))
+        for campaign, rows in event_rows(connection, in_all):
+            if campaign in wanted:
+                found += _from_events(where, *wanted[campaign], campaign, rows)
     return found
 
 
-def _from_events(store: Store, rig: str, campaign: str) -> list[LifeRow]:
+def _from_events(where: str, rig: str, text: str, campaign: str, rows: Iterable[Any]) -> list[LifeRow]:
     try:
-        stored = store.events(campaign)
-        with store.reading() as connection:
-            text = connection.execute(sa.select(campaigns.c.machine).where(campaigns.c.id == campaign)).scalar_one()
-        machine = parse_machine(str(text), f"machine of campaign {campaign}")
+        stored = checked_events(where, campaign, rows)
+        machine = _machine(text)
         identified = [event for event in stored if event.kind == IDENTIFIED][-1]
         names = tuple(identified.data["parameters"])  # JSON has them in alphabetical order
         in_order = ParameterSet.of(machine).names
         names = in_order if sorted(in_order) == sorted(names) else names
         key = machine_key(machine, names)
-        rows = [LifeRow(0, identified.created, rig, key, IDENTIFIED, _identified(identified, stored, names), campaign)]
+        found = [LifeRow(0, identified.created, rig, key, IDENTIFIED, _identified(identified, stored, names), campaign)]
         verdicts = [event for event in stored if event.kind in (ACCEPTED, REFUSED)]
         if verdicts:
             verdict = verdicts[-1]
             kind = verdict.data.get("decision") or verdict.kind
             kind = kind if kind in (ACCEPTED, REFUSED, NOT_DECIDED) else verdict.kind
-            rows.append(LifeRow(0, verdict.created, rig, key, kind, _verdict(verdict, stored), campaign))
+            found.append(LifeRow(0, verdict.created, rig, key, kind, _verdict(verdict, stored), campaign))
     except (StoreError, InputError):
         return []
-    return rows
+    return found
+
+
+@lru_cache(maxsize=64)
+def _machine(text: str) -> Machine:
+    """Of a machine file's text, which is the same for most campaigns of a rig."""
+    return parse_machine(text, "machine of a campaign")
 
 
 def _identified(event: StoredEvent, stored: Sequence[StoredEvent], names: Sequence[str]) -> dict[str, Any]:

@@ -81,13 +81,15 @@ def add_to_life(
         add_life_row(connection, table, rig=rig, machine=machine, kind=kind, data=data, created=created, **own)
 
 
-def life_rows(store: Store, table: LifeTable, rig: str, machine: str | None = None) -> list[LifeRow]:
-    """The rows of a rig, of one machine or of all that it has been, oldest first.
+def life_rows(store: Store, table: LifeTable, rig: str | None, machine: str | None = None) -> list[LifeRow]:
+    """The rows of a rig, or of all with None, of one machine or of all that it has been, oldest first.
 
     StoreError, naming the row, for one that is not as it was written.
     """
     source = schema.metadata.tables[table]
-    query = sa.select(source).where(source.c.rig == rig).order_by(source.c.id)
+    query = sa.select(source).order_by(source.c.id)
+    if rig is not None:
+        query = query.where(source.c.rig == rig)
     if machine is not None:
         query = query.where(source.c.machine == machine)
     with store.reading() as connection:

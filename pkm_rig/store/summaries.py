@@ -133,17 +133,42 @@ def _heads(connection: sa.Connection, only: object) -> dict[object, _Head]:
 
 def _events(connection: sa.Connection, where: str, only: object) -> dict[object, _Events]:
     """Each campaign's events, every one compared with its chain value."""
+    chosen = sa.true() if only is None else events.c.campaign == only
+    return {campaign: _of_one(where, campaign, rows) for campaign, rows in event_rows(connection, chosen)}
+
+
+def event_rows(connection: sa.Connection, chosen: sa.ColumnElement[bool]) -> Iterable[tuple[Any, Iterable[Any]]]:
+    """The events of many campaigns, each with the chain value of a reading before it, in one query.
+
+    A campaign's rows must be taken before the next campaign is.
+    """
     before = (readings.c.campaign == events.c.campaign) & (readings.c.position == events.c.position - 1)
     query = (
         sa.select(events, readings.c.chain.label("after"), campaigns.c.chain.label("genesis"))
         .outerjoin(readings, before)
         .outerjoin(campaigns, campaigns.c.id == events.c.campaign)
+        .where(chosen)
         .order_by(events.c.campaign, events.c.position)
     )
-    rows = _stream(connection, query if only is None else query.where(events.c.campaign == only))
-    return {
-        campaign: _of_one(where, campaign, group) for campaign, group in groupby(rows, key=lambda row: row.campaign)
-    }
+    return groupby(_stream(connection, query), key=lambda row: row.campaign)
+
+
+def checked_events(where: str, campaign: str, rows: Iterable[Any]) -> list[StoredEvent]:
+    """A campaign's events of `event_rows` with all that they say; StoreError for one that is not as it was written."""
+    chains: dict[Any, Any] = {}
+    found = []
+    for row in rows:
+        _note_before(chains, row)
+        found.append(CampaignRows(where, campaign, chains).event(row))
+        chains[row.position] = row.chain
+    return found
+
+
+def _note_before(chains: dict[Any, Any], row: Any) -> None:
+    """Keep the chain values that a row of `event_rows` brings along: the campaign's own, and the reading's before."""
+    chains[0] = row.genesis
+    if row.after is not None:
+        chains[row.position - 1] = row.after
 
 
 def _of_one(where: str, campaign: Any, rows: Iterable[Any]) -> _Events:
@@ -153,9 +178,7 @@ def _of_one(where: str, campaign: Any, rows: Iterable[Any]) -> _Events:
     for row in rows:
         number, last = number + 1, row
         positions += row.position if isinstance(row.position, int) else 0
-        chains[0] = row.genesis
-        if row.after is not None:
-            chains[row.position - 1] = row.after
+        _note_before(chains, row)
         if not damage:
             try:
                 found.append(_event(where, campaign, row, chains))

@@ -19,6 +19,10 @@ class StoreError(RuntimeError):
     """The store could not be written or read; one line."""
 
 
+class WorkersGone(RuntimeError):
+    """Nobody is there, or left, to compute for us; one line."""
+
+
 CAMPAIGN_NOTE = "campaign "  # begins the note of an error that ended a campaign's session
 
 

@@ -8,26 +8,45 @@ from typing import Annotated
 import typer
 
 from calibration.base.errors import InputError
-from pkm_rig.cli.options import CampaignArgument, JsonOption, OutOption, SequenceOption, rig_path
+from pkm_rig.cli.fleet_commands import AgainOption, AllOption, JobsOption, SchedulerOption
+from pkm_rig.cli.options import (
+    CampaignArgument,
+    JsonOption,
+    MaybeCampaignArgument,
+    OutOption,
+    SequenceOption,
+    rig_path,
+)
 
 
 def identify(
-    campaign: CampaignArgument,
+    campaign: MaybeCampaignArgument = None,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     estimator: Annotated[str, typer.Option(help="map, least_squares, tikhonov, l_curve or truncated_svd")] = "map",
     robust: Annotated[bool, typer.Option("--robust", help="tolerate outliers (Huber's loss); recordings only")] = False,
     monte_carlo: Annotated[int, typer.Option(help="draws of a Monte Carlo check; recordings only")] = 0,
     by_sequence: SequenceOption = False,
+    all_campaigns: AllOption = False,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    again: AgainOption = False,
 ) -> None:
     """Identify a recording or a measurement folder: parameters with uncertainty, held-out error, bound."""
+    from pkm_rig.cli.fleet_commands import run_on_all
     from pkm_rig.jobs.identify import identify_with_checks
+    from pkm_rig.jobs.many_campaigns import identify_work
     from pkm_rig.jobs.measured_machine import find_measurement_folder, identify_measurements
     from pkm_rig.report.identified_text import print_identification
     from pkm_rig.report.measured_text import print_measurements
     from pkm_rig.report.terminal import print_either, say_repaired
     from pkm_rig.store.store import find_recording
 
+    if _is_on_all("identify", campaign, all_campaigns, by_sequence, jobs, scheduler, again=again):
+        work = identify_work(estimator, robust=robust, draws=monte_carlo)
+        run_on_all(work, out, json, jobs, scheduler, again=again)
+        return
+    assert campaign is not None  # else it is refused
     measurements = find_measurement_folder(campaign, out)
     if measurements is None:
         recording = find_recording(campaign, out, by_sequence=by_sequence)
@@ -41,7 +60,7 @@ def identify(
 
 
 def diagnose(
-    campaign: CampaignArgument,
+    campaign: MaybeCampaignArgument = None,
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     add: Annotated[bool, typer.Option("--add", help="write the rig's twin: the model with the effects found")] = False,
@@ -56,11 +75,17 @@ def diagnose(
         ),
     ] = False,
     by_sequence: SequenceOption = False,
+    all_campaigns: AllOption = False,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
+    again: AgainOption = False,
 ) -> None:
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
+    from pkm_rig.cli.fleet_commands import run_on_all
     from pkm_rig.jobs.axis import diagnose_folder, is_axis
     from pkm_rig.jobs.diagnose import run_diagnosis
     from pkm_rig.jobs.disturbance_levels import estimate_disturbances as estimate_levels_of
+    from pkm_rig.jobs.many_campaigns import diagnose_work
     from pkm_rig.jobs.measured_machine import find_measurement_folder
     from pkm_rig.jobs.next_command import measure_more
     from pkm_rig.jobs.session import store_if_there
@@ -68,6 +93,12 @@ def diagnose(
     from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
+    if _is_on_all("diagnose", campaign, all_campaigns, by_sequence, jobs, scheduler, again=again):
+        if estimate_disturbances:
+            raise InputError("diagnose: --estimate-disturbances is of one campaign; leave out --all")
+        run_on_all(diagnose_work(effects or (), add=add), out, json, jobs, scheduler, again=again)
+        return
+    assert campaign is not None  # else it is refused
     if is_axis(campaign):
         if add or effects or estimate_disturbances:
             raise InputError(
@@ -91,6 +122,22 @@ def diagnose(
         is_stored = store is not None and not Path(campaign).is_dir()
         measure_with = measure_more(store, campaign, out) if store is not None and is_stored else None
     print_result(json, result | repaired, describe_diagnosis(diagnosis, result, measure_with))
+
+
+def _is_on_all(
+    command: str, campaign: str | None, all_campaigns: bool, by_sequence: bool, jobs: object, scheduler: object, *,
+    again: bool,
+) -> bool:  # fmt: skip
+    """Whether all campaigns are meant; InputError unless it is either all of them or one."""
+    if all_campaigns and (campaign is not None or by_sequence):
+        raise InputError(
+            f"{command}: --all is of the store's campaigns; leave out {campaign or '--sessions-from-sequence'}"
+        )
+    if not all_campaigns and campaign is None:
+        raise InputError(f"{command}: of which campaign? `pkm-rig list` shows what is there; --all is all of them")
+    if not all_campaigns and (jobs is not None or scheduler is not None or again):
+        raise InputError(f"{command}: --jobs, --scheduler and --again go with --all")
+    return all_campaigns
 
 
 def compare(

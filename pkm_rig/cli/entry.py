@@ -32,7 +32,7 @@ from pkm_rig.cli import (
     table_commands,
 )
 from pkm_rig.cli.terminal_operator import ask_for_pause
-from pkm_rig.errors import CampaignRefused, NotChecked, StoreError
+from pkm_rig.errors import CampaignRefused, NotChecked, StoreError, WorkersGone
 from pkm_rig.report.terminal import messages
 from pkm_rig.version import __version__
 
@@ -140,7 +140,7 @@ def main() -> None:
         _exit_with_line(BAD_INPUT, _with_notes(str(error), error))
     except CampaignRefused as error:
         _exit_with_line(REFUSED, _with_notes(str(error), error))
-    except (DeviceError, NotChecked, StoreError) as error:
+    except (DeviceError, NotChecked, StoreError, WorkersGone) as error:
         _exit_with_line(DEVICE, _with_notes(str(error), error))
     except Exception as error:
         if isinstance(error, OSError):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from calibration.base.errors import InputError
+from pkm_rig.cli.fleet_commands import JobsOption, SchedulerOption
 from pkm_rig.cli.options import JsonOption, OutOption, RigOption, rig_name
 from pkm_rig.errors import CampaignRefused, NotChecked
 
@@ -44,6 +45,8 @@ def history(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     all_rigs: Annotated[bool, typer.Option("--all", help="every rig of the store")] = False,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """A machine over the years: checks with their limits, calibrations, parameters, effects, events, doubt."""
     from pkm_rig.jobs.history import chosen_rig, histories, rigs_of
@@ -53,11 +56,12 @@ def history(
 
     if all_rigs and name is not None:
         raise InputError("history: name a rig or give --all, not both")
+    if not all_rigs and (jobs is not None or scheduler is not None):
+        raise InputError("history: --jobs and --scheduler go with --all")
     with open_existing_store(out) as store:
         names = rigs_of(store) if all_rigs else [chosen_rig(store, name)]
         lives = histories(store, names)
-    for life in lives:
-        life["picture"] = _draw(life, out)
+    _draw(lives, out, jobs, scheduler)
     if json:
         print_json({"rigs": lives} if all_rigs else lives[0])
         return
@@ -65,21 +69,26 @@ def history(
         print_either(False, life, print_history)
 
 
-def _draw(life: dict[str, object], out: Path) -> str | None:
-    from typing import Any, cast
-
-    from pkm_rig.jobs.history import largest_changes
-    from pkm_rig.report.history_pictures import draw_history
-    from pkm_rig.report.pictures import save_png
+def _draw(lives: list[dict[str, Any]], out: Path, jobs: int | None, scheduler: str | None) -> None:
+    """Draw each life that there is anything of, and say in it where its picture is."""
+    from pkm_rig.cli.fleet_commands import draw_all
+    from pkm_rig.jobs.history import life_picture
+    from pkm_rig.jobs.worker_pool import Attempt, Task
     from pkm_rig.store.place import store_folder
 
-    shown = cast("dict[str, Any]", life)
-    if not shown["calibrations"] and not shown["checks"]:
-        return None
-    path = store_folder(out) / f"history-{shown['rig']}.png"
-    figure = draw_history(shown, largest_changes(shown["parameters"], PARAMETERS))
-    try:
-        save_png(figure, path, simulated=shown["simulated"])
-    except OSError as error:
-        raise InputError(f"history: {path}: {error.strerror}; choose another --out") from error
-    return str(path)
+    by_rig = {life["rig"]: life for life in lives}
+
+    def keep(attempt: Attempt) -> None:
+        if attempt.failure:
+            raise InputError(f"history: the picture of {attempt.name} failed: {attempt.failure}")
+        path = store_folder(out) / f"history-{attempt.name}.png"
+        try:
+            path.write_bytes(attempt.value)
+        except OSError as error:
+            raise InputError(f"history: {path}: {error.strerror}; choose another --out") from error
+        by_rig[attempt.name]["picture"] = str(path)
+
+    for life in lives:
+        life["picture"] = None
+    shown = [life for life in lives if life["calibrations"] or life["checks"]]
+    draw_all([Task(life["rig"], life_picture, (life, PARAMETERS)) for life in shown], keep, jobs, scheduler)

@@ -64,6 +64,9 @@ JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object"
 CampaignArgument = Annotated[
     str, typer.Argument(help="campaign id in the store, or a recording folder", autocompletion=campaigns)
 ]
+MaybeCampaignArgument = Annotated[
+    str | None, typer.Argument(help="campaign id in the store, or a recording folder", autocompletion=campaigns)
+]
 StoredCampaignArgument = Annotated[str, typer.Argument(help="campaign id in the store", autocompletion=campaigns)]
 SequenceOption = Annotated[
     bool,

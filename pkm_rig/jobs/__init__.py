@@ -23,6 +23,7 @@ __all__ = [
     "interval_settings",
     "kinematics_files",
     "life_record",
+    "many_campaigns",
     "measure",
     "measured_machine",
     "nc_program",
@@ -41,4 +42,5 @@ __all__ = [
     "tables_in_force",
     "verify",
     "verify_folders",
+    "worker_pool",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -193,6 +194,17 @@ def tolerance_at(tolerances: Sequence[Mapping[str, Any]], created: str) -> float
     """The tolerance that held then; before the first one that one, None if there was never any."""
     valid = [t for t in tolerances if utc_s(t["since"]) <= utc_s(created)] or list(tolerances[:1])
     return float(valid[-1]["position_m"]) if valid else None
+
+
+def life_picture(life: Mapping[str, Any], parameters: int) -> bytes:
+    """The picture of a life as PNG, with the parameters that have changed most."""
+    from pkm_rig.report.history_pictures import draw_history  # noqa: PLC0415 - drawing takes a second to import
+    from pkm_rig.report.pictures import save_png  # noqa: PLC0415
+
+    stream = io.BytesIO()
+    figure = draw_history(life, largest_changes(life["parameters"], parameters))
+    save_png(figure, stream, simulated=life["simulated"])
+    return stream.getvalue()
 
 
 def largest_changes(parameters: Mapping[str, Any], count: int) -> list[str]:

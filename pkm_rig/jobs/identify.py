@@ -13,15 +13,21 @@ from calibration.recording.recording import Recording
 MOST_DRAWS = 200_000
 
 
+def check_options(estimator: str, draws: int) -> Estimator:
+    """The estimator; InputError if there is none of that name, or so many draws make no sense."""
+    if estimator not in get_args(Estimator):
+        raise InputError(f"estimator '{estimator}' is unknown; use {', '.join(get_args(Estimator))}")
+    if draws != 0 and not 2 <= draws <= MOST_DRAWS:
+        raise InputError(f"monte carlo: {draws} draws; choose 0 (none) or 2 to {MOST_DRAWS}")
+    chosen: Estimator = estimator  # type: ignore[assignment]
+    return chosen
+
+
 def identify_with_checks(
     recording: Recording, estimator: str, *, robust: bool = False, draws: int = 0
 ) -> dict[str, Any]:
     """Identification with held-out error and posterior bound (docs/reference/json.md). `draws`: Monte Carlo."""
-    if estimator not in get_args(Estimator):
-        raise InputError(f"estimator '{estimator}' is unknown; use {', '.join(get_args(Estimator))}")
-    chosen: Estimator = estimator  # type: ignore[assignment]
-    if draws != 0 and not 2 <= draws <= MOST_DRAWS:
-        raise InputError(f"monte carlo: {draws} draws; choose 0 (none) or 2 to {MOST_DRAWS}")
+    chosen = check_options(estimator, draws)
     identification = identify_recording(recording, chosen, baselines=False, robust=robust)
     held_out, bound = held_out_error(identification, chosen, robust=robust)
     return {

@@ -14,6 +14,7 @@ __all__ = [
     "diagnosis_pictures",
     "diagnosis_text",
     "dry_run_text",
+    "fleet_text",
     "health_text",
     "history_pictures",
     "history_text",

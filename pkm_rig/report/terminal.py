@@ -113,8 +113,10 @@ def say_repaired(recording: Recording) -> dict[str, str]:
 class ProgressLines:
     """Progress where nobody watches: one line a minute, and one for each phase. Safe to use from several threads."""
 
-    def __init__(self, say: Callable[[str], None], host_s: Callable[[], float] = time.monotonic) -> None:
-        self._say, self._host_s = say, host_s
+    def __init__(
+        self, say: Callable[[str], None], host_s: Callable[[], float] = time.monotonic, counted: str = "readings"
+    ) -> None:
+        self._say, self._host_s, self._counted = say, host_s, counted
         self._done, self._total, self._phase, self._said_s = 0, 0, "", host_s()
         self._lock = threading.Lock()
 
@@ -137,12 +139,12 @@ class ProgressLines:
 
     def _say_phase(self) -> None:
         self._said_s = self._host_s()
-        self._say(f"{self._done} of {self._total} readings: {self._phase.replace('_', ' ')}")
+        self._say(f"{self._done} of {self._total} {self._counted}: {self._phase.replace('_', ' ')}")
 
 
 @contextmanager
-def _progress_lines() -> Iterator[ReportProgress]:
-    lines, ended = ProgressLines(print_message), threading.Event()
+def _progress_lines(counted: str) -> Iterator[ReportProgress]:
+    lines, ended = ProgressLines(print_message, counted=counted), threading.Event()
 
     def watch() -> None:
         with suppress(OSError):  # nobody reads it any more
@@ -159,10 +161,10 @@ def _progress_lines() -> Iterator[ReportProgress]:
 
 
 @contextmanager
-def progress_bar() -> Iterator[ReportProgress]:
-    """A progress bar on stderr; one line a minute where that is no terminal."""
+def progress_bar(counted: str = "readings") -> Iterator[ReportProgress]:
+    """A progress bar on stderr; one line a minute, which says what is counted, where that is no terminal."""
     if not messages.is_terminal:
-        with _progress_lines() as lines:
+        with _progress_lines(counted) as lines:
             yield lines
         return
     columns = (

@@ -1,3 +1,12 @@
 """Results of the jobs, as the reports show them."""
 
-__all__ = ["callbacks", "diagnosis_attempt", "dry_run", "outcome", "report_source", "standard_results", "unknowns"]
+__all__ = [
+    "callbacks",
+    "diagnosis_attempt",
+    "done",
+    "dry_run",
+    "outcome",
+    "report_source",
+    "standard_results",
+    "unknowns",
+]

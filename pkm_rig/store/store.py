@@ -136,6 +136,11 @@ class Store:
         with self.reading() as connection:
             return head_of(connection, campaign)[1] or ""
 
+    def heads(self) -> dict[str, str]:
+        """The same of all campaigns."""
+        with self.reading() as connection:
+            return {row.campaign: row.chain or "" for row in connection.execute(sa.select(heads))}
+
     def add_table_change(
         self, *, rig: str, machine: str, campaign: str | None, change: str, kind: str, data: Mapping[str, Any]
     ) -> None:

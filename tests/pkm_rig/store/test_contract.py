@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
+from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
@@ -13,6 +14,7 @@ from sqlalchemy import event
 
 from calibration.base.errors import InputError
 from pkm_rig.errors import StoreError
+from pkm_rig.jobs.history import histories, rigs_of
 from pkm_rig.store.append import append_event
 from pkm_rig.store.audit import audit
 from pkm_rig.store.life import add_to_life, life_rows
@@ -52,6 +54,21 @@ def filled(store, *names):
         store.add_recording(small_recording(name))
         store.add_event(name, "noted", {"µ": [True, None, -0.0, 0.30000000000000004]})
     return store
+
+
+class Counting:
+    """The statements that are sent to any database meanwhile."""
+
+    def __enter__(self):
+        self._seen = []
+        event.listen(sa.Engine, "before_cursor_execute", self._see)
+        return self._seen
+
+    def __exit__(self, *_):
+        event.remove(sa.Engine, "before_cursor_execute", self._see)
+
+    def _see(self, _connection, _cursor, statement, *_):
+        self._seen.append(statement)
 
 
 def test_what_goes_in_comes_out(store):
@@ -190,19 +207,23 @@ def test_the_list_asks_as_often_for_many_campaigns_as_for_one(store):
     assert counted[0] == counted[1] <= 8
 
 
-class Counting:
-    """The statements that are sent to any database meanwhile."""
-
-    def __enter__(self):
-        self._seen = []
-        event.listen(sa.Engine, "before_cursor_execute", self._see)
-        return self._seen
-
-    def __exit__(self, *_):
-        event.remove(sa.Engine, "before_cursor_execute", self._see)
-
-    def _see(self, _connection, _cursor, statement, *_):
-        self._seen.append(statement)
+def test_histories_ask_as_often_for_many_rigs_as_for_one(store):
+    """Also where older campaigns tell of calibrations that have no row."""
+    former = {"parameters": {"drive_scale.left": {"value": 1e-5, "u": 1e-6, "unit": "1"}}, "chi2_per_dof": 1.0}
+    counted = []
+    for names in (("a",), ("b", "c", "d", "e")):
+        for name in names:
+            recording = small_recording(name)
+            file = recording.file.model_copy(update={"rig": f"rig {name}"})
+            store.add_recording(replace(recording, file=file))
+            store.add_event(name, "identified", former)
+            add_to_life(store, "machines", rig=f"saw {name}", machine="m/1", kind="history begins", data={})
+        with Counting() as seen:
+            lives = histories(store, rigs_of(store))
+        counted.append(len(seen))
+    assert [life["rig"] for life in lives] == [f"{kind} {name}" for kind in ("rig", "saw") for name in "abcde"]
+    assert [life["calibrations"][0]["campaign"] for life in lives[:5]] == list("abcde")
+    assert counted[0] == counted[1] <= 20
 
 
 HOLDS = """

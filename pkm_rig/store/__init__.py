@@ -7,6 +7,7 @@ __all__ = [
     "chain",
     "connections",
     "copies",
+    "database_errors",
     "former_life",
     "life",
     "life_facts",

@@ -6,14 +6,12 @@ a campaign form one hash chain (`chain`); campaigns of version 0.1 have none.
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from calibration.base.errors import InputError
 from calibration.base.plain_file import require_file_or_folder
@@ -24,6 +22,7 @@ from calibration.recording.recording import Recording, make_recording
 from pkm_rig.errors import StoreError
 from pkm_rig.store.append import append_campaign, append_event, append_readings, head_of, now_text
 from pkm_rig.store.chain import canonical
+from pkm_rig.store.database_errors import damage_of, one_line
 from pkm_rig.store.place import ServerAddress, has_store, store_place
 from pkm_rig.store.schema import campaigns, events, heads, readings, removed_campaigns, table_changes
 from pkm_rig.store.sessions import with_sessions
@@ -62,7 +61,7 @@ class Store:
             self._place = Server(place)
         self.name = self._place.name
         try:
-            with self._errors():
+            with one_line(self.name):
                 self._place.open(read_only=read_only)
         except BaseException:
             self._place.close()
@@ -94,7 +93,7 @@ class Store:
         A file, and a server without a rig's name, is held as a whole. Raises StoreError, naming it, if another process
         holds it. Reading needs no permission.
         """
-        with self._errors():
+        with one_line(self.name):
             self._place.hold(rig)
 
     def work_on(self, campaign: str | None, rig: str | None = None) -> None:
@@ -104,7 +103,7 @@ class Store:
 
     def worked_on(self) -> set[str]:
         """Campaigns that somebody works on now."""
-        with self._errors():
+        with one_line(self.name):
             return self._place.worked_on()
 
     def add_campaign(self, file: RecordingFile, machine_text: str) -> None:
@@ -224,7 +223,7 @@ class Store:
 
     def header(self, campaign: str) -> RecordingFile:
         """What a campaign was measured with; InputError if it is unknown."""
-        with self.reading() as connection, self._damage(campaign):
+        with self.reading() as connection, damage_of(self.name, campaign):
             return RecordingFile.model_validate(self._campaign(connection, campaign).description)
 
     def recording(self, campaign: str) -> Recording:
@@ -234,22 +233,10 @@ class Store:
             head = self._campaign(connection, campaign)
             rows = self._rows(connection, campaign)
             data = [rows.reading(row).data for row in connection.execute(query)]
-        with self._damage(campaign):
+        with damage_of(self.name, campaign):
             file = RecordingFile.model_validate(head.description)
             recording = make_recording(file, parse_machine(head.machine, f"machine of campaign {campaign}"), data)
             return with_sessions(recording, self.events(campaign))
-
-    @contextmanager
-    def _damage(self, campaign: str) -> Iterator[None]:
-        """What the values of a campaign that is not chained may cause, in one line."""
-        try:
-            yield
-        except InputError:
-            raise
-        except (ValueError, TypeError, LookupError, OverflowError) as error:
-            raise StoreError(
-                f"store {self.name}: campaign '{campaign}' is damaged ({error}); restore the store from a backup"
-            ) from error
 
     def _campaign(self, connection: sa.Connection, campaign: str) -> StoredCampaign:
         row = connection.execute(sa.select(campaigns).where(campaigns.c.id == campaign)).first()
@@ -282,47 +269,14 @@ class Store:
     @contextmanager
     def writing(self) -> Iterator[sa.Connection]:
         """A transaction that writes; nobody else adds to the same campaign meanwhile. Errors come in one line."""
-        with self._errors(), self._place.writing() as connection:
+        with one_line(self.name), self._place.writing() as connection:
             yield connection
 
     @contextmanager
     def reading(self) -> Iterator[sa.Connection]:
         """A connection that sees the store at one moment. Errors come in one line."""
-        with self._errors(), self._place.reading() as connection:
+        with one_line(self.name), self._place.reading() as connection:
             yield connection
-
-    @contextmanager
-    def _errors(self) -> Iterator[None]:
-        """The database's errors in one line."""
-        try:
-            yield
-        except IntegrityError as error:
-            raise InputError(f"store {self.name}: {_line(error)}; a reading's uid must be unique") from error
-        except UnicodeError as error:
-            raise InputError(f"store {self.name}: a name that is not Unicode; check it") from error
-        except (SQLAlchemyError, sqlite3.Error) as error:
-            cause = _line(error)
-            if "not a database" in cause:
-                raise InputError(f"store {self.name}: {cause}; choose another folder") from error
-            raise StoreError(f"store {self.name}: {cause}{_advice(cause)}") from error
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(getattr(error, "orig", None) or error).split())
-
-
-def _advice(cause: str) -> str:
-    """What to do, by the database's own words."""
-    server = "check that the server runs, its address, and PGPASSWORD or ~/.pgpass"
-    words = {
-        "full": "free space or choose another place",
-        "No space left": "free space or choose another place",
-        "connection to server": server,
-        "connection timeout": server,
-        "resolve host": server,
-        "lock timeout": "another computer writes the same rows; wait, and try again",
-    }
-    return next((f"; {advice}" for word, advice in words.items() if word in cause), "")
 
 
 def _count(connection: sa.Connection, campaign: str) -> int:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linear_model import LinearModel, inverse_covariance_factor, linearise_recording
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.linearisation import STIFFNESS_LIMIT_SIGMA
+from calibration.diagnosis.linearised_readings import inverse_covariance_factor
 from calibration.effects.basis_functions import cosine_basis
 from calibration.instruments.setups import range_shifts
 from calibration.recording.recording import Recording

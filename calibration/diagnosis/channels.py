@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.base.rotation import skew
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.machine.description import COORDINATES, PARTS, across
 from calibration.model.model import PAYLOAD
@@ -98,6 +97,8 @@ class Channels:
         yield from (f"scale.{drive}" for drive in machine.drive_names)
         yield from (f"table.{generation}" for generation in observed.context.table_generations)
         yield from self.pose_channels()
+        if not observed.by_station:
+            return
         for i, smr in enumerate(machine.smrs):
             if smr.on == "platform":
                 yield from self.reflector_channels(i)
@@ -108,8 +109,8 @@ class Channels:
     def _machine_response(self, name: str) -> Array:
         kind, place, direction = (*name.split("."), "")[:3]
         machine, observed = self.machine, self.observed
-        out = np.zeros((len(observed.smr), 3))
         if kind == "smr":
+            out = np.zeros((len(observed.smr), 3))
             smr = [s.name for s in machine.smrs].index(place)
             rows = np.flatnonzero(observed.smr == smr)
             rotation = observed.poses.equilibrium.rotation[observed.visit[rows]]
@@ -118,16 +119,14 @@ class Channels:
         if kind == "floor":
             return self._floor_response(place)
         if kind == "pose":
-            return self._reflector_shift(_unit_pose(len(observed.poses.visits), COORDINATES.index(place)), out)
+            return observed.platform_shift(_unit_pose(len(observed.poses.visits), COORDINATES.index(place)))
         if kind == "length":
             column = observed.poses.sensitivity.length(machine.strut_names.index(place))
-            return self._reflector_shift(self._pose_change(column), out)
+            return self._platform_shift(column)
         if kind == "weight":
-            return self._reflector_shift(
-                self._pose_change(self._weight_response(machine.strut_names.index(place))), out
-            )
+            return self._platform_shift(self._weight_response(machine.strut_names.index(place)))
         drive = machine.drive_names.index(place)
-        return self._drive_response(kind, drive, direction, out)
+        return self._drive_response(kind, drive, direction)
 
     def _weight_response(self, strut: int) -> Array:
         """dG (f, v) per additional kilogram at a strut's platform joint, where part of its own weight acts."""
@@ -144,7 +143,7 @@ class Channels:
         if kind == "payload":
             sensitivity, axis = observed.poses.sensitivity, AXES.find(of)
             column = sensitivity.mass(PAYLOAD) if axis < 0 else sensitivity.centre_of_mass(PAYLOAD, axis)
-            return self._reflector_shift(self._pose_change(column), np.zeros((len(observed.smr), 3)))
+            return self._platform_shift(column)
         drives = observed.poses.visits.drives
         if kind == "scale":
             from_middle = (
@@ -159,22 +158,18 @@ class Channels:
         """All dimensions of a part become longer by one, relatively; what it carries goes with it."""
         observed = self.observed
         sensitivity = observed.poses.sensitivity
-        out = np.zeros((len(observed.smr), 3))
-        if part == "platform":
-            rows = np.flatnonzero(observed.on_platform)
-            rotation = observed.poses.equilibrium.rotation[observed.visit[rows]]
-            out[rows] = np.einsum("nij,nj->ni", rotation, observed.mounted_m[observed.smr[rows]])
-        out += self._reflector_shift(self._pose_change(sensitivity.growth(part)), np.zeros_like(out))
+        out = observed.platform_growth() if part == "platform" else np.zeros((len(observed.smr), 3))
+        out += self._platform_shift(sensitivity.growth(part))
         if part in ("base", "drives"):
             for drive in range(len(self.machine.drive_names)):
                 for i, rows, visit in self._reflectors_on_drive(drive):
                     out[rows] += sensitivity.carriers[drive].d_growth(observed.mounted_m[i], part)[:, visit].T
         return out
 
-    def _drive_response(self, kind: str, drive: int, direction: str, out: Array) -> Array:
+    def _drive_response(self, kind: str, drive: int, direction: str) -> Array:
         observed, sensitivity = self.observed, self.observed.poses.sensitivity
         if kind == "travel":
-            out = self._reflector_shift(self._pose_change(sensitivity.travel(drive)), out)
+            out = self._platform_shift(sensitivity.travel(drive))
             for i, rows, visit in self._reflectors_on_drive(drive):
                 out[rows] += sensitivity.carriers[drive].d_travel(observed.mounted_m[i])[:, visit].T
             return out
@@ -191,7 +186,7 @@ class Channels:
 
         for strut in struts.tolist():
             column += sensitivity.base_end(strut, shift(joints[strut]))
-        out = self._reflector_shift(self._pose_change(column), out)
+        out = self._platform_shift(column)
         for i, rows, visit in self._reflectors_on_drive(drive):
             out[rows] += shift(observed.mounted_m[i])[:, visit].T
         return out
@@ -209,17 +204,9 @@ class Channels:
         out[:, self.machine.dof] = self.observed.poses.sensitivity.pose_derivatives([column])[:, :, 0]
         return out
 
-    def _reflector_shift(self, change: Array, out: Array) -> Array:
-        """Shifts (n, 3) of the platform's reflectors for a change of the pose (v, 6)."""
-        observed = self.observed
-        rows = np.flatnonzero(observed.on_platform)
-        visit = observed.visit[rows]
-        lever = np.einsum(
-            "nij,nj->ni", observed.poses.equilibrium.rotation[visit], observed.mounted_m[observed.smr[rows]]
-        )
-        moved = change[visit]
-        out[rows] += moved[:, :3] - np.einsum("nij,nj->ni", skew(lever), moved[:, 3:])
-        return out
+    def _platform_shift(self, column: Array) -> Array:
+        """Shifts (n, 3) of what is read of the platform, from a column dG (f, v)."""
+        return self.observed.platform_shift(self._pose_change(column))
 
     def _floor_response(self, direction: str) -> Array:
         """The machine and everything it carries moves as a rigid body; the floor nests stay."""

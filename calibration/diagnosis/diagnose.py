@@ -11,6 +11,8 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.effect_summary import equivalent_effects, summarise_effect
+from calibration.diagnosis.findings.folder_remarks import remarks_on_folder
+from calibration.diagnosis.findings.further_columns import further_columns
 from calibration.diagnosis.findings.next_measurement import rank_additions
 from calibration.diagnosis.findings.remarks import remarks
 from calibration.diagnosis.findings.variance_shares import spectra, variance_shares
@@ -18,13 +20,14 @@ from calibration.diagnosis.findings.withheld_blocks import (
     GapField,
     gap_field,
     gap_figures,
-    predicted_positions_m,
     regions,
-    repeatability_m,
     withheld_differences,
 )
+from calibration.diagnosis.folder_effects import effects_of_unknowns
 from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
+from calibration.diagnosis.linear_folder import linearise_measurements
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
@@ -35,9 +38,12 @@ from calibration.diagnosis.twin.twin import Twin
 from calibration.diagnosis.verdict import probabilities
 from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.model.parameters import KINDS
+from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 
 CLUES = 4
+LEAST_FREEDOM = 10.0  # of the readings: with less left over, any function explains what is left
 SAFEGUARDS = 2  # non-parametric alternatives added when noise-free readings are estimated: the catalogue has gaps
 OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
 
@@ -47,21 +53,34 @@ def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagno
 
     Raises InputError if the recording is unsuitable.
     """
-    return _diagnose_with_models(recording, catalogue).diagnosis
+    return _diagnose_with_models(linearise_recording(recording), catalogue).diagnosis
 
 
 def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
     """The diagnosis, and the machine's twin: the fitted model with the effects that were found."""
-    result = _diagnose_with_models(recording, catalogue)
+    result = _diagnose_with_models(linearise_recording(recording), catalogue)
     return result.diagnosis, Twin.from_diagnosis(result.likelihood, result.causes, result.inputs)
 
 
 def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin, TwinScore]:
     """The same, and how well the campaign simulated on the twin agrees with readings withheld from it."""
-    result = _diagnose_with_models(recording, catalogue)
+    result = _diagnose_with_models(linearise_recording(recording), catalogue)
     joint_fit = JointFit(result.likelihood, result.causes)
     twin = Twin.from_solution(joint_fit.solution, result.likelihood, result.causes, result.inputs)
     return result.diagnosis, twin, score_twin(result.likelihood, result.truth_likelihood, joint_fit, twin)
+
+
+def diagnose_measurements(measured: MeasuredMachine, catalogue: Catalogue | None = None) -> Diagnosis:
+    """The same of a measurement folder. What its columns cannot show is in `not_tested`.
+
+    Where the folder knows of a former fit, the kinds of errors which that left alone are possible causes too
+    (`folder_effects`). Raises InputError if the readings are unsuitable.
+    """
+    linear = linearise_measurements(measured)
+    catalogue = catalogue or load_catalogue()
+    left_alone = tuple(effects_of_unknowns(linear.left_unknowns, KINDS))
+    diagnosis = _diagnose_with_models(linear, Catalogue((*catalogue.effects, *left_alone))).diagnosis
+    return replace(diagnosis, remarks=(*remarks_on_folder(linear), *diagnosis.remarks))
 
 
 def withheld_with(recording: Recording, names: Collection[str], catalogue: Catalogue | None = None) -> Withheld:
@@ -76,7 +95,7 @@ def withheld_with(recording: Recording, names: Collection[str], catalogue: Catal
     region = regions(linear)
     before = withheld_differences(likelihood, region)
     likelihood_after = include_effects(likelihood, inputs, effects)
-    return _withheld(likelihood, before, likelihood_after, withheld_differences(likelihood_after, region))
+    return _withheld(linear, before, withheld_differences(likelihood_after, region))
 
 
 @dataclass(frozen=True)
@@ -93,9 +112,8 @@ class _DiagnosisWithModels:
     inputs: EffectInputs
 
 
-def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> _DiagnosisWithModels:
-    catalogue = catalogue or load_catalogue()
-    linear = linearise_recording(recording)
+def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | None) -> _DiagnosisWithModels:
+    catalogue, stated = catalogue or load_catalogue(), linear.levels
     likelihood = MarginalLikelihood.of(linear)
     by_drive = periodograms(likelihood)
     inputs = inputs_of_recording(likelihood, by_drive)
@@ -114,13 +132,13 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
     truth_likelihood = _add_non_parametric_alternatives(search_result, likelihood_after)
     field = gap_field(truth_likelihood, before, after)
     gap = gap_figures(field) if causes else gap_figures(field).without_effect()
-    noise_floor_m = repeatability_m(linear)
+    noise_floor_m = linear.repeatability_m()
     gap = gap if noise_floor_m is None else replace(gap, noise_floor_m=noise_floor_m)
     equivalent, difference = equivalent_effects(search_result, likelihood, verdict) if is_effect else ((), 0.0)
     acting = _strongest_channels(search_result, likelihood, causes)
     untested = tuple(effect for effect in catalogue.effects if effect.name in not_tested)
     diagnosis = Diagnosis(
-        campaign=recording.file.campaign,
+        campaign=linear.campaign,
         verdict=verdict,
         equivalent=equivalent,
         matters_m=difference * field.noise_m,
@@ -136,32 +154,31 @@ def _diagnose_with_models(recording: Recording, catalogue: Catalogue | None) -> 
             for name in dict.fromkeys(cause.effect.name for cause in causes)
         ),
         ranking=ranking,
-        where=() if verdict == NONE else variance_shares(likelihood, truth_likelihood, field, acting, by_drive),
+        where=()
+        if verdict == NONE or linear.degrees_of_freedom < LEAST_FREEDOM
+        else variance_shares(likelihood, truth_likelihood, field, acting, by_drive),
         gap=gap,
         not_tested=not_tested,
         hidden_m=_detection_limit_m(likelihood_after, inputs, field.noise_m),
         inside_geometry=_inside_geometry(linear),
         clues=_clues(search_result) if verdict == UNKNOWN else (),
-        next_measurement=rank_additions(likelihood, search_result, ranking, untested),
-        withheld=_withheld(likelihood, before, likelihood_after, after),
+        next_measurement=(
+            rank_additions(linear, search_result, ranking, untested)
+            if isinstance(linear, LinearModel)
+            else further_columns(linear, not_tested)
+        ),
+        withheld=_withheld(linear, before, after),
         visits=_visit_gaps(linear, field),
         spectra=spectra(likelihood, by_drive),
-        remarks=remarks(linear, recording.file.nuisance, search_result, verdict, noise_floor_m),
+        remarks=remarks(linear, stated, search_result, verdict, noise_floor_m),
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 
 
-def _withheld(
-    likelihood: MarginalLikelihood, before: Array, likelihood_after: MarginalLikelihood, after: Array
-) -> Withheld:
-    """Predictions of the platform's readings from whitened differences (n, 3) of all."""
-    linear = likelihood.linear
-    rows = np.flatnonzero(linear.on_platform)
-    return Withheld(
-        rows=linear.rows[rows],
-        before_m=predicted_positions_m(likelihood, before)[rows],
-        after_m=predicted_positions_m(likelihood_after, after)[rows],
-    )
+def _withheld(linear: LinearisedReadings, before: Array, after: Array) -> Withheld:
+    """Predictions of the platform's readings from whitened differences (n, w) of all, without and with the causes."""
+    rows = linear.gap_scale.rows
+    return Withheld(linear.source_rows[rows], linear.predicted(before)[rows], linear.predicted(after)[rows])
 
 
 def _main_cause_first(causes: tuple[Cause, ...], verdict: str) -> tuple[Cause, ...]:
@@ -208,7 +225,7 @@ def _detection_limit_m(likelihood_after: MarginalLikelihood, inputs: EffectInput
     return float(max(sizes[int(np.searchsorted(row, 0.95))] for row in below)) * noise_m
 
 
-def _inside_geometry(linear: LinearModel) -> dict[str, float]:
+def _inside_geometry(linear: LinearisedReadings) -> dict[str, float]:
     """RMS in m of the fitted offsets, by what they represent; for the struts' own weight, of the shift it causes."""
     flat = linear.columns.reshape(-1, linear.columns.shape[2])
     coefficients = flat.T @ linear.apply(linear.residual).ravel()
@@ -218,8 +235,8 @@ def _inside_geometry(linear: LinearModel) -> dict[str, float]:
         rows = [i for i, unknown in enumerate(linear.names[: len(values)]) if unknown.startswith(prefixes)]
         out[name] = float(np.sqrt(np.mean(values[rows] ** 2))) if rows else 0.0
     rows = [i for i, unknown in enumerate(linear.names) if unknown.startswith("inside.weight.")]
-    shift_m = np.linalg.solve(linear.whiten, (linear.columns[:, :, rows] @ coefficients[rows])[:, :, None])
-    out["link_self_weight"] = float(np.sqrt(np.mean(shift_m[linear.on_platform] ** 2)))
+    shift_m = linear.lengths_m(linear.columns[:, :, rows] @ coefficients[rows])
+    out["link_self_weight"] = float(np.sqrt(np.mean(shift_m**2)))
     return out
 
 
@@ -234,28 +251,21 @@ def _clues(search_result: SearchResult) -> tuple[Clue, ...]:
     return tuple(clues.values())[:CLUES]
 
 
-def _visit_gaps(linear: LinearModel, field: GapField) -> VisitGaps:
-    """Mean gap of the platform's reflectors at each visit."""
+def _visit_gaps(linear: LinearisedReadings, field: GapField) -> VisitGaps:
+    """Mean gap of what is read of the platform at each visit."""
+    numbers, before_m = linear.gap_by_visit(field.before)
+    after_m = linear.gap_by_visit(field.after)[1]
     visit = linear.visit[field.rows]
-    numbers, first, visit_index = np.unique(visit, return_index=True, return_inverse=True)
-    count = np.bincount(visit_index)[:, None]
-    moves = linear.machine.dof[linear.machine.dof < 3]
-
-    def mean(values: Array) -> Array:
-        out = np.zeros((len(numbers), 3))
-        for k, c in enumerate(moves):
-            out[:, c] = np.bincount(visit_index, values[:, k])
-        return out / count
-
-    first_rows = field.rows[first]
+    first_rows = field.rows[[int(np.argmax(visit == number)) for number in numbers]].astype(np.intp)
     context = linear.context
     return VisitGaps(
         tool_m=linear.poses.tool_m()[numbers],
-        before_m=mean(field.before),
-        after_m=mean(field.after),
+        before_m=before_m,
+        after_m=after_m,
         t_rig_s=context.t_s[first_rows],
         drives=context.drives[first_rows],
         direction=context.direction[first_rows],
         payload_kg=context.payload_kg[first_rows],
         dwell_s=context.dwell_s[first_rows],
+        times_known="t_s" not in context.missing,
     )

@@ -25,44 +25,88 @@ def disturbance_columns(
     observed: ObservedModel, whiten: Array, levels: DisturbanceLevels, accuracy: AccuracyEntry, nest_limit_m: float
 ) -> tuple[Array, tuple[str, ...]]:
     """Columns (n, 3, k), whitened by (n, 3, 3), each times its standard deviation, and their names."""
-    channels, context, machine = Channels(observed), observed.context, observed.machine
-    columns: list[tuple[str, Array]] = []
+    named = _Columns(observed, whiten)
+    _add_weights(named)
+    _add_station(named, levels, accuracy, nest_limit_m)
+    _add_machine(named, levels)
+    return named.stacked()
 
-    def add(channel: str, shapes: Array, label: str) -> None:
-        response = whitened_shift(whiten, observed.frame, channels.shift_m(channel))
+
+def machine_disturbance_columns(
+    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels
+) -> tuple[Array, tuple[str, ...]]:
+    """The same without those of a station: columns (n, w, k), whitened by (n, w, 3).
+
+    What depends on a time or a side that the readings do not say has none.
+    """
+    named = _Columns(observed, whiten)
+    _add_weights(named)
+    depends_on = {"temperature_k": "t_s", "reversal_m": "direction"}
+    none = {level: 0.0 for level, field in depends_on.items() if field in observed.context.not_said}
+    _add_machine(named, levels.model_copy(update=none))
+    return named.stacked()
+
+
+class _Columns:
+    """Columns of an observed model, one after the other, with their names."""
+
+    def __init__(self, observed: ObservedModel, whiten: Array) -> None:
+        self.observed, self.channels = observed, Channels(observed)
+        self._whiten = whiten
+        self._columns: list[tuple[str, Array]] = []
+
+    def add(self, channel: str, shapes: Array, label: str) -> None:
+        """Shapes (n, k) that act through a channel."""
+        response = whitened_shift(self._whiten, self.observed.frame, self.channels.shift_m(channel))
         for k in range(shapes.shape[1]):
-            columns.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
+            self._columns.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
 
-    # A strut's own weight counts as geometry: calibration absorbs it, and it is never a cause.
+    def stacked(self) -> tuple[Array, tuple[str, ...]]:
+        """All columns (n, w, k) and their names."""
+        return np.stack([column for _, column in self._columns], axis=2), tuple(name for name, _ in self._columns)
+
+
+def _add_weights(named: _Columns) -> None:
+    """A strut's own weight counts as geometry: calibration absorbs it, and it is never a cause."""
+    machine, count = named.observed.machine, len(named.observed.context)
     for strut in machine.strut_names:
-        add(f"weight.{strut}", np.full((len(context), 1), STRUT_WEIGHT_SHARE * machine.moving_mass_kg), "inside")
+        named.add(f"weight.{strut}", np.full((count, 1), STRUT_WEIGHT_SHARE * machine.moving_mass_kg), "inside")
+
+
+def _add_station(named: _Columns, levels: DisturbanceLevels, accuracy: AccuracyEntry, nest_limit_m: float) -> None:
+    """The station's frame walks and is another after a break; reflectors are put back."""
+    observed, channels, context = named.observed, named.channels, named.observed.context
     walk = random_walk_basis(
         context.elapsed_s / HOUR_S, WALK_TERMS if levels.drift_m < LARGE_DRIFT_M else LARGE_DRIFT_TERMS
     )
     steps = (context.t_s[:, None] >= np.array(context.breaks_s)).astype(np.float64)
     for name in channels.station_channels():
         axis = name.rsplit(".", 1)[1]
-        add(name, walk * drift_per_sqrt_h(axis, levels, accuracy), "drift")
-        add(name, steps * (nest_limit_m / DRIFT_LEVER_M if axis.startswith("r") else nest_limit_m), "break")
+        named.add(name, walk * drift_per_sqrt_h(axis, levels, accuracy), "drift")
+        named.add(name, steps * (nest_limit_m / DRIFT_LEVER_M if axis.startswith("r") else nest_limit_m), "break")
     if levels.reseat_m > 0.0:
         numbers = np.unique(context.exchanges)[1:]
         after_exchange = (context.exchanges[:, None] == numbers).astype(np.float64) * levels.reseat_m
         for i in sorted(set(observed.smr[observed.on_platform].tolist())):
             for name in channels.reflector_channels(i):
-                add(name, after_exchange, "reseat")
+                named.add(name, after_exchange, "reseat")
+
+
+def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:
+    """Half the loop of each drive at reversal, slow waves of temperature."""
+    machine, context = named.observed.machine, named.observed.context
     if levels.reversal_m > 0.0:
         for a, drive in enumerate(machine.drive_names):
-            add(f"travel.{drive}", context.direction[:, a : a + 1] * levels.reversal_m, "reversal")
+            named.add(f"travel.{drive}", context.direction[:, a : a + 1] * levels.reversal_m, "reversal")
     if levels.temperature_k > 0.0:
         pairs = WAVE_PAIRS if levels.temperature_k < LARGE_WANDER_K else LARGE_WANDER_PAIRS
         waves = fourier_basis(context.elapsed_s, SHORTEST_WAVE_S, pairs) * levels.temperature_k
         for i, strut in enumerate(machine.strut_names):
             grown = machine.expansion_per_k["struts"] * machine.nominal.length_m[i]
-            add(f"length.{strut}", waves * grown, "temperature")
+            named.add(f"length.{strut}", waves * grown, "temperature")
         for a, drive in enumerate(machine.drive_names):
             grown = machine.expansion_per_k["drives"] * context.drives[:, a : a + 1]
-            add(f"travel.{drive}", waves * grown, "temperature")
-    return np.stack([column for _, column in columns], axis=2), tuple(name for name, _ in columns)
+            named.add(f"travel.{drive}", waves * grown, "temperature")
 
 
 def drift_per_sqrt_h(axis: str, levels: DisturbanceLevels, accuracy: AccuracyEntry) -> float:

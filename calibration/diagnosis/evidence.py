@@ -17,12 +17,12 @@ from scipy.sparse import csr_array
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linear_model import LinearModel
-from calibration.diagnosis.outlying_readings import project_out
+from calibration.diagnosis.linearised_readings import LinearisedReadings, project_out
 from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
 SIZES = 9
+UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 
 
 @dataclass(frozen=True)
@@ -45,30 +45,34 @@ class BasisSetEvidence:
 
 
 class ChannelResponses:
-    """Whitened responses (n, 3) of a linear model's readings to one unit of each channel, computed on first use."""
+    """Whitened responses (n, w) of a linear model's readings to one unit of each channel, computed on first use."""
 
-    def __init__(self, linear: LinearModel) -> None:
+    def __init__(self, linear: LinearisedReadings) -> None:
         self.channels = Channels(linear)
         self._linear = linear
         self._responses: dict[str, Array] = {}
 
     def __call__(self, channel: str) -> Array:
-        """The response (n, 3) to a channel."""
+        """The response (n, w) to a channel."""
         if channel not in self._responses:
-            self._responses[channel] = self._linear.whiten_shift(self.channels.shift_m(channel))
+            self._responses[channel] = (
+                self._linear.left_alone[channel.removeprefix(UNKNOWN_CHANNEL)]
+                if channel.startswith(UNKNOWN_CHANNEL)
+                else self._linear.whiten_shift(self.channels.shift_m(channel))
+            )
         return self._responses[channel]
 
 
 class MarginalLikelihood:
     """Marginal likelihood of columns on a linear model, and on columns that are already part of the model.
 
-    weighted_residual (n, 3): C^-1 y; q (n, 3, b): 1 - q q' is C^-1, the inverse covariance of the readings. response:
-    whitened response (n, 3) to one unit of a channel.
+    weighted_residual (n, w): C^-1 y; q (n, w, b): 1 - q q' is C^-1, the inverse covariance of the readings. response:
+    whitened response (n, w) to one unit of a channel.
     """
 
     def __init__(
         self,
-        linear: LinearModel,
+        linear: LinearisedReadings,
         response: ChannelResponses,
         q: Array,
         weighted_residual: Array,
@@ -83,11 +87,11 @@ class MarginalLikelihood:
         self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
 
     @classmethod
-    def of(cls, linear: LinearModel) -> MarginalLikelihood:
+    def of(cls, linear: LinearisedReadings) -> MarginalLikelihood:
         """The marginal likelihood of a linear model without any effect."""
         return cls(linear, ChannelResponses(linear), linear.q, linear.apply(linear.residual))
 
-    def on(self, linear: LinearModel) -> MarginalLikelihood:
+    def on(self, linear: LinearisedReadings) -> MarginalLikelihood:
         """The same on a model whose readings respond alike, with other prior standard deviations of its unknowns."""
         return MarginalLikelihood(linear, self.response, linear.q, linear.apply(linear.residual))
 
@@ -97,26 +101,26 @@ class MarginalLikelihood:
         return self.response.channels
 
     def including(self, columns: Array) -> MarginalLikelihood:
-        """The marginal likelihood with columns (n, 3, j), each times its prior standard deviation, in the model."""
-        n, count = len(columns), columns.shape[2]
+        """The marginal likelihood with columns (n, w, j), each times its prior standard deviation, in the model."""
+        count = columns.shape[2]
         projected = self.apply(columns).reshape(-1, count)
         gram = np.eye(count) + columns.reshape(-1, count).T @ projected
         upper = np.linalg.cholesky(gram).T
         added = np.linalg.solve(upper.T, projected.T).T
         along_residual = added.T @ self.linear.residual.ravel()
-        weighted_residual = self.weighted_residual - (added @ along_residual).reshape(n, 3)
-        added = added.reshape(n, 3, -1)
+        weighted_residual = self.weighted_residual - (added @ along_residual).reshape(self.weighted_residual.shape)
+        added = added.reshape(*columns.shape[:2], -1)
         q = np.concatenate([self.q, added], axis=2)
         return MarginalLikelihood(
             self.linear, self.response, q, weighted_residual, _AddedFactor(self, added, along_residual)
         )
 
     def apply(self, columns: Array) -> Array:
-        """Inverse covariance times columns (n, 3, k)."""
+        """Inverse covariance times columns (n, w, k)."""
         return project_out(self.q, columns)
 
     def columns(self, contributions: Sequence[Contributions]) -> Array:
-        """Whitened columns (n, 3, k)."""
+        """Whitened columns (n, w, k)."""
         out = np.zeros((*self.weighted_residual.shape, len(contributions)))
         for k, contribution in enumerate(contributions):
             for channel, shape in contribution:
@@ -159,13 +163,13 @@ class MarginalLikelihood:
         return InformationAndScore(information - along_factor.T @ along_factor, score)
 
     def observable_columns(self, channels: Sequence[str], shapes: Array, rows: NDArray[np.intp]) -> Array:
-        """Rows (m, 3, k c) of shapes (n, k) acting through channels (c), after the calibration has been refitted."""
+        """Rows (m, w, k c) of shapes (n, k) acting through channels (c), after the calibration has been refitted."""
         out = []
         for channel in channels:
             along_factor = self._projection(channel).T @ shapes
             response = self.response(channel)[rows]
             q = self.q[rows].reshape(-1, self.q.shape[2])
-            absorbed = (q @ along_factor).reshape(len(rows), 3, -1)
+            absorbed = (q @ along_factor).reshape(*response.shape, -1)
             out.append(response[:, :, None] * shapes[rows][:, None, :] - absorbed)
         return np.concatenate(out, axis=2)
 
@@ -196,7 +200,7 @@ class MarginalLikelihood:
 
 
 class _AddedFactor:
-    """What columns that were added to a parent's model add to its factor: q (n, 3, j), along_residual (j,): q' y."""
+    """What columns that were added to a parent's model add to its factor: q (n, w, j), along_residual (j,): q' y."""
 
     def __init__(self, parent: MarginalLikelihood, q: Array, along_residual: Array) -> None:
         self.parent = parent
@@ -219,7 +223,7 @@ class _AddedFactor:
 
 
 def _along(response: Array, q: Array) -> Array:
-    """Products (n, j) of responses (n, 3) with q (n, 3, j)."""
+    """Products (n, j) of responses (n, w) with q (n, w, j)."""
     return np.asarray(sum(response[:, [c]] * q[:, c] for c in range(response.shape[1])))
 
 

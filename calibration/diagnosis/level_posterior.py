@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.disturbances import drift_per_sqrt_h
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.recording.header import DisturbanceLevels
 
 COLUMNS = {"drift_m": "drift.", "reseat_m": "reseat.", "reversal_m": "reversal.", "temperature_k": "temperature."}
@@ -30,14 +30,14 @@ FACTOR_OF_READINGS = 1.3  # of the readings' scatter over the stated one
 class LevelPosterior:
     """Log posterior of the logarithms (k + 1,) of the levels over their priors', and of the readings' scatter.
 
-    keys (k): of `[nuisance]`; a level that is declared as zero has no columns and stays. included (n, 3, j): whitened
+    keys (k): of `[nuisance]`; a level that is declared as zero has no columns and stays. included (n, w, j): whitened
     columns of causes in the model, each times its prior standard deviation.
     """
 
     def __init__(
-        self, linear: LinearModel, keys: Sequence[str] = tuple(COLUMNS), included: Array | None = None
+        self, linear: LinearisedReadings, keys: Sequence[str] = tuple(COLUMNS), included: Array | None = None
     ) -> None:
-        declared = linear.recording.file.nuisance
+        declared = linear.levels
         self.keys = tuple(keys)
         factors = [FACTOR_DECLARED if key in declared.model_fields_set else FACTOR for key in keys]
         self.prior = np.log([*factors, FACTOR_OF_READINGS])
@@ -129,10 +129,12 @@ def scaled_levels(levels: DisturbanceLevels, factors: Mapping[str, float]) -> Di
     return levels.model_copy(update={key: getattr(levels, key) * factor for key, factor in factors.items()})
 
 
-def _share_of_stated_drift(linear: LinearModel) -> Array:
+def _share_of_stated_drift(linear: LinearisedReadings) -> Array:
     """Share (c,) of a column's variance that the station's stated accuracy has, whatever the level."""
     shares = np.zeros(len(linear.names))
-    levels, accuracy = linear.recording.file.nuisance, linear.recording.file.station.accuracy
+    levels, accuracy = linear.levels, linear.accuracy
+    if accuracy is None:  # no station
+        return shares
     none = levels.model_copy(update={"drift_m": 0.0})
     for i, name in enumerate(linear.names):
         if name.startswith("drift."):

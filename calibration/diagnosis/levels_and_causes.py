@@ -102,7 +102,7 @@ class SearchOfLevelsAndCauses:
         if np.any(levels):
             posterior = self._without_causes
             linear = likelihood.linear
-            rig = scaled_levels(linear.recording.file.nuisance, posterior.levels(levels))
+            rig = scaled_levels(linear.levels, posterior.levels(levels))
             likelihood = likelihood.on(linear.with_levels(rig, posterior.scales(levels)))
         result = search_causes(likelihood, self._inputs, effects)
         return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))

@@ -6,7 +6,7 @@ that an effect is credited only with what they cannot explain. Rows are readings
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,14 +17,16 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
-from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
-from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights, project_out
+from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.observed_model import ObservedModel
+from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 from calibration.machine.description import Machine
+from calibration.model.payload import PayloadEntry
 from calibration.model.visits import Visits
-from calibration.recording.header import DisturbanceLevels
+from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
@@ -33,20 +35,17 @@ from calibration.reduction.recording_setups import in_first_frame, setups_of
 NEST_PRIOR_M = 5.0e-3
 GATINGS = 4
 LEAST_VISITS = 20
-NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
+LEAST_REPEATED = 3  # visits of one target under the same conditions, for the noise floor
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
 
 @dataclass(frozen=True)
-class LinearModel(ObservedModel):
-    """The linearised model of a recording's readings.
+class LinearModel(LinearisedReadings):
+    """The linearised readings of a recording: reflectors' positions, three numbers each.
 
-    rows (n,): rows of the recording that are used. whiten (n, 3, 3). residual (n, 3): whitened, measured minus
-    modelled, extrapolated linearly to zero values of all unknowns. columns (n, 3, b): derivatives by every unknown,
-    each times its prior standard deviation; names (b,) and sigma (u,): of the unknowns, sigma of the model's and the
-    station's only. values (u,): of these, at the point of linearisation. q (n, 3, r): 1 - q q' is the inverse
-    covariance of the readings. of_calibration: number of columns before those of the disturbances. station: as it was
-    fitted; setup (n,): row of its set-ups. wrong (k,): rows that are left out because they do not fit the others.
+    rows (n,): rows of the recording that are used. values (u,): of the model's and the station's unknowns, at the point
+    of linearisation. station: as it was fitted; setup (n,): row
+    of its set-ups. wrong (k,): rows that are left out because they do not fit the others.
     """
 
     station: StationModel
@@ -54,22 +53,59 @@ class LinearModel(ObservedModel):
     recording: Recording
     rows: NDArray[np.intp]
     wrong: NDArray[np.intp]
-    whiten: Array
-    residual: Array
-    columns: Array
-    names: tuple[str, ...]
-    sigma: Array
     values: Array
-    q: Array
-    of_calibration: int
 
-    def apply(self, columns: Array) -> Array:
-        """Inverse covariance times whitened columns (n, 3, k) or (n, 3)."""
-        return project_out(self.q, columns)
+    @property
+    def campaign(self) -> str:
+        """Name of the campaign."""
+        return self.recording.file.campaign
 
-    def after_calibration(self, shift: Array) -> Array:
-        """What a fit of frame, reflectors and geometry leaves of a whitened shift (n, 3)."""
-        return project_out(self._q_of_calibration, shift)
+    @property
+    def levels(self) -> DisturbanceLevels:
+        """Levels of the ordinary disturbances."""
+        return self.recording.file.nuisance
+
+    @property
+    def accuracy(self) -> AccuracyEntry:
+        """What is stated of the station."""
+        return self.recording.file.station.accuracy
+
+    @property
+    def payloads(self) -> Sequence[PayloadEntry]:
+        """What was mounted, by number from 0 (none)."""
+        return self.recording.file.payloads
+
+    @property
+    def wrong_names(self) -> Sequence[str]:
+        """The readings that were left out, with their reflectors."""
+        uid, smr = (np.asarray(self.recording[name])[self.wrong] for name in ("uid", "smr"))
+        return [f"{name} of {reflector}" for name, reflector in zip(uid, smr, strict=True)]
+
+    @property
+    def source_rows(self) -> NDArray[np.intp]:
+        """Rows (n,) of the recording."""
+        return self.rows
+
+    @property
+    def moves(self) -> NDArray[np.intp]:
+        """Coordinates of a place in which the platform moves."""
+        return self.machine.dof[self.machine.dof < 3]
+
+    @cached_property
+    def gap_scale(self) -> GapScale:
+        """The platform's reflectors, in the coordinates of the machine's frame in which it moves."""
+        rows = np.flatnonzero(self.on_platform)
+        metres = np.einsum("ci,nij->ncj", self.frame.rotation.T[self.moves], np.linalg.inv(self.whiten[rows]))
+        return GapScale(rows, metres, np.sum(metres**2, axis=2))
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Numbers read less those that the calibration's unknowns used up."""
+        return self.residual.size - float(np.sum(self.q_of_calibration**2))
+
+    def places(self) -> Array:
+        """Commanded coordinates (v, c) of each visit."""
+        return self.poses.visits.target_m[:, self.machine.commanded]
 
     def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearModel:
         """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
@@ -82,13 +118,71 @@ class LinearModel(ObservedModel):
             q=inverse_covariance_factor(columns),
         )
 
-    @cached_property
-    def _q_of_calibration(self) -> Array:
-        return inverse_covariance_factor(self.columns[:, :, : self.of_calibration])
+    def rms_sigma(self, whitened: Array) -> float:
+        """RMS in sigma over the moving coordinates of the platform's readings, of whitened shifts (n, 3)."""
+        rows = self.on_platform
+        return float(np.sqrt(np.sum(whitened[rows] ** 2) / (len(self.moves) * max(int(rows.sum()), 1))))
 
-    def whiten_shift(self, shift_m: Array) -> Array:
-        """Shifts (n, 3) in the machine's frame, whitened."""
-        return whitened_shift(self.whiten, self.frame, shift_m)
+    def rms_shift_sigma(self, whitened: Array) -> float:
+        """RMS shift of the platform's reflectors in sigma, from whitened shifts (n, 3).
+
+        Of the coordinates in which the platform moves, one by one. Sigma is the angles' stated standard deviation times
+        the distance: that of a coordinate across the line of sight (docs/reference/definitions.md).
+        """
+        rows = np.flatnonzero(self.on_platform)
+        if not rows.size:
+            return 0.0
+        shift_m = np.linalg.solve(self.whiten[rows], whitened[rows, :, None])[:, :, 0] @ self.frame.rotation
+        sigma_m = self.accuracy.angle_sd_rad * np.linalg.norm(self.sight_m[rows], axis=1)
+        return float(np.sqrt(np.mean((shift_m[:, self.moves] / sigma_m[:, None]) ** 2)))
+
+    def gap_by_shift(self, shift_m: Array) -> Array:
+        """Shifts (m, c) of the platform's reflectors in the coordinates in which it moves."""
+        return shift_m[self.gap_scale.rows][:, self.moves]
+
+    def gap_by_visit(self, gap_m: Array) -> tuple[NDArray[np.intp], Array]:
+        """Mean gap of the platform's reflectors at each visit."""
+        numbers, index = np.unique(self.visit[self.gap_scale.rows], return_inverse=True)
+        out = np.zeros((len(numbers), 3))
+        for k, c in enumerate(self.moves):
+            out[:, c] = np.bincount(index, gap_m[:, k])
+        return numbers, np.asarray(out / np.bincount(index)[:, None])
+
+    def lengths_m(self, whitened: Array) -> Array:
+        """Shifts (m, 3, 1) of the platform's reflectors."""
+        return np.linalg.solve(self.whiten, whitened[:, :, None])[self.on_platform]
+
+    def predicted(self, differences: Array) -> Array:
+        """Predicted positions (n, 3) in the station's frame."""
+        return self.position_m - np.linalg.solve(self.whiten, differences[:, :, None])[:, :, 0]
+
+    def repeatability_m(self) -> float | None:
+        """RMS scatter of the platform's reflectors over visits of one target, approach and payload.
+
+        In the machine's frame, per moving coordinate, at rest; None if no target was visited LEAST_REPEATED times under
+        the same conditions.
+        """
+        context, moves = self.context, self.moves
+        rows = np.flatnonzero(self.on_platform & ~context.moving)
+        position_m = ((self.position_m[rows] - self.frame.translation_m) @ self.frame.rotation)[:, moves]
+        target = np.round(self.poses.visits.target_m[self.visit[rows]], 7)
+        conditions = np.column_stack([target, context.direction[rows], context.payload_kg[rows], self.smr[rows]])
+        group = np.unique(conditions, axis=0, return_inverse=True)[1].ravel()
+        visits = np.bincount(group)
+        repeated = visits[group] >= LEAST_REPEATED
+        if not np.any(repeated):
+            return None
+        mean = np.stack([np.bincount(group, x) for x in position_m.T], axis=1) / visits[:, None]
+        square = float(np.sum((position_m - mean[group])[repeated] ** 2))
+        degrees_of_freedom = int(np.sum(visits[visits >= LEAST_REPEATED] - 1)) * len(moves)
+        return float(np.sqrt(square / degrees_of_freedom))
+
+
+def require_recording(linear: LinearisedReadings) -> LinearModel:
+    """The same, if it is of a recording. Raises InputError otherwise."""
+    if not isinstance(linear, LinearModel):
+        raise InputError(f"{linear.campaign}: a twin is of a recording, this is a measurement folder")
+    return linear
 
 
 def linearise_recording(
@@ -252,15 +346,3 @@ def _require_enough_visits(machine: Machine, visits: Visits) -> None:
     require_enough_poses(machine, visits.target_m)
     if len(visits) < LEAST_VISITS:
         raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
-
-
-def inverse_covariance_factor(columns: Array) -> Array:
-    """q (n, 3, r) such that 1 - q q' is the inverse of 1 + A A' for columns A (n, 3, b).
-
-    Directions that are determined by the priors alone are omitted.
-    """
-    flat = columns.reshape(-1, columns.shape[2])
-    values, vectors = np.linalg.eigh(flat.T @ flat)
-    informative = values > NEGLIGIBLE_INFORMATION
-    q = flat @ (vectors[:, informative] / np.sqrt(1.0 + values[informative]))
-    return np.ascontiguousarray(q).reshape(*columns.shape[:2], -1)

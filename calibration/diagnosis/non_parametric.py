@@ -21,6 +21,10 @@ NOT_BY_VISIT_PREFIXES = ("light.", "station.", "floor.", "smr.")  # channels wit
 NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
 DWELL_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
+ASK_FOR = {  # the field of the context without which a coordinate is none
+    "time": "t_s", "direction": "direction", "rest": "dwell_s", "direction and place": "direction",
+    "time and place": "t_s",
+}  # fmt: skip
 CHANNELS_TRIED = 4  # channels with the largest evidence of shifts per visit, on which all coordinates are tried
 
 
@@ -44,7 +48,7 @@ class NonParametricEffect:
         return self.channels[0][0]
 
     def columns(self, likelihood: MarginalLikelihood) -> Array:
-        """Whitened columns (n, 3, k), each times its prior standard deviation."""
+        """Whitened columns (n, w, k), each times its prior standard deviation."""
         parts = [
             likelihood.response(name)[:, :, None] * self.shapes[:, None, :] * (self.size * unit)
             for name, unit in self.channels
@@ -147,6 +151,8 @@ def _channel_groups(inputs: EffectInputs, channels: Channels) -> Iterator[tuple[
         yield from ((c,) for c in (*channels.sideways_channels(a), *channels.rotation_channels(a)))
     yield from ((f"length.{strut}",) for strut in machine.strut_names)
     yield from ((c,) for c in channels.pose_channels())
+    if not channels.observed.by_station:
+        return
     platform = [i for i, smr in enumerate(machine.smrs) if smr.on == "platform"]
     yield from (channels.reflector_channels(i) for i in platform)
     yield tuple(c for i in platform for c in channels.reflector_channels(i))
@@ -182,7 +188,7 @@ def _common_basis_functions(inputs: EffectInputs) -> dict[str, Array]:
     for other in by_drive[1:]:
         place = tensor_product(place, other)[:, :40]
     over_time = np.concatenate([random_walk_basis(t, 28), cosine_basis(t, 4)], axis=1)
-    return {
+    bases = {
         "time": _with_payload_interaction(inputs, over_time),
         "direction": _with_payload_interaction(inputs, sides),
         "rest": np.concatenate([settling, tensor_product(sides, settling)], axis=1),
@@ -191,14 +197,15 @@ def _common_basis_functions(inputs: EffectInputs) -> dict[str, Array]:
         "direction and place": tensor_product(sides, place),
         "time and place": tensor_product(random_walk_basis(t, 12), place[:, :5]),
     }
+    return {name: shapes for name, shapes in bases.items() if ASK_FOR.get(name) not in context.missing}
 
 
 def _drive_basis_functions(inputs: EffectInputs, drive: int) -> dict[str, Array]:
     curve = cosine_basis(inputs.context.drives[:, drive], 16, roughness=1.0)
-    return {
-        "place": _with_payload_interaction(inputs, curve),
-        "direction and place": tensor_product(inputs.context.direction[:, drive : drive + 1], curve),
-    }
+    bases = {"place": _with_payload_interaction(inputs, curve)}
+    if "direction" not in inputs.context.not_said:
+        bases["direction and place"] = tensor_product(inputs.context.direction[:, drive : drive + 1], curve)
+    return bases
 
 
 def _line_of_sight_basis(inputs: EffectInputs) -> Array:

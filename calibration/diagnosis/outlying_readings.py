@@ -9,6 +9,7 @@ from scipy.linalg import solve_triangular
 from calibration.base.arrays import Array
 from calibration.base.outliers import GATE_SIGMAS, scale_of
 from calibration.diagnosis.any_change import FREE_SIGMAS, columns_by_stand, columns_of_any_change, stands
+from calibration.diagnosis.linearised_readings import project_out
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.identification.gate import LinearReadings
 
@@ -158,10 +159,3 @@ def outlier_weights(residual: Array, q: Array) -> Array | None:
     if not 0.0 < np.mean(sigmas > OUTLIER_SIGMA) < LARGEST_OUTLIER_SHARE:
         return None
     return np.sqrt(np.minimum(1.0, HUBER / sigmas))
-
-
-def project_out(q: Array, columns: Array) -> Array:
-    """(1 - q q') times columns (n, 3, k) or (n, 3): what remains once all that q (n, 3, r) spans has been fitted."""
-    flat = columns.reshape(q.shape[0] * 3, -1)
-    factor = q.reshape(len(flat), -1)
-    return np.asarray((flat - factor @ (factor.T @ flat)).reshape(columns.shape))

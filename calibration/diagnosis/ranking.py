@@ -210,8 +210,8 @@ def _total_log_evidence(places: list[_PlaceEvidence]) -> float:
 
 def smallest_size(likelihood: MarginalLikelihood, effect: Effect) -> float:
     """The smallest size that counts as an effect on a recording."""
-    file = likelihood.linear.recording.file
-    return effect.smallest_size(file.nuisance, effect.stated_u(likelihood.linear.machine, file.payloads))
+    linear = likelihood.linear
+    return effect.smallest_size(linear.levels, effect.stated_u(linear.machine, linear.payloads))
 
 
 def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEffect) -> MarginalLikelihood:

@@ -109,7 +109,10 @@ class Withheld:
 
 @dataclass(frozen=True)
 class VisitGaps:
-    """For pictures, one row per visit: tool (v, 3), gaps of the platform before and after (v, 3), machine frame, m."""
+    """For pictures, one row per visit: tool (v, 3), gaps of the platform before and after (v, 3), machine frame, m.
+
+    times_known: whether t_rig_s is more than a count.
+    """
 
     tool_m: Array
     before_m: Array
@@ -119,6 +122,7 @@ class VisitGaps:
     direction: Array
     payload_kg: Array
     dwell_s: Array
+    times_known: bool = True
 
 
 @dataclass(frozen=True)

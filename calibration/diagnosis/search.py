@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.evidence import UNKNOWN_CHANNEL, MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
 from calibration.diagnosis.ranking import (
     Cause,
@@ -18,18 +18,14 @@ from calibration.diagnosis.ranking import (
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
-from calibration.effects.context import TimelessContext, TimeUnknown
+from calibration.effects.partial_context import NotRecorded, PartialContext
 
-TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
+NO_INSTRUMENT = "no station measured reflectors; nothing that was read responds to it"
 
 
 def detectable_effects(inputs: EffectInputs, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
     """The effects that the campaign can show; for the others, by name, the reason why not."""
-    timeless = _without_time(inputs) if inputs.context.breaks_s else None
-    reasons = {
-        effect.name: TIME_UNKNOWN if timeless and _asks_for_time(effect, timeless) else effect.untested(inputs)
-        for effect in catalogue.effects
-    }
+    reasons = {effect.name: _why_untested(inputs, effect) for effect in catalogue.effects}
     detectable = [effect for effect in catalogue.effects if reasons[effect.name] is None]
     return detectable, {name: reason for name, reason in reasons.items() if reason is not None}
 
@@ -171,20 +167,50 @@ def _refit_causes(
     return refitted, likelihoods
 
 
-def _without_time(inputs: EffectInputs) -> EffectInputs:
-    def onsets(_channels: Sequence[str]) -> Sequence[tuple[float, float]]:
-        raise TimeUnknown
-
-    return replace(inputs, context=TimelessContext.of(inputs.context), onsets=onsets)
-
-
-def _asks_for_time(effect: Effect, timeless: EffectInputs) -> bool:
-    """Whether an effect is a function of the time that passes between readings, its curves included."""
+def _why_untested(inputs: EffectInputs, effect: Effect) -> str | None:
+    """Why the readings cannot show an effect; None if they can."""
+    not_said = inputs.context.not_said
+    if not not_said:
+        return effect.untested(inputs)
+    if _acts_on_instrument_only(inputs, effect):
+        return NO_INSTRUMENT
     try:
-        for place in range(len(effect.places(timeless.machine))):
-            effect.forms(timeless, place)
-            for curve in effect.curves(timeless, place):
-                curve.tangent(curve.starts[0])
-    except TimeUnknown:
+        if "t_s" in not_said:
+            _build(effect, _without(inputs, ("t_s",)))
+        return effect.untested(_without(inputs, inputs.context.missing))
+    except NotRecorded as error:
+        return str(error)
+
+
+def _without(inputs: EffectInputs, names: Collection[str]) -> EffectInputs:
+    """The inputs without some fields of the context that the readings do not say."""
+
+    def onsets(_channels: Sequence[str]) -> Sequence[tuple[float, float]]:
+        raise NotRecorded(inputs.context.not_said["t_s"])
+
+    return replace(
+        inputs,
+        context=PartialContext.of(inputs.context, names),
+        onsets=onsets if "t_s" in names else inputs.onsets,
+    )
+
+
+def _build(effect: Effect, inputs: EffectInputs) -> None:
+    """Build all basis sets of an effect and its curves: it may then ask for what is not there."""
+    for place in range(len(effect.places(inputs.machine))):
+        effect.forms(inputs, place)
+        for curve in effect.curves(inputs, place):
+            curve.tangent(curve.starts[0])
+
+
+def _acts_on_instrument_only(inputs: EffectInputs, effect: Effect) -> bool:
+    """Whether nothing that was read responds to any channel of an effect: it acts on a station or on reflectors."""
+    if any(channel.startswith("station.") for channel in inputs.channels):
+        return False
+    if effect.place == "smr":
         return True
-    return False
+    if not effect.places(inputs.machine):
+        return False
+    acting = {channel for column in effect.forms(inputs, 0).contributions for channel, _ in column}
+    known = {*inputs.channels}
+    return bool(acting) and not any(c in known or c.startswith(UNKNOWN_CHANNEL) for c in acting)

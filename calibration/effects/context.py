@@ -6,7 +6,7 @@ One row per reading (n), d drives. Effects are functions of this context and of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from calibration.recording.header import KnownTable
 from calibration.recording.recording import Recording
 from calibration.recording.sessions import breaks_s
 
+TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
 LAG_GRID = 400  # points in time at which the temperature of a part is integrated
 # Fields with one row per reading; they are also keys of a twin's file.
 ARRAYS = (
@@ -26,6 +27,11 @@ ARRAYS = (
     "payload_com_m", "exchanges", "air_refractivity",
 )  # fmt: skip
 NOT_CLIPPED = ("arrival", "payload_com_m", "direction", "velocity_m_per_s")
+
+
+def of_sensor(name: str) -> str:
+    """The temperature of a sensor as `ReadingContext.missing` names it."""
+    return f"temperatures_c.{name}"
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,8 @@ class ReadingContext:
     payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; air_refractivity (n,):
     by the recorded air, uncorrected; temperatures_c: by sensor,
     (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed;
-    known_tables: compensation tables that are kept for the machine.
+    known_tables: compensation tables that are kept for the machine; missing: why the readings do not say some of these
+    fields, by their names, whose values are then without meaning.
     """
 
     history: ArrivalHistory
@@ -73,9 +80,15 @@ class ReadingContext:
     start_s: float
     breaks_s: tuple[float, ...] = field(default=(), kw_only=True)
     known_tables: tuple[KnownTable, ...] = field(default=(), kw_only=True)
+    missing: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    @property
+    def not_said(self) -> Mapping[str, str]:
+        """Why the readings do not say some fields, by their names: rig time where an unknown time has passed."""
+        return {"t_s": TIME_UNKNOWN, **self.missing} if self.breaks_s else self.missing
 
     @property
     def elapsed_s(self) -> Array:
@@ -180,27 +193,6 @@ def context_of_recording(recording: Recording) -> ReadingContext:
         breaks_s=breaks_s(recording),
         known_tables=recording.file.known_tables,
     )
-
-
-class TimeUnknown(Exception):
-    """An effect asked for a time that the recording does not know."""
-
-
-class TimelessContext(ReadingContext):
-    """A context of readings whose times do not follow one another: whoever asks for rig time gets TimeUnknown."""
-
-    @classmethod
-    def of(cls, context: ReadingContext) -> TimelessContext:
-        """The same readings."""
-        return cls(**{f.name: getattr(context, f.name) for f in fields(context)})
-
-    def __len__(self) -> int:
-        return len(self.dwell_s)
-
-    def __getattribute__(self, name: str) -> Any:
-        if name == "t_s":  # whatever is computed from it asks for it
-            raise TimeUnknown
-        return super().__getattribute__(name)
 
 
 def clip_to_campaign(campaign: ReadingContext, context: ReadingContext) -> ReadingContext:

@@ -40,13 +40,14 @@ def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -
     for d in own:
         name = machine.drive_names[d]
         coordinates[f"side.{name}"] = (context.direction[:, d], 1)
-        coordinates[f"approach.{name}"] = (approach[:, d], OTHER_TERMS)
+        if "history" not in context.not_said:
+            coordinates[f"approach.{name}"] = (approach[:, d], OTHER_TERMS)
     coordinates |= {
         "payload": (context.payload_kg, 1),
         "rest": (np.log(np.maximum(context.dwell_s, SHORTEST_REST_S)), OTHER_TERMS),
         "speed": (context.speed_m_per_s, 1),
     }
-    if not context.breaks_s:
+    if "t_s" not in context.not_said:
         coordinates["time"] = (context.elapsed_s, TIME_TERMS)
     functions = {
         name: cosine_basis(x, terms, roughness=ROUGHNESS) for name, (x, terms) in coordinates.items() if np.ptp(x) > 0.0

@@ -11,6 +11,7 @@ from calibration.effects.basis_functions import cosine_basis, scale_to_symmetric
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 PRESSED_SHARES = (0.25, 0.5, 0.75)  # of the play, taken away by the largest payload
+LEAST_KG = 1e-9  # of what moves, where no mass is stated
 FRICTION_SHARE = 0.1  # of the rated force: plausible, where friction is not seen in the torque
 RATED_N = 6000.0  # force at rated torque, for the plausible range only: the torque's own scale is unknown
 
@@ -54,7 +55,8 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     force = force - force.mean()
     weight = _weight_share(inputs, drive, force)
     mass = inputs.machine.moving_mass_kg + context.payload_kg
-    pressed = FRICTION_SHARE * RATED_N * side * mass / mass.max()
+    heaviest = max(float(mass.max()), LEAST_KG)
+    pressed = FRICTION_SHARE * RATED_N * side * mass / heaviest
     fast = scale_to_symmetric(context.speed_m_per_s)
     fast = fast - fast.mean()  # without what does not vary: that would be play
     for form, wound in (("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)):
@@ -64,7 +66,7 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(main)
         sets.add_set(main, bent, share=0.2)
     faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast), form="viscous")
-    if varies(mass / mass.max(), PRESSED_LEAST):  # else nothing tells it from play
+    if varies(mass / heaviest, PRESSED_LEAST):  # else nothing tells it from play
         main = sets.add((travel, -pressed), form="coulomb")
         sets.add_set(main)
         sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)

@@ -97,7 +97,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
         for name, correction in zip(drives, corrections.T, strict=True):
             if len(drives) > 1 and np.any(correction):
                 sets.add_set(sets.add((f"travel.{name}", correction), form="one_drive"), weight=ONE_DRIVE_WEIGHT)
-    if context.breaks_s:  # who knows when: nothing depends on time then
+    if "t_s" in context.not_said:  # who knows when: nothing depends on time then
         return sets
     for generation in context.table_generations:
         t = context.elapsed_s

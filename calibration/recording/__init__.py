@@ -9,6 +9,7 @@ __all__ = [
     "hdf5",
     "header",
     "klipper",
+    "measurement_conditions",
     "measurement_folder",
     "measurement_header",
     "recording",

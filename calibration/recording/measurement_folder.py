@@ -7,8 +7,8 @@ A folder is untrusted input: data only, bounded in size, checked.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from calibration.machine.description import COORDINATES, Machine, parse_machine
 from calibration.machine.equilibrium import workspace_middle
 from calibration.model.parameters import KINDS, ParameterSet
 from calibration.model.visits import Visits
+from calibration.recording.measurement_conditions import checked_conditions, names_of, with_loads
 from calibration.recording.measurement_header import MeasurementFile
 
 HEADER, MACHINE, COORDINATE_TABLE, DISTANCE_TABLE = (
@@ -45,7 +46,8 @@ class MeasuredMachine:
     """A machine with visits and what was measured of them.
 
     visits (v); number (v,): how distances.csv calls each; coordinates (v, 6), NaN where not measured; pairs (r, 2)
-    rows of the visits (a single one, (r, 1), with a ball on the base) with distance_m (r,).
+    rows of the visits (a single one, (r, 1), with a ball on the base) with distance_m (r,). conditions: what else is
+    said of the visits, (v,) by column (`measurement_conditions`); sensors: those whose temperatures were recorded.
     """
 
     file: MeasurementFile
@@ -55,6 +57,8 @@ class MeasuredMachine:
     coordinates: Array
     pairs: Array
     distance_m: Array
+    conditions: Mapping[str, Array] = field(default_factory=dict)
+    sensors: tuple[str, ...] = ()
 
     def readings(self, *, instrument_unknowns: bool = True) -> tuple[Readings, ...]:
         """The readings of each kind; without instrument_unknowns an instrument has no unknowns but its frame."""
@@ -126,6 +130,7 @@ def write_measurements(measured: MeasuredMachine, folder: Path) -> None:
     table |= {name: visits.drives[:, a] for a, name in enumerate(_drive_columns(machine))}
     table |= {f"{sensor}_temperature_c": t for sensor, t in visits.temperatures_c.items()}
     table |= {name: visits.target_m[:, c] for c, name in enumerate(TARGETS)}
+    table |= measured.conditions
     table |= {name: measured.coordinates[:, COLUMNS.index(name)] for name in measured.file.columns}
     files = {HEADER: to_toml(measured.file), MACHINE: machine.text, COORDINATE_TABLE: write_table(table)}
     if measured.file.distances is not None:
@@ -153,7 +158,7 @@ def read_measurements(folder: Path) -> MeasuredMachine:
     drives = _drive_columns(machine)
     sensors = tuple(dict.fromkeys(machine.sensors.values()))
     warm = [f"{sensor}_temperature_c" for sensor in sensors]
-    table = read_table(path, ["visit", *drives, *file.columns], [*warm, *TARGETS], file.columns)
+    table = read_table(path, ["visit", *drives, *file.columns], [*warm, *TARGETS, *names_of(machine)], file.columns)
     number = require_counts(path, "visit", table["visit"])
     if len(np.unique(number)) != len(number):
         raise InputError(f"{path}: a visit's number occurs twice; number the visits 0, 1, 2 ...")
@@ -174,12 +179,23 @@ def read_measurements(folder: Path) -> MeasuredMachine:
         np.zeros((n, 3)),
         {sensor: table.get(f"{sensor}_temperature_c", reference) for sensor in sensors},
     )
+    conditions = checked_conditions(path, machine, table)
     coordinates = np.full((n, 6), np.nan)
     for name in file.columns:
         coordinates[:, COLUMNS.index(name)] = table[name]
     _check_coordinates(path, file, machine, coordinates)
     pairs, distance = _distances(folder / DISTANCE_TABLE, file, machine, number)
-    return MeasuredMachine(file, machine, visits, number, coordinates, pairs, distance)
+    return MeasuredMachine(
+        file,
+        machine,
+        with_loads(visits, conditions),
+        number,
+        coordinates,
+        pairs,
+        distance,
+        conditions,
+        tuple(sensor for sensor in sensors if f"{sensor}_temperature_c" in table),
+    )
 
 
 def _drive_columns(machine: Machine) -> list[str]:

@@ -83,7 +83,7 @@ def diagnose(
     """Say where the model still differs from the machine, which effect causes it, and what to measure next."""
     from pkm_rig.cli.fleet_commands import run_on_all
     from pkm_rig.jobs.axis import diagnose_folder, is_axis
-    from pkm_rig.jobs.diagnose import run_diagnosis
+    from pkm_rig.jobs.diagnose import run_diagnosis, run_folder_diagnosis
     from pkm_rig.jobs.disturbance_levels import estimate_disturbances as estimate_levels_of
     from pkm_rig.jobs.many_campaigns import diagnose_work
     from pkm_rig.jobs.measured_machine import find_measurement_folder
@@ -106,10 +106,15 @@ def diagnose(
             )
         print_result(json, *diagnose_folder(Path(campaign)))
         return
-    if find_measurement_folder(campaign, out) is not None:
-        raise InputError(
-            f"{campaign}: a measurement folder; a diagnosis needs a recording (docs/reference/recording.md)"
-        )
+    measurements = find_measurement_folder(campaign, out)
+    if measurements is not None:
+        if add or estimate_disturbances:
+            raise InputError(
+                "diagnose: --add and --estimate-disturbances are for recordings; leave them out for a folder"
+            )
+        diagnosis, result = run_folder_diagnosis(measurements, out, effects or ())
+        print_result(json, result, describe_diagnosis(diagnosis, result))
+        return
     recording = find_recording(campaign, out, by_sequence=by_sequence)
     repaired = say_repaired(recording)
     if estimate_disturbances:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from calibration.base.errors import InputError
-from calibration.diagnosis.diagnose import diagnose, diagnose_and_score
+from calibration.diagnosis.diagnose import diagnose, diagnose_and_score, diagnose_measurements
 from calibration.diagnosis.result import Diagnosis
 from calibration.diagnosis.twin.score import TwinScore
 from calibration.diagnosis.twin.twin import Twin
-from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.effects.catalogue import load_catalogue
 from calibration.identification.calibration import calibration_part
+from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import drop_unclosed_readings
 from pkm_rig.jobs.campaign_file import write_campaign_files
@@ -44,10 +46,13 @@ def run_diagnosis(
     """
     catalogue = load_catalogue(tuple(effects))
     readings = drop_unclosed_readings(calibration_part(recording))
-    diagnosis, twin_and_score = _diagnose(readings, catalogue, effects, add=add)
-    folder = campaign_folder(out, readings.file.campaign) / PICTURES_FOLDER
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with _named(effects):
+        if add:
+            diagnosis, *twin_and_score = diagnose_and_score(readings, catalogue)
+        else:
+            diagnosis, twin_and_score = diagnose(readings, catalogue), []
+    simulated = readings.file.simulated
+    with _writing(out, diagnosis.campaign) as folder:
         files = write_campaign_files(
             additions_by_gain(diagnosis),
             readings.machine,
@@ -55,27 +60,36 @@ def run_diagnosis(
             diagnosis.campaign,
             folder,
         )
-        result = diagnosis_json(diagnosis, files)
-        result["simulated"] = readings.file.simulated
+        result = diagnosis_json(diagnosis, files) | {"simulated": simulated}
         figures = diagnosis_pictures.draw_all(diagnosis, readings.machine)
-        result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=readings.file.simulated)
-        if twin_and_score is not None:
+        result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=simulated)
+        if twin_and_score:
             twin, score = twin_and_score
             twin_folder = campaign_folder(out, readings.file.campaign) / TWIN_FOLDER
             write_twin(twin, readings, twin_folder)
             result["twin"] = twin_json(twin, score, twin_folder)
-    except OSError as error:
-        raise InputError(f"diagnose: {error}; choose another --out") from error
     return diagnosis, result
 
 
-def _diagnose(
-    recording: Recording, catalogue: Catalogue, effects: Sequence[Path], *, add: bool
-) -> tuple[Diagnosis, tuple[Twin, TwinScore] | None]:
+def run_folder_diagnosis(
+    measured: MeasuredMachine, out: Path, effects: Sequence[Path] = ()
+) -> tuple[Diagnosis, dict[str, Any]]:
+    """The same of a measurement folder, which says nothing of simulated devices. Raises InputError."""
+    catalogue = load_catalogue(tuple(effects))
+    with _named(effects):
+        diagnosis = diagnose_measurements(measured, catalogue)
+    with _writing(out, diagnosis.campaign) as folder:
+        result = diagnosis_json(diagnosis) | {"simulated": False}
+        figures = diagnosis_pictures.draw_all(diagnosis, measured.machine)
+        result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=False)
+    return diagnosis, result
+
+
+@contextmanager
+def _named(effects: Sequence[Path]) -> Iterator[None]:
+    """An error of a user's effect is bad input; one line names the file."""
     try:
-        if not add:
-            return diagnose(recording, catalogue), None
-        diagnosis, twin, score = diagnose_and_score(recording, catalogue)
+        yield
     except InputError:
         raise
     except Exception as error:
@@ -83,7 +97,17 @@ def _diagnose(
             raise
         names = ", ".join(str(path) for path in effects)
         raise InputError(f"diagnose with {names}: {type(error).__name__}: {error}; correct that effect") from error
-    return diagnosis, (twin, score)
+
+
+@contextmanager
+def _writing(out: Path, campaign: str) -> Iterator[Path]:
+    """The folder of a campaign's pictures, which is there. Raises InputError where it cannot be written."""
+    folder = campaign_folder(out, campaign) / PICTURES_FOLDER
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+    except OSError as error:
+        raise InputError(f"diagnose: {error}; choose another --out") from error
 
 
 def twin_json(twin: Twin, score: TwinScore, folder: Path) -> dict[str, Any]:

@@ -33,10 +33,13 @@ class Coordinate(NamedTuple):
 
 def draw_all(diagnosis: Diagnosis, machine: Machine) -> dict[str, Figure]:
     """All pictures by file name; those that there is nothing to draw for are left out."""
-    out = {"error-map": error_map(diagnosis, machine)} if len(diagnosis.visits.tool_m) else {}
+    out = {}
+    if np.any(diagnosis.visits.before_m[:, plane(machine)]):  # of heights alone there are no arrows
+        out["error-map"] = error_map(diagnosis, machine)
     if len(diagnosis.visits.tool_m):
         out["coordinates"] = coordinates(diagnosis, machine)
-        out["time-line"] = time_line(diagnosis, machine)
+        if diagnosis.visits.times_known:
+            out["time-line"] = time_line(diagnosis, machine)
     if diagnosis.spectra:
         out["spectrum"] = spectrum(diagnosis)
     return out

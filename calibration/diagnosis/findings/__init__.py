@@ -2,6 +2,8 @@
 
 __all__ = [
     "effect_summary",
+    "folder_remarks",
+    "further_columns",
     "next_measurement",
     "parameter_uncertainty",
     "proposals",

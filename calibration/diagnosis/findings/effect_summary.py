@@ -11,7 +11,6 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import parameter_uncertainty
-from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import FoundEffect, FoundPlace, Quantity
 from calibration.diagnosis.search import SearchResult
@@ -42,7 +41,7 @@ def equivalent_effects(
     rivals = [c for c in search_result.ranking if c.effect.name != verdict and c.log_evidence > threshold]
     for rival in rivals[: VERDICT.max_compared]:
         remaining_signal = include_cause(likelihood, rival).apply(signal[:, :, None])[:, :, 0]
-        difference = platform_rms(likelihood.linear, remaining_signal)
+        difference = likelihood.linear.rms_sigma(remaining_signal)
         if difference < VERDICT.equivalent_sigma:
             names.append(rival.effect.name)
             largest = max(largest, difference)
@@ -50,29 +49,8 @@ def equivalent_effects(
 
 
 def _signal(cause: Cause, likelihood: MarginalLikelihood) -> Array:
-    """Whitened shifts (n, 3) of the readings by a cause."""
+    """Whitened shifts (n, w) of the readings by a cause."""
     return np.einsum("nwk,k->nw", likelihood.columns(cause.contributions), cause.best.coefficients)
-
-
-def platform_rms(linear: LinearModel, whitened: Array) -> float:
-    """RMS in sigma over the moving coordinates of the platform's readings, of whitened shifts (n, 3)."""
-    moves = int(np.sum(linear.machine.dof < 3))
-    rows = linear.on_platform
-    return float(np.sqrt(np.sum(whitened[rows] ** 2) / (moves * max(int(rows.sum()), 1))))
-
-
-def rms_shift_sigma(linear: LinearModel, whitened: Array) -> float:
-    """RMS shift of the platform's reflectors in sigma, from whitened shifts (n, 3).
-
-    Of the coordinates in which the platform moves, one by one. Sigma is the angles' stated standard deviation times the
-    distance: that of a coordinate across the line of sight (docs/reference/definitions.md).
-    """
-    rows, moves = np.flatnonzero(linear.on_platform), linear.machine.dof[linear.machine.dof < 3]
-    if not rows.size:
-        return 0.0
-    shift_m = np.linalg.solve(linear.whiten[rows], whitened[rows, :, None])[:, :, 0] @ linear.frame.rotation
-    sigma_m = linear.recording.file.station.accuracy.angle_sd_rad * np.linalg.norm(linear.sight_m[rows], axis=1)
-    return float(np.sqrt(np.mean((shift_m[:, moves] / sigma_m[:, None]) ** 2)))
 
 
 def summarise_effect(
@@ -100,8 +78,8 @@ def summarise_effect(
         size=places[0].size,
         probability=ranking[first.effect.name] if main else presence_probability(first, ranking),
         place_probability=places[0].probability,
-        raw_sigma=rms_shift_sigma(likelihood.linear, signal),
-        visible_sigma=rms_shift_sigma(likelihood.linear, likelihood.linear.after_calibration(signal)),
+        raw_sigma=likelihood.linear.rms_shift_sigma(signal),
+        visible_sigma=likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal)),
         others=places[0].others,
         differs_with=places[0].differs_with,
         places=places,
@@ -113,8 +91,8 @@ def _summarise_place(
 ) -> FoundPlace:
     value, u_of_fit = size_of(cause)
     signal = _signal(cause, likelihood)
-    raw = rms_shift_sigma(likelihood.linear, signal)
-    visible = rms_shift_sigma(likelihood.linear, likelihood.linear.after_calibration(signal))
+    raw = likelihood.linear.rms_shift_sigma(signal)
+    visible = likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal))
     u = math.hypot(u_of_fit, value * _relative_u_of_form(raw, visible))
     given_others = likelihood
     for other in others:

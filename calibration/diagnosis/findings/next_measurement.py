@@ -18,7 +18,6 @@ from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
-from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.proposals import VISITS, Proposal, duration_min, proposals
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.observed_model import ObservedModel
@@ -42,17 +41,16 @@ LEAST_SWING_K, SWING_MIN, REFLECTORS_MIN = 1.0, 120.0, 60.0
 
 
 def rank_additions(
-    likelihood: MarginalLikelihood,
+    linear: LinearModel,
     search_result: SearchResult,
     ranking: Mapping[str, float],
     untested: tuple[Effect, ...],
 ) -> tuple[CampaignAddition, ...]:
     """Additions to the campaign, the most informative per minute first."""
-    linear = likelihood.linear
     proposed = list(proposals(linear))
     if not proposed:
         return ()
-    hypotheses = _Hypotheses(likelihood, search_result, ranking, untested)
+    hypotheses = _Hypotheses(linear, search_result, ranking, untested)
     # All visits at once, because basis sets are built over the campaign and all further visits.
     everything = Proposal("", "", tuple(visit for proposal in proposed for visit in proposal.visits))
     parts = np.split(hypotheses.predict(everything), len(proposed), axis=1)
@@ -69,12 +67,12 @@ class _Hypotheses:
 
     def __init__(
         self,
-        likelihood: MarginalLikelihood,
+        linear: LinearModel,
         search_result: SearchResult,
         ranking: Mapping[str, float],
         untested: tuple[Effect, ...],
     ) -> None:
-        self._linear = likelihood.linear
+        self._linear = linear
         self._fitted = [
             cause
             for cause in search_result.ranking

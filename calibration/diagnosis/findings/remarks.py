@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from calibration.diagnosis.level_posterior import COLUMNS
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.search import SearchResult
 from calibration.recording.header import DisturbanceLevels
@@ -16,14 +14,14 @@ MUCH = 2.0  # times the stated level of a disturbance
 
 
 def remarks(
-    linear: LinearModel,
+    linear: LinearisedReadings,
     stated: DisturbanceLevels,
     search_result: SearchResult,
     verdict: str,
     noise_floor_m: float | None,
 ) -> tuple[str, ...]:
     """Readings that were left out, disturbances stronger than stated, and what limits the verdict."""
-    here = linear.recording.file.nuisance
+    here = linear.levels
     return (
         *_left_out(linear),
         *_stronger_disturbances(stated, here),
@@ -31,14 +29,13 @@ def remarks(
     )
 
 
-def _left_out(linear: LinearModel) -> tuple[str, ...]:
+def _left_out(linear: LinearisedReadings) -> tuple[str, ...]:
     """The readings that are left out, the first of them by name."""
-    if not linear.wrong.size:
+    names = linear.wrong_names
+    if not names:
         return ()
-    uid, smr = (np.asarray(linear.recording[name])[linear.wrong[:NAMED]] for name in ("uid", "smr"))
-    names = ", ".join(f"{name} of {reflector}" for name, reflector in zip(uid, smr, strict=True))
-    others = f" and {linear.wrong.size - NAMED} more" if linear.wrong.size > NAMED else ""
-    return (f"left out, grossly wrong by what all others say: {names}{others}",)
+    others = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return (f"left out, grossly wrong by what all others say: {', '.join(names[:NAMED])}{others}",)
 
 
 def _stronger_disturbances(stated: DisturbanceLevels, here: DisturbanceLevels) -> tuple[str, ...]:

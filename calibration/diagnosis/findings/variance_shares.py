@@ -12,10 +12,12 @@ from scipy.stats import t as student_t
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.withheld_blocks import GapField, regions
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.diagnosis.observed_model import TOOL
 from calibration.diagnosis.periodogram import Periodogram
 from calibration.diagnosis.result import Share, Spectrum
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
+from calibration.effects.context import of_sensor
 from calibration.machine.description import COORDINATES
 
 RIDGE_FACTORS = (1e-3, 1e-1)  # of a column's own square; coordinates with many basis functions need the larger one
@@ -24,6 +26,12 @@ BLOCKS = 8
 MOST_CHANNELS = 4
 LEAST_ADDITIONAL_SHARE = 0.03
 SPECTRUM_POINTS = 400
+ASK_FOR = {
+    "direction": "direction",
+    "speed": "speed_m_per_s",
+    "dwell": "dwell_s",
+    "time": "t_s",
+}  # fields of the context
 
 
 def variance_shares(
@@ -54,11 +62,13 @@ def _coordinate_shares(
     """
     linear = likelihood.linear
     rows = np.flatnonzero(linear.on_platform)
-    region = regions(linear)[linear.visit[rows]]
+    region = regions(linear)[linear.home_visit[rows]]
     # What the noise-free readings contain beyond calibration and disturbances, after a refit: C^-1 (H c).
     gap = (likelihood.weighted_residual - truth_likelihood.weighted_residual)[rows]
     by_direction: dict[str, float] = {}
     for kind, name, shapes in _coordinates(linear, periodograms):
+        if ASK_FOR.get(kind) in linear.context.missing:
+            continue
         columns = likelihood.observable_columns(acting, shapes, rows)
         share = _share(kind, name, _cross_validated_squares(columns, gap, region))
         drive = name.rsplit(" ", 1)[-1]
@@ -70,7 +80,7 @@ def _coordinate_shares(
 
 
 def _cross_validated_squares(columns: Array, gap: Array, region: NDArray[np.intp]) -> Array:
-    """(r, 2): sum of squares of the gap (m, 3) in each region after a prediction from all others, and in total."""
+    """(r, 2): sum of squares of the gap (m, w) in each region after a prediction from all others, and in total."""
     count = int(region.max()) + 1
     parts = [(columns[region == r].reshape(-1, columns.shape[2]), gap[region == r].ravel()) for r in range(count)]
     grams, scores = [x.T @ x for x, _ in parts], [x.T @ y for x, y in parts]
@@ -100,16 +110,16 @@ def _share(kind: str, name: str, squares: Array) -> Share:
     return Share(kind, name, value, low, high)
 
 
-def _coordinates(linear: LinearModel, periodograms: Sequence[Periodogram]) -> Iterator[tuple[str, str, Array]]:
+def _coordinates(linear: LinearisedReadings, periodograms: Sequence[Periodogram]) -> Iterator[tuple[str, str, Array]]:
     """Kind, name and shapes (n, k) of each coordinate; the approach direction before its products."""
     context, machine = linear.context, linear.machine
     t = context.elapsed_s
     for a, drive in enumerate(machine.drive_names):
         yield "drive", drive, cosine_basis(context.drives[:, a], 12, roughness=0.5)
-    target = linear.poses.visits.target_m[np.maximum(linear.visit, 0)]
-    for c in machine.commanded:
-        yield "pose", COORDINATES[c], cosine_basis(target[:, c], 6, roughness=0.5)
-    places = [cosine_basis(target[:, c], 3, roughness=0.5, constant=True) for c in machine.commanded[:2]]
+    at = linear.places()[np.maximum(linear.visit, 0)]
+    for k, c in enumerate(machine.commanded):
+        yield "pose", COORDINATES[c], cosine_basis(at[:, k], 6, roughness=0.5)
+    places = [cosine_basis(x, 3, roughness=0.5, constant=True) for x in at.T[:2]]
     yield "region", "tool", (tensor_product(places[0], places[1]) if len(places) > 1 else places[0])[:, 1:]
     for a, drive in enumerate(machine.drive_names):
         yield "direction", drive, context.direction[:, a : a + 1]
@@ -126,6 +136,8 @@ def _coordinates(linear: LinearModel, periodograms: Sequence[Periodogram]) -> It
     walk = random_walk_basis(t / max(float(t.max()), 1.0), 14)
     yield "time", "rig", np.concatenate([cosine_basis(t, 6), walk], axis=1)
     for sensor, value in context.temperatures_c.items():
+        if of_sensor(sensor) in context.missing:
+            continue
         yield "temperature", sensor, cosine_basis(value, 4, roughness=0.5)
     for a, drive in enumerate(machine.drive_names):
         peaks = periodograms[a].strongest_periods(SHORTEST_M, LONGEST_M)
@@ -146,14 +158,13 @@ def _place_shares(likelihood: MarginalLikelihood, field: GapField) -> Iterator[S
     """Shares that arbitrary shifts per visit at a single strut, or of a single reflector, could explain."""
     linear = likelihood.linear
     machine = linear.machine
-    moves = machine.dof[machine.dof < 3]
     visit, smr = linear.visit[field.rows], linear.smr[field.rows]
     block = visit % BLOCKS
     total = np.asarray(np.bincount(block, np.sum(field.before**2, axis=1), minlength=BLOCKS), dtype=np.float64)
     for strut in machine.strut_names:
-        response = likelihood.channels.shift_m(f"length.{strut}")[field.rows][:, moves]
+        response = linear.gap_by_shift(likelihood.channels.shift_m(f"length.{strut}"))
         yield _share("strut", strut, _remaining_squares(response, field.before, visit, total))
-    for i in np.unique(smr):
+    for i in np.unique(smr[smr != TOOL]):
         of_reflector = np.where((smr == i)[:, None], field.before, 0.0)
         explained = np.bincount(block, np.sum(of_reflector**2, axis=1), minlength=BLOCKS)
         yield _share("smr", machine.smrs[i].name, np.stack([total - explained, total], axis=1))

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.result import GapFigures
 
 REGIONS = 5
-LEAST_VISITS = 3  # of one target under the same conditions, for the noise floor
 SAMPLES = 400
 # Relative standard deviations of the errors with and without an effect, because no model of an effect is exact. Tuned
 # on simulated rigs so that the interval of the shrink contains the true one as often as stated (docs/decisions/0007).
@@ -29,7 +28,7 @@ SEED = 20  # of the samples, so that repeated diagnoses agree
 
 @dataclass(frozen=True)
 class GapField:
-    """Errors of the platform's reflectors in the machine's moving coordinates (c), of readings (m), in m.
+    """Errors of what is read of the platform, in c lengths each (`gap_scale`), of readings (m), in m.
 
     rows (m,): readings of the linear model. before, after (m, c): estimated error of predictions, noise removed. spread
     (m, c, b): factor of its covariance. noise_m: RMS of the readings' noise.
@@ -42,11 +41,11 @@ class GapField:
     noise_m: float
 
 
-def regions(linear: LinearModel) -> NDArray[np.intp]:
+def regions(linear: LinearisedReadings) -> NDArray[np.intp]:
     """Region (v,) of the workspace of each visit: equal counts, by angle about the centre, the centre separate."""
-    target = linear.poses.visits.target_m[:, linear.machine.commanded]
-    span = np.ptp(target, axis=0)
-    place = (target - target.mean(axis=0)) / np.where(span > 0.0, span, 1.0)
+    at = linear.places()
+    span = np.ptp(at, axis=0)
+    place = (at - at.mean(axis=0)) / np.where(span > 0.0, span, 1.0)
     if place.shape[1] == 1:
         order = np.argsort(place[:, 0], kind="stable")
         out = np.empty(len(place), dtype=np.intp)
@@ -62,13 +61,13 @@ def regions(linear: LinearModel) -> NDArray[np.intp]:
     return out
 
 
-def region_of_readings(linear: LinearModel, region: NDArray[np.intp]) -> NDArray[np.intp]:
+def region_of_readings(linear: LinearisedReadings, region: NDArray[np.intp]) -> NDArray[np.intp]:
     """Region (n,) of each reading from those of the visits (v,); -1 for floor nests."""
-    return np.where(linear.visit >= 0, region[np.maximum(linear.visit, 0)], -1)
+    return np.where(linear.home_visit >= 0, region[np.maximum(linear.home_visit, 0)], -1)
 
 
 def withheld_differences(likelihood: MarginalLikelihood, region: NDArray[np.intp]) -> Array:
-    """Whitened differences (n, 3) of the readings from predictions that did not use their region (v,)."""
+    """Whitened differences (n, w) of the readings from predictions that did not use their region (v,)."""
     of_reading = region_of_readings(likelihood.linear, region)
     out = np.zeros_like(likelihood.weighted_residual)
     for block in range(int(region.max()) + 1):
@@ -76,24 +75,24 @@ def withheld_differences(likelihood: MarginalLikelihood, region: NDArray[np.intp
         q = likelihood.q[rows].reshape(-1, likelihood.q.shape[2])
         weighted_residual = likelihood.weighted_residual[rows].ravel()
         block_matrix = np.eye(q.shape[1]) - q.T @ q
-        out[rows] = (weighted_residual + q @ np.linalg.solve(block_matrix, q.T @ weighted_residual)).reshape(-1, 3)
+        differences = weighted_residual + q @ np.linalg.solve(block_matrix, q.T @ weighted_residual)
+        out[rows] = differences.reshape(len(rows), -1)
     return out
 
 
 def gap_field(truth_likelihood: MarginalLikelihood, before: Array, after: Array) -> GapField:
-    """Errors of predictions, from `withheld_differences` (n, 3) with and without the effects.
+    """Errors of predictions, from `withheld_differences` (n, w) with and without the effects.
 
     truth_likelihood: the model by which the noise-free readings are estimated.
     """
     linear = truth_likelihood.linear
-    rows = np.flatnonzero(linear.on_platform)
-    moves = linear.machine.dof[linear.machine.dof < 3]
-    # From whitened numbers to metres in the machine's frame, of the coordinates that the machine moves.
-    metres = np.einsum("ci,nij->ncj", linear.frame.rotation.T[moves], np.linalg.inv(linear.whiten[rows]))
+    scale = linear.gap_scale
+    rows, metres = scale.rows, scale.metres
+    before, after = linear.joined(before), linear.joined(after)
     noise = np.einsum("ncj,nj->nc", metres, truth_likelihood.weighted_residual[rows])
-    spread = np.einsum("ncj,njb->ncb", metres, truth_likelihood.q[rows])
-    variance = np.sum(metres**2, axis=2) - np.sum(spread**2, axis=2)
-    noise_m = float(np.sqrt(np.mean(noise**2) * np.mean(np.sum(metres**2, axis=2)) / np.mean(variance)))
+    spread = np.einsum("ncj,njb->ncb", metres, linear.joined(truth_likelihood.q)[rows])
+    variance = scale.variance - np.sum(spread**2, axis=2)
+    noise_m = float(np.sqrt(np.mean(noise**2) * np.mean(scale.variance) / np.mean(variance)))
     return GapField(
         rows=rows,
         before=np.einsum("ncj,nj->nc", metres, before[rows]) - noise,
@@ -125,31 +124,3 @@ def gap_figures(field: GapField) -> GapFigures:
         shrink_interval=(float(low), float(high)),
         withheld=f"{REGIONS} regions of the workspace in turn",
     )
-
-
-def repeatability_m(linear: LinearModel) -> float | None:
-    """Noise floor: RMS scatter of the platform's reflectors over visits of one target, approach and payload.
-
-    In the machine's frame, per moving coordinate, at rest; None if no target was visited LEAST_VISITS times under the
-    same conditions.
-    """
-    context, moves = linear.context, linear.machine.dof[linear.machine.dof < 3]
-    rows = np.flatnonzero(linear.on_platform & ~context.moving)
-    position_m = ((linear.position_m[rows] - linear.frame.translation_m) @ linear.frame.rotation)[:, moves]
-    target = np.round(linear.poses.visits.target_m[linear.visit[rows]], 7)
-    conditions = np.column_stack([target, context.direction[rows], context.payload_kg[rows], linear.smr[rows]])
-    group = np.unique(conditions, axis=0, return_inverse=True)[1].ravel()
-    visits = np.bincount(group)
-    repeated = visits[group] >= LEAST_VISITS
-    if not np.any(repeated):
-        return None
-    mean = np.stack([np.bincount(group, x) for x in position_m.T], axis=1) / visits[:, None]
-    square = float(np.sum((position_m - mean[group])[repeated] ** 2))
-    degrees_of_freedom = int(np.sum(visits[visits >= LEAST_VISITS] - 1)) * len(moves)
-    return float(np.sqrt(square / degrees_of_freedom))
-
-
-def predicted_positions_m(likelihood: MarginalLikelihood, differences: Array) -> Array:
-    """Predicted positions (n, 3) in the station's frame from whitened differences (n, 3) of the readings from them."""
-    linear = likelihood.linear
-    return linear.position_m - np.linalg.solve(linear.whiten, differences[:, :, None])[:, :, 0]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.linear_model import NEST_PRIOR_M, LinearModel
+from calibration.diagnosis.linear_model import NEST_PRIOR_M, LinearModel, require_recording
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.twin.twin_model import FittedMachine, full_model
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
@@ -61,7 +61,7 @@ class JointFit:
     """The joint fit of a linear model's readings with some causes."""
 
     def __init__(self, likelihood: MarginalLikelihood, causes: Sequence[Cause]) -> None:
-        self._linear = linear = likelihood.linear
+        self._linear = linear = require_recording(likelihood.linear)
         self._causes = tuple(causes)
         self._deviations = np.concatenate([*(cause.prior_deviations for cause in causes), np.empty(0)])
         columns = [likelihood.columns(cause.contributions) for cause in causes]

@@ -14,6 +14,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.withheld_blocks import gap_field, gap_figures, region_of_readings, regions
+from calibration.diagnosis.linear_model import require_recording
 from calibration.diagnosis.result import GapFigures
 from calibration.diagnosis.twin.joint_fit import JointFit, as_station_reports_m
 from calibration.diagnosis.twin.twin import Twin
@@ -47,7 +48,7 @@ def score_twin(
 
 def withheld_differences_of_twin(likelihood: MarginalLikelihood, joint_fit: JointFit, twin: Twin) -> Array:
     """Whitened differences (n, 3) of the platform's readings from twins that were fitted without their region."""
-    linear = likelihood.linear
+    linear = require_recording(likelihood.linear)
     of_reading = region_of_readings(linear, regions(linear))
     out = np.zeros_like(likelihood.weighted_residual)
     for block in range(int(of_reading.max()) + 1):

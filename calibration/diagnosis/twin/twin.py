@@ -18,7 +18,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linear_model import LinearModel, require_recording
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.twin import plain_data
 from calibration.diagnosis.twin.answers import RecordedAnswers
@@ -70,7 +70,7 @@ class Twin:
         cls, solution: Solution, likelihood: MarginalLikelihood, causes: Sequence[Cause], inputs: EffectInputs
     ) -> Twin:
         """The twin of a joint solution."""
-        linear = likelihood.linear
+        linear = require_recording(likelihood.linear)
         added = tuple(
             _twin_effect(cause, coefficients, linear.machine, inputs)
             for cause, coefficients in zip(causes, solution.coefficients, strict=True)

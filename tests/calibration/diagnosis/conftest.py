@@ -35,7 +35,7 @@ def wandering() -> Recording:
 def small(wandering) -> LinearModel:
     """Its baseline with every direction kept, so that dense computations must agree to rounding."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibration.diagnosis.linear_model.NEGLIGIBLE_INFORMATION", 1e-9)
+        patch.setattr("calibration.diagnosis.linearised_readings.NEGLIGIBLE_INFORMATION", 1e-9)
         return linearise_recording(wandering)
 
 

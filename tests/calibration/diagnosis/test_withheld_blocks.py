@@ -77,7 +77,7 @@ def test_regions_share_the_visits_evenly_and_hang_together(small):
 
 def test_predictions_are_positions(small, likelihood):
     left = withheld_differences(likelihood, regions(small))
-    predicted = withheld_blocks.predicted_positions_m(likelihood, left)
+    predicted = small.predicted(left)
     back = np.einsum("nij,nj->ni", small.whiten, small.position_m - predicted)
     np.testing.assert_allclose(back, left, atol=1e-6)
 
@@ -193,6 +193,6 @@ def test_the_noise_floor_is_the_scatter_at_a_target_that_is_visited_again(small)
             seen = own[rows[(small.smr[rows] == smr) & (place[small.visit[rows]] == p)], :2]
             assert len(seen) >= 3
             square, freedom = square + np.sum((seen - seen.mean(axis=0)) ** 2), freedom + seen.size - 2
-    assert withheld_blocks.repeatability_m(again) == pytest.approx(np.sqrt(square / freedom), rel=1e-6)
+    assert again.repeatability_m() == pytest.approx(np.sqrt(square / freedom), rel=1e-6)
     conditions = replace(context, payload_kg=np.where(small.visit >= 0, small.visit // (2 * (visits // 5)), 0.0))
-    assert withheld_blocks.repeatability_m(replace(again, context=conditions)) is None
+    assert replace(again, context=conditions).repeatability_m() is None

@@ -251,3 +251,54 @@ def test_the_order_of_the_rows_does_not_matter(own):
     )
     one, two = (identify(Model(m.parameters()), m.visits, m.readings()) for m in (own, mixed))
     np.testing.assert_allclose(one.unknowns, two.unknowns, atol=1e-9)
+
+
+SAID = {
+    "t_rig_s": 60.0, "dwell_s": 2.0, "speed_m_per_s": 0.1, "payload_mass_kg": 5.0, "payload_com_x_m": 0.01,
+    "payload_com_y_m": 0.0, "payload_com_z_m": 0.02, "force_x_n": 1.0, "force_y_n": 2.0, "force_z_n": -30.0,
+    "force_point_x_m": 0.0, "force_point_y_m": 0.1, "force_point_z_m": 0.0, "a_direction": 1.0, "b_direction": -1.0,
+    "c_direction": 1.0, "a_torque_ratio": 0.1, "b_torque_ratio": 0.2, "c_torque_ratio": -0.3,
+}  # fmt: skip
+
+
+def test_what_is_said_of_visits_round_trips_and_loads_the_machine(own, tmp_path):
+    count = len(own.visits)
+    said = {name: np.full(count, value) for name, value in SAID.items()}
+    write_measurements(replace(own, conditions=said), tmp_path / "said")
+    again = read_measurements(tmp_path / "said")
+    assert {name: column.tolist() for name, column in again.conditions.items()} == {
+        name: [value] * count for name, value in SAID.items()
+    }
+    assert again.visits.payload_kg.tolist() == [5.0] * count
+    assert again.visits.payload_com_m[0].tolist() == [0.01, 0.0, 0.02]
+    ((force, point),) = again.visits.forces
+    assert (force[-1].tolist(), point[-1].tolist()) == ([1.0, 2.0, -30.0], [0.0, 0.1, 0.0])
+    assert set(again.sensors) == set(own.visits.temperatures_c)
+    plain = read_measurements(folder_of(own, tmp_path / "plain"))
+    assert plain.conditions == {}
+    assert plain.visits.forces == ()
+    assert not plain.visits.payload_kg.any()
+
+
+def folder_of(measured, path):
+    write_measurements(measured, path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("left_out", "changed", "message"),
+    [
+        (("c_direction",), {}, "of the columns a_direction, b_direction, c_direction some are missing"),
+        (("payload_mass_kg",), {}, "column 'payload_com_x_m' without 'payload_mass_kg'"),
+        (("force_x_n", "force_y_n", "force_z_n"), {}, "column 'force_point_x_m' without 'force_x_n'"),
+        (("force_z_n",), {}, "of the columns force_x_n, force_y_n, force_z_n some are missing"),
+        ((), {"b_direction": 0.5}, "line 2, column 'b_direction': 0.5; the side is 1"),
+        ((), {"dwell_s": -1.0}, "line 2, column 'dwell_s': -1; it must not be negative"),
+        ((), {"force_x_n": 1e12}, "line 2, column 'force_x_n': 1e.12; it must not be negative, nor beyond 1e9"),
+    ],
+)
+def test_what_cannot_be_said_of_a_visit_is_refused(own, tmp_path, left_out, changed, message):
+    said = {n: np.full(len(own.visits), v) for n, v in {**SAID, **changed}.items() if n not in left_out}
+    write_measurements(replace(own, conditions=said), tmp_path / "said")
+    with pytest.raises(InputError, match=message):
+        read_measurements(tmp_path / "said")

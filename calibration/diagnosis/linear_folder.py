@@ -1,0 +1,197 @@
+"""The linear model of a measurement folder: coordinates of the tool and distances, one number a row.
+
+A coordinate is a row. A distance between two visits is two rows, one at each end, since an effect acts at each as the
+machine was there: with r1 and r2 the whitened responses of the ends to the distance, the rows have sqrt(2) r1 and
+sqrt(2) r2, each holds the reading over sqrt(2), and the rows' difference is left open by an unknown of their own. What
+is not open, (row 1 + row 2) / sqrt(2) = r1 + r2 with unit noise, is the distance.
+
+Where the folder says of a former fit which kinds of unknowns it varied, the machine is as that fit leaves it: those
+kinds are fitted, and what it left alone may be the cause of what is left (`left_alone`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.diagnosis.disturbances import machine_disturbance_columns
+from calibration.diagnosis.folder_context import context_of_visits
+from calibration.diagnosis.folder_fit import fit_folder
+from calibration.diagnosis.folder_rows import NO_AXIS, FolderRows, rows_of
+from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.observed_model import TOOL, ObservedModel
+from calibration.identification.measured_gate import without_wrong_readings
+from calibration.model.model import Unknown
+from calibration.model.payload import PayloadEntry
+from calibration.recording.header import DeclaredLevels, DisturbanceLevels
+from calibration.recording.measurement_folder import MeasuredMachine
+from calibration.reduction.data_checks import require_enough_poses
+
+
+@dataclass(frozen=True)
+class LinearFolder(LinearisedReadings):
+    """The linearised readings of a measurement folder.
+
+    measured: without wrong_lines, the readings that do not fit the others. rows: what each row is. declared: levels of
+    the disturbances. left_unknowns: those whose responses are in `left_alone`, in its order.
+    """
+
+    measured: MeasuredMachine
+    rows: FolderRows
+    wrong_lines: tuple[str, ...]
+    declared: DisturbanceLevels
+    left_unknowns: tuple[Unknown, ...]
+
+    @property
+    def campaign(self) -> str:
+        """Name of the calibration."""
+        return self.measured.file.name
+
+    @property
+    def levels(self) -> DisturbanceLevels:
+        """Default levels: a folder declares none."""
+        return self.declared
+
+    @property
+    def accuracy(self) -> None:
+        """There is no station."""
+        return None
+
+    @property
+    def payloads(self) -> Sequence[PayloadEntry]:
+        """Nothing is stated of them but their masses and centres."""
+        return ()
+
+    @property
+    def wrong_names(self) -> Sequence[str]:
+        """File and line of each."""
+        return self.wrong_lines
+
+    @property
+    def source_rows(self) -> NDArray[np.intp]:
+        """Number (n,) of the reading of its kind."""
+        return self.rows.reading
+
+    @property
+    def home_visit(self) -> NDArray[np.intp]:
+        """A distance is withheld with its first visit."""
+        return self.rows.home
+
+    @cached_property
+    def gap_scale(self) -> GapScale:
+        """Lengths that were read: coordinates of the tool, and distances by their first ends."""
+        rows = np.flatnonzero(self.rows.is_length & self.rows.is_first)
+        sigma = self.rows.sigma[rows]
+        ends = np.where(self.rows.has_two_ends[rows], np.sqrt(2.0), 1.0)
+        return GapScale(rows, (sigma * ends)[:, None, None], (sigma**2)[:, None])
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Numbers read less those that the calibration's unknowns used up."""
+        used = inverse_covariance_factor(self.columns[:, :, : self.of_calibration])
+        return int(self.rows.is_first.sum()) - float(np.sum(used**2))
+
+    def places(self) -> Array:
+        """Predicted coordinates (v, c) of each visit: commanded ones need not be in the folder."""
+        return self.poses.equilibrium.coordinates()[:, self.machine.commanded]
+
+    def joined(self, whitened: Array) -> Array:
+        """The mean of the two ends of a distance at each of them."""
+        return self.rows.joined(whitened)
+
+    def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearFolder:
+        """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
+        columns = self.columns * scales
+        return replace(self, declared=levels, columns=columns, q=self.rows.factor_of(columns))
+
+    def factor_of(self, columns: Array) -> Array:
+        """q (n, 1, r) of columns (n, 1, b), with what is open of the ends of distances."""
+        return self.rows.factor_of(columns)
+
+    def rms_sigma(self, whitened: Array) -> float:
+        """RMS in sigma over the numbers read, of whitened shifts (n, 1)."""
+        return float(np.sqrt(np.sum(self.joined(whitened) ** 2) / max(int(self.rows.is_first.sum()), 1)))
+
+    def rms_shift_sigma(self, whitened: Array) -> float:
+        """The same: sigma is what is stated of each number."""
+        return self.rms_sigma(whitened)
+
+    def lengths_m(self, whitened: Array) -> Array:
+        """Shifts (m, 1) of the lengths that were read."""
+        scale = self.gap_scale
+        return np.asarray(np.einsum("ncj,nj->nc", scale.metres, self.joined(whitened)[scale.rows]))
+
+    def gap_by_shift(self, shift_m: Array) -> Array:
+        """The same for shifts (n, 3) of the tool."""
+        return self.lengths_m(self.whiten_shift(shift_m))
+
+    def gap_by_visit(self, gap_m: Array) -> tuple[NDArray[np.intp], Array]:
+        """Gap of the coordinates that were read at each visit, zero in the others; distances are in no direction."""
+        rows = self.gap_scale.rows
+        axis, visit = self.rows.axis[rows], self.visit[rows]
+        along = axis != NO_AXIS
+        numbers, index = np.unique(visit[along], return_inverse=True)
+        out = np.zeros((len(numbers), 3))
+        out[index, axis[along]] = gap_m[along, 0]
+        return numbers, out @ self.frame.rotation
+
+    def predicted(self, differences: Array) -> Array:
+        """Predicted readings (n, 1), in m or rad."""
+        ends = np.where(self.rows.has_two_ends, np.sqrt(2.0), 1.0)
+        return (self.rows.value - self.rows.sigma * ends * self.joined(differences)[:, 0])[:, None]
+
+    def repeatability_m(self) -> None:
+        """Not known: of each visit there is one reading."""
+        return
+
+
+def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
+    """Fit the model to the readings of a folder and linearise it there, wrong readings left out.
+
+    Raises InputError if the readings do not allow it.
+    """
+    measured, left_out = without_wrong_readings(measured)
+    readings = measured.readings()
+    require_enough_poses(measured.machine, measured.visits.drives)
+    fit = fit_folder(measured, readings)
+    rows = rows_of(readings, fit.local, fit.poses, fit.frame, fit.bowl_m)
+    if not np.any(rows.is_length):
+        raise InputError(f"{measured.file.name}: only rotations were read; a diagnosis needs lengths, measure some")
+    observed = ObservedModel(
+        machine=measured.machine,
+        context=context_of_visits(measured, fit.used, rows.visit),
+        smr=np.full(len(rows), TOOL, dtype=np.intp),
+        visit=rows.visit,
+        poses=fit.poses,
+        frame=fit.frame,
+        mounted_m=np.array([*(smr.position_m for smr in measured.machine.smrs), measured.machine.tool_point_m]),
+        position_m=fit.poses.tool_m()[rows.visit],
+        turns=rows.turns,
+    )
+    by_unknowns, names, sigma = rows.of_numbers(fit.columns), fit.layout.names, fit.layout.sigma
+    fitted = np.flatnonzero(fit.fitted)
+    levels = DeclaredLevels()
+    by_disturbances, disturbance_names = machine_disturbance_columns(observed, rows.whiten, levels)
+    columns = np.concatenate([by_unknowns[:, :, fitted] * sigma[fitted], rows.joined(by_disturbances)], axis=2)
+    return LinearFolder(
+        **{f.name: getattr(observed, f.name) for f in fields(ObservedModel)},
+        whiten=rows.whiten,
+        residual=rows.of_numbers(fit.residual),
+        columns=columns,
+        names=(*(names[i] for i in fitted), *disturbance_names),
+        sigma=sigma[fitted],
+        q=rows.factor_of(columns),
+        of_calibration=fitted.size,
+        left_alone={names[i]: by_unknowns[:, :, i] for i in np.flatnonzero(~fit.fitted)},
+        measured=measured,
+        rows=rows,
+        wrong_lines=tuple(f"{reading.name} ({reading.of})" for reading in left_out),
+        declared=levels,
+        left_unknowns=tuple(fit.layout.unknowns[i] for i in np.flatnonzero(~fit.fitted)),
+    )

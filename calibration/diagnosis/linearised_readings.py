@@ -1,0 +1,181 @@
+"""What the diagnosis asks of linearised readings, whatever instrument took them.
+
+Rows are readings (n) of w whitened numbers each: three coordinates of a reflector in a recording, one number of the
+tool in a measurement folder. Every other module of the diagnosis computes with these alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.base.arrays import Array
+from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
+from calibration.model.payload import PayloadEntry
+from calibration.recording.header import AccuracyEntry, DisturbanceLevels
+
+NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
+
+
+@dataclass(frozen=True)
+class GapScale:
+    """How the gap is stated: of readings rows (m,), c lengths each, metres (m, c, w) of their whitened numbers.
+
+    variance (m, c): of these lengths if every reading has the noise that is stated of it.
+    """
+
+    rows: NDArray[np.intp]
+    metres: Array
+    variance: Array
+
+
+@dataclass(frozen=True)
+class LinearisedReadings(ObservedModel, ABC):
+    """Readings, linear in all unknowns of the calibration.
+
+    whiten (n, w, 3): numbers by a shift of what is read, in the instrument's frame. residual (n, w): whitened, measured
+    minus modelled, extrapolated linearly to zero values of all unknowns. columns (n, w, b): derivatives by every
+    unknown, each times its prior standard deviation; names (b,); sigma (u,): these deviations, of the first u,
+    those of the model and its instruments. q (n, w, r): 1 - q q' is the inverse covariance of
+    the readings. of_calibration: number of columns before those of the disturbances. left_alone: whitened responses
+    (n, w) to one unit of unknowns that the calibration does not fit, by their names; channels 'unknown.NAME'.
+    """
+
+    whiten: Array
+    residual: Array
+    columns: Array
+    names: tuple[str, ...]
+    sigma: Array
+    q: Array
+    of_calibration: int
+    left_alone: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
+
+    @property
+    @abstractmethod
+    def campaign(self) -> str:
+        """Name of the campaign."""
+
+    @property
+    @abstractmethod
+    def levels(self) -> DisturbanceLevels:
+        """Levels of the ordinary disturbances."""
+
+    @property
+    @abstractmethod
+    def accuracy(self) -> AccuracyEntry | None:
+        """What is stated of the station; None without one."""
+
+    @property
+    @abstractmethod
+    def payloads(self) -> Sequence[PayloadEntry]:
+        """What was mounted, and how well it is known."""
+
+    @property
+    @abstractmethod
+    def wrong_names(self) -> Sequence[str]:
+        """The readings that were left out because they do not fit the others, by name."""
+
+    @property
+    @abstractmethod
+    def source_rows(self) -> NDArray[np.intp]:
+        """Rows (n,) in the source, of each reading."""
+
+    @property
+    @abstractmethod
+    def gap_scale(self) -> GapScale:
+        """The lengths in which the gap is stated, of the readings of the platform."""
+
+    @abstractmethod
+    def places(self) -> Array:
+        """Where each visit was (v, c), in the coordinates in which regions are withheld."""
+
+    @abstractmethod
+    def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearisedReadings:
+        """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
+
+    @abstractmethod
+    def rms_sigma(self, whitened: Array) -> float:
+        """RMS in sigma over the numbers read of the platform, of whitened shifts (n, w)."""
+
+    @abstractmethod
+    def rms_shift_sigma(self, whitened: Array) -> float:
+        """RMS shift of the platform in sigma, from whitened shifts (n, w) (docs/reference/definitions.md)."""
+
+    @abstractmethod
+    def gap_by_shift(self, shift_m: Array) -> Array:
+        """The lengths (m, c) in which the gap is stated, for shifts (n, 3) in the machine's frame."""
+
+    @abstractmethod
+    def gap_by_visit(self, gap_m: Array) -> tuple[NDArray[np.intp], Array]:
+        """Visits (k,) and the mean gap (k, 3) of each in the machine's frame, from the gap (m, c), for pictures."""
+
+    @abstractmethod
+    def lengths_m(self, whitened: Array) -> Array:
+        """Shifts in m of what is read of the platform, in any shape, from whitened shifts (n, w)."""
+
+    @abstractmethod
+    def predicted(self, differences: Array) -> Array:
+        """Predicted readings (n, k), in the units in which they were read, from whitened differences (n, w)."""
+
+    @abstractmethod
+    def repeatability_m(self) -> float | None:
+        """Noise floor: RMS scatter over repeated visits; None if there are too few."""
+
+    @property
+    @abstractmethod
+    def degrees_of_freedom(self) -> float:
+        """Numbers read less those that the calibration's unknowns used up."""
+
+    def factor_of(self, columns: Array) -> Array:
+        """q (n, w, r) such that 1 - q q' is the inverse covariance of the readings with columns (n, w, b)."""
+        return inverse_covariance_factor(columns)
+
+    def joined(self, whitened: Array) -> Array:
+        """Whitened numbers (n, w, ...) where rows that are ends of one reading have the mean of both."""
+        return whitened
+
+    @property
+    def home_visit(self) -> NDArray[np.intp]:
+        """Visit (n,) with which each reading is withheld; -1 for floor nests."""
+        return self.visit
+
+    def apply(self, columns: Array) -> Array:
+        """Inverse covariance times whitened columns (n, w, k) or (n, w)."""
+        return project_out(self.q, columns)
+
+    def after_calibration(self, shift: Array) -> Array:
+        """What a fit of the calibration's unknowns leaves of a whitened shift (n, w)."""
+        return project_out(self.q_of_calibration, shift)
+
+    @cached_property
+    def q_of_calibration(self) -> Array:
+        """As q, without the disturbances."""
+        return self.factor_of(self.columns[:, :, : self.of_calibration])
+
+    def whiten_shift(self, shift_m: Array) -> Array:
+        """Shifts (n, 3) in the machine's frame, whitened (n, w)."""
+        return whitened_shift(self.whiten, self.frame, shift_m)
+
+
+def inverse_covariance_factor(columns: Array) -> Array:
+    """q (n, w, r) such that 1 - q q' is the inverse of 1 + A A' for columns A (n, w, b).
+
+    Directions that are determined by the priors alone are omitted.
+    """
+    flat = columns.reshape(-1, columns.shape[2])
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    informative = values > NEGLIGIBLE_INFORMATION
+    q = flat @ (vectors[:, informative] / np.sqrt(1.0 + values[informative]))
+    return np.ascontiguousarray(q).reshape(*columns.shape[:2], -1)
+
+
+def project_out(q: Array, columns: Array) -> Array:
+    """(1 - q q') times columns (n, w, k) or (n, w): what remains once all that q (n, w, r) spans has been fitted."""
+    flat = columns.reshape(q.shape[0] * q.shape[1], -1)
+    factor = q.reshape(len(flat), -1)
+    return np.asarray((flat - factor @ (factor.T @ flat)).reshape(columns.shape))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,10 +40,7 @@ def numbers_of(linear: LinearFolder, whitened: np.ndarray) -> np.ndarray:
 def read(linear: LinearFolder, drives: np.ndarray) -> np.ndarray:
     """The readings of the fitted machine, its drives being elsewhere, in standard deviations, as `numbers_of` orders."""
     poses, rows = linear.poses, linear.rows
-    visits = type(poses.visits)(
-        drives, *[getattr(poses.visits, f) for f in list(poses.visits.__dataclass_fields__)[1:]]
-    )
-    moved = poses.model.predict(poses.values, visits, poses.equilibrium.coordinates())
+    moved = poses.model.predict(poses.values, replace(poses.visits, drives=drives), poses.equilibrium.coordinates())
     tool = moved.tool_m() @ linear.frame.rotation.T + linear.frame.translation_m
     out = []
     for row in np.flatnonzero(rows.is_first):

@@ -154,7 +154,7 @@ class LinearModel(LinearisedReadings):
 
     def predicted(self, differences: Array) -> Array:
         """Predicted positions (n, 3) in the station's frame."""
-        return self.position_m - np.linalg.solve(self.whiten, differences[:, :, None])[:, :, 0]
+        return np.asarray(self.position_m - np.linalg.solve(self.whiten, differences[:, :, None])[:, :, 0])
 
     def repeatability_m(self) -> float | None:
         """RMS scatter of the platform's reflectors over visits of one target, approach and payload.

@@ -38,7 +38,7 @@ def numbers_of(linear: LinearFolder, whitened: np.ndarray) -> np.ndarray:
 
 
 def read(linear: LinearFolder, drives: np.ndarray) -> np.ndarray:
-    """The readings of the fitted machine, its drives being elsewhere, in standard deviations, as `numbers_of` orders."""
+    """Readings of the fitted machine, its drives being elsewhere, in standard deviations, as `numbers_of` orders."""
     poses, rows = linear.poses, linear.rows
     moved = poses.model.predict(poses.values, replace(poses.visits, drives=drives), poses.equilibrium.coordinates())
     tool = moved.tool_m() @ linear.frame.rotation.T + linear.frame.translation_m

@@ -14,6 +14,7 @@ import pytest
 from calibration.diagnosis import ranking, search
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
 from calibration.diagnosis.findings.remarks import _of_verdict
+from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import presence_probability, probabilities
 from calibration.effects.catalogue import load_catalogue
@@ -94,10 +95,18 @@ def test_a_further_cause_has_even_odds_at_log_evidence_of_seven():
     assert presence_probability(Evidence("latency", 7.0), ranking) == pytest.approx(0.4)
 
 
+class FourReadings:
+    """Three readings of the platform and one of a slider, of a machine in a plane."""
+
+    moves = MACHINE.dof[MACHINE.dof < 3]
+    on_platform = np.array([True, True, False, True])
+    rms_sigma = LinearModel.rms_sigma
+
+
 class HandMade:
     """A likelihood without any algebra: every column is the signal; a rival leaves the share of it that it says."""
 
-    linear = SimpleNamespace(machine=MACHINE, on_platform=np.array([True, True, False, True]))
+    linear = FourReadings()
 
     def __init__(self, signal: np.ndarray, left: float = 1.0) -> None:
         self.signal, self.left = signal, left
@@ -256,11 +265,7 @@ def test_curves_are_fitted_at_places_with_six_tenths_of_the_best(monkeypatch, si
     monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
     exact = SimpleNamespace(gain=0.0, best=None, contributions=())
     monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: exact)
-    likelihood = SimpleNamespace(
-        linear=SimpleNamespace(
-            machine=None, recording=SimpleNamespace(file=SimpleNamespace(nuisance=DisturbanceLevels(), payloads=()))
-        )
-    )
+    likelihood = SimpleNamespace(linear=SimpleNamespace(machine=None, levels=DisturbanceLevels(), payloads=()))
     places = [place("left_upper", 100.0), place("right_lower", 60.0 + side)]
     ranking._refine(likelihood, INPUTS, effect, places, by_visit=False)
     assert tried == ([0, 3] if side > 0.0 else [0])

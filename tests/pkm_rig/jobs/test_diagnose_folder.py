@@ -9,14 +9,14 @@ import jsonschema
 import pytest
 
 from calibration.recording.measurement_folder import write_measurements
-from tests.calibration.diagnosis.measured import Wanted, made, play
+from tests.calibration.diagnosis.measured import Wanted, made, wave
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Heights and distances of a delta with 40 um of backlash at its second drive."""
+    """Heights and distances of a delta with an error of 30 um along its first drive, and no word on sides or times."""
     path = tmp_path_factory.mktemp("folders") / "measured"
-    write_measurements(made(Wanted(columns=("z_m",), pairs=200, shift=play, sides=True)), path)
+    write_measurements(made(Wanted(columns=("z_m",), pairs=200, shift=wave)), path)
     return path
 
 
@@ -26,7 +26,7 @@ def test_the_result_the_text_and_the_pictures(run, folder, tmp_path, request):
     result = json.loads(done.stdout)
     schema = request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json"
     jsonschema.validate(result, json.loads(schema.read_text(encoding="utf-8")))
-    assert (result["verdict"], result["effects"][0]["place"]) == ("backlash", "b")
+    assert (result["verdict"], result["effects"][0]["place"]) == ("screw_cumulative_error", "a")
     assert result["simulated"] is False
     assert result["not_tested"]["drive_scale"] == "coordinates.csv has no column t_rig_s"
     assert [c["file"] for c in result["next_measurement"]] == [None] * len(result["next_measurement"])

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -126,6 +126,12 @@ independent: $(VENV)/dev.stamp
 # goes on; a larger N adds cases.
 structures: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.structures.run $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED))
+
+# Constants of the diagnosis' verdict, fitted crosswise on cases that the figures to be judged are not made of
+# (docs/explanation/verdict-constants.md): N cases (100) of each of three sources, half an hour for a hundred. GRID=1
+# diagnoses them at four more sizes of departures. Prints; changes nothing. Stopped, it goes on; a larger N adds cases.
+fit-verdict: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.fit_verdict.run $(if $(N),--n $(N)) $(if $(GRID),--grid) $(if $(DATA),--data $(DATA))
 
 # Programs beside one another on recordings whose cause is known (docs/how-to/enter-gapbench.md): ours, greedy BIC, a
 # classifier of scikit-learn that is trained first, and PROGRAM="NAME=COMMAND {folder}". SEED=1; N=10 cases of drawn

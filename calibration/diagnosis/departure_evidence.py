@@ -20,12 +20,12 @@ from calibration.diagnosis.evidence import (
     evidence_of_basis_sets,
     log_sum,
 )
+from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT, departing, functions_of_coordinates
 
-SMOOTH_SHARES = (0.05, 0.15)  # standard deviation of a departure over the form
-SHARES_BY_VISIT = (0.15, 0.6)
+SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
 NOTHING = 1e-300
 MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no form to depart from
 

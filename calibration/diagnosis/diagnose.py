@@ -35,7 +35,7 @@ from calibration.diagnosis.search import SearchResult, detectable_effects, inclu
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
 from calibration.diagnosis.twin.twin import Twin
-from calibration.diagnosis.verdict import probabilities
+from calibration.diagnosis.verdict import kept_evidence, probabilities
 from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.model.parameters import KINDS
@@ -171,6 +171,7 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
         visits=_visit_gaps(linear, field),
         spectra=spectra(likelihood, by_drive),
         remarks=remarks(linear, stated, search_result, verdict, noise_floor_m),
+        evidence=kept_evidence(search_result, found.none_elsewhere),
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 

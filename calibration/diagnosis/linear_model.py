@@ -150,7 +150,7 @@ class LinearModel(LinearisedReadings):
 
     def lengths_m(self, whitened: Array) -> Array:
         """Shifts (m, 3, 1) of the platform's reflectors."""
-        return np.linalg.solve(self.whiten, whitened[:, :, None])[self.on_platform]
+        return np.asarray(np.linalg.solve(self.whiten, whitened[:, :, None])[self.on_platform])
 
     def predicted(self, differences: Array) -> Array:
         """Predicted positions (n, 3) in the station's frame."""

@@ -176,6 +176,20 @@ class Clue:
 
 
 @dataclass(frozen=True)
+class KeptEvidence:
+    """What the probabilities of a verdict are computed from (`verdict.verdict_probabilities`).
+
+    log_evidence: of each effect alone; explained: of the causes together; excess: what non-parametric alternatives have
+    more; none_elsewhere: of `none` at other levels of the disturbances.
+    """
+
+    log_evidence: Mapping[str, float]
+    explained: float
+    excess: float
+    none_elsewhere: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole result. verdict: name of an effect, NONE or UNKNOWN.
 
@@ -184,6 +198,7 @@ class Diagnosis:
     UNKNOWN). ranking: probability by name, NONE and UNKNOWN included; they add up to one. not_tested: reason by name.
     hidden_m: detection limit, the RMS that an undetected effect could still have (95 %). inside_geometry: RMS in m by
     name of what the geometry has absorbed. where: empty for NONE, whose gap is noise. clues: of an unknown effect.
+    evidence: what the ranking follows from.
     """
 
     campaign: str
@@ -203,3 +218,4 @@ class Diagnosis:
     visits: VisitGaps
     spectra: tuple[Spectrum, ...]
     remarks: tuple[str, ...] = ()
+    evidence: KeptEvidence | None = None

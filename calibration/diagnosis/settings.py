@@ -51,6 +51,12 @@ class VerdictSettings:
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
     no basis set is exact. Source: tuned to calibrated probabilities."""
 
+    # How far effects depart from their forms.
+    smooth_departures: tuple[float, float] = (0.05, 0.15)
+    """Standard deviations, over the form, of smooth departures from it that are tried. Source: tuned."""
+    departures_by_visit: tuple[float, float] = (0.15, 0.6)
+    """The same of what differs from visit to visit. Source: tuned."""
+
     # Equivalent effects.
     equivalent_sigma: float = 0.3
     """RMS difference of two predictions below which effects are equivalent. Source: definition of *equivalent* in
@@ -64,3 +70,16 @@ class VerdictSettings:
 
 
 VERDICT = VerdictSettings()
+
+FITTED = (
+    "none_prior_log_odds",
+    "excess_threshold",
+    "excess_share",
+    "excess_width",
+    "excess_width_share",
+    "temperature_share",
+    "smooth_departures",
+    "departures_by_visit",
+)
+"""What `make fit-verdict` fits: at most ten constants, none of which belongs to one effect. Of the departures, whose
+two sizes keep their ratio, one factor each; all others follow from the evidence that a diagnosis keeps."""

@@ -14,7 +14,7 @@ from scipy.special import expit
 
 from calibration.diagnosis.evidence import log_sum
 from calibration.diagnosis.ranking import Cause
-from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
 from calibration.diagnosis.search import SearchResult, excess_threshold
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
@@ -25,10 +25,14 @@ def probabilities(search_result: SearchResult, none_elsewhere: float = 0.0) -> d
     none_elsewhere: log evidence that `none` has at other levels of the disturbances than those of the search, over its
     evidence at these.
     """
+    kept = kept_evidence(search_result, none_elsewhere)
+    return verdict_probabilities(kept.log_evidence, kept.explained, kept.excess, none_elsewhere=kept.none_elsewhere)
+
+
+def kept_evidence(search_result: SearchResult, none_elsewhere: float = 0.0) -> KeptEvidence:
+    """What the probabilities follow from."""
     logs = {cause.effect.name: cause.log_evidence for cause in search_result.ranking}
-    return verdict_probabilities(
-        logs, search_result.log_evidence, search_result.excess_log_evidence, none_elsewhere=none_elsewhere
-    )
+    return KeptEvidence(logs, search_result.log_evidence, search_result.excess_log_evidence, none_elsewhere)
 
 
 def verdict_probabilities(

@@ -46,11 +46,13 @@ def run_diagnosis(
     """
     catalogue = load_catalogue(tuple(effects))
     readings = drop_unclosed_readings(calibration_part(recording))
+    twin_and_score: tuple[Twin, TwinScore] | None = None
     with _named(effects):
         if add:
-            diagnosis, *twin_and_score = diagnose_and_score(readings, catalogue)
+            diagnosis, twin, score = diagnose_and_score(readings, catalogue)
+            twin_and_score = twin, score
         else:
-            diagnosis, twin_and_score = diagnose(readings, catalogue), []
+            diagnosis = diagnose(readings, catalogue)
     simulated = readings.file.simulated
     with _writing(out, diagnosis.campaign) as folder:
         files = write_campaign_files(
@@ -63,7 +65,7 @@ def run_diagnosis(
         result = diagnosis_json(diagnosis, files) | {"simulated": simulated}
         figures = diagnosis_pictures.draw_all(diagnosis, readings.machine)
         result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=simulated)
-        if twin_and_score:
+        if twin_and_score is not None:
             twin, score = twin_and_score
             twin_folder = campaign_folder(out, readings.file.campaign) / TWIN_FOLDER
             write_twin(twin, readings, twin_folder)

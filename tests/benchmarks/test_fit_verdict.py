@@ -1,0 +1,142 @@
+"""The fit of the verdict's constants: on evidence that the tests make up, and the sources' right answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.fit_verdict import run, sources, table
+from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, LEAST_P, Kept, fit, settings_at
+from calibration.diagnosis import departure_evidence
+from calibration.diagnosis.settings import FITTED, VERDICT
+from calibration.diagnosis.verdict import verdict_probabilities
+
+NAMES = ("backlash", "latency", "refraction")
+
+
+def drawn(rng: np.random.Generator, right: tuple[str, ...] = ("backlash",)) -> dict:
+    """The kept evidence of a case."""
+    logs = {name: float(rng.normal(20.0, 15.0)) for name in NAMES[: rng.integers(1, 4)]}
+    kept = {
+        "log_evidence": logs,
+        "explained": float(rng.normal(25.0, 15.0)),
+        "excess": float(rng.exponential(12.0)),
+        "none_elsewhere": float(rng.exponential(1.0)),
+    }
+    return {"evidence": kept, "right": list(right)}
+
+
+def test_at_most_ten_constants_are_fitted_each_of_the_settings():
+    assert len(FITTED) == len(set(FITTED)) <= 10
+    assert set(BY_EVIDENCE) | set(BY_SEARCH) == set(FITTED)
+    assert all(hasattr(VERDICT, name) for name in FITTED)
+
+
+def test_all_cases_at_once_have_the_probabilities_of_the_diagnosis():
+    rng = np.random.default_rng(1)
+    rows = [drawn(rng) for _ in range(60)]
+    settings = settings_at(rng.normal(0.0, 0.5, len(BY_EVIDENCE)))
+    kept = Kept.of(rows)
+    for row, found in zip(rows, kept.probabilities(settings), strict=True):
+        e = row["evidence"]
+        expected = verdict_probabilities(
+            e["log_evidence"], e["explained"], e["excess"], settings, none_elsewhere=e["none_elsewhere"]
+        )
+        assert dict(zip((*kept.names, "none", "unknown"), found, strict=True)) == pytest.approx(
+            {**dict.fromkeys(kept.names, 0.0), **expected}, abs=1e-12
+        )
+
+
+def test_an_answer_that_was_called_impossible_has_a_finite_score():
+    row = drawn(np.random.default_rng(2), right=("servo_settling",))
+    kept = Kept.of([row])
+    assert kept.log_scores(VERDICT)[0] == pytest.approx(np.log(LEAST_P))
+    assert not kept.right_verdicts(VERDICT)[0]
+
+
+def from_constants(rng: np.random.Generator, settings, count: int) -> list[dict]:
+    """Cases whose right answers are drawn with the probabilities that some settings state."""
+    rows = []
+    for _ in range(count):
+        row = drawn(rng)
+        e = row["evidence"]
+        stated = verdict_probabilities(
+            e["log_evidence"], e["explained"], e["excess"], settings, none_elsewhere=e["none_elsewhere"]
+        )
+        row["right"] = [str(rng.choice(list(stated), p=np.array(list(stated.values())) / sum(stated.values())))]
+        rows.append(row)
+    return rows
+
+
+def test_constants_that_made_the_answers_are_found_and_the_release_is_called_outside():
+    """Drawn with a threshold of 30 in place of 12: the fit follows, and says that 12 is outside."""
+    true = replace(VERDICT, excess_threshold=30.0)
+    rng = np.random.default_rng(3)
+    found = fit([Kept.of(from_constants(rng, true, 400)), Kept.of(from_constants(rng, true, 200))], samples=3)
+    assert found.settings.excess_threshold == pytest.approx(30.0, rel=0.25)
+    assert not found.holds("excess_threshold")
+    assert found.settings.none_prior_log_odds == pytest.approx(7.0, rel=0.5)
+    said = "\n".join(table.constant_lines([("one", found)]))
+    assert "outside its range: " in said
+    assert "excess_threshold" in said.splitlines()[-1]
+
+
+def test_folds_judge_what_they_were_not_fitted_to():
+    for _, fitted_to, scored_on in table.FOLDS:
+        assert scored_on not in fitted_to
+    assert len(table.FOLDS[-1][1]) == 3
+
+
+def test_right_answers():
+    assert sources.right_of("effect", ["backlash"], True) == ("backlash",)
+    assert sources.right_of("effect", ["backlash"], False) == ("backlash", "none")
+    assert sources.right_of("pair", ["backlash", "latency"], True) == ("backlash", "latency")
+    assert sources.right_of("outside", ["tilting"], True) == ("unknown",)
+    assert sources.right_of("null", [], False) == ("none",)
+
+
+def test_odd_recordings_are_never_cases(tmp_path, monkeypatch):
+    monkeypatch.setattr(sources, "find_archive", lambda folder: folder)
+    asked = []
+    names = [f"rec{k:03d}" for k in range(0, 20, 2)]
+    monkeypatch.setattr(sources, "names_of", lambda _, *, even: asked.append(even) or names)
+    assert [key for key, _ in sources.recordings(5, tmp_path)] == ["rec000", "rec004", "rec008", "rec012", "rec016"]
+    assert [key for key, _ in sources.recordings(50, tmp_path)] == names
+    assert asked == [True, True]
+
+
+def test_the_plant_is_drawn_the_same_each_time_and_without_final_variants(monkeypatch):
+    finals = []
+    monkeypatch.setattr(sources, "make_case", lambda *_, final: finals.append(final) or 1 / 0)
+    first, again, more = list(sources.plant(12, 5)), list(sources.plant(12, 5)), list(sources.plant(24, 5))
+    assert [key for key, _ in first] == [key for key, _ in again]
+    assert {key for key, _ in first} < {key for key, _ in more}
+    assert {key.split("-")[1] for key, _ in first} == {"effect", "null", "outside", "pair"}
+    with pytest.raises(ZeroDivisionError):
+        first[0][1]()
+    assert finals == [False]
+
+
+def test_sizes_of_departures_come_back(monkeypatch):
+    before = departure_evidence.SMOOTH_SHARES, departure_evidence.SHARES_BY_VISIT
+    with run._departures((2.0, 0.5)):
+        assert departure_evidence.SMOOTH_SHARES == (0.1, 0.3)
+        assert departure_evidence.SHARES_BY_VISIT == (0.075, 0.3)
+    assert before == (departure_evidence.SMOOTH_SHARES, departure_evidence.SHARES_BY_VISIT)
+
+
+def test_the_report_has_all_folds_and_says_when_departures_were_not_tried():
+    rng = np.random.default_rng(4)
+    rows = {name: from_constants(rng, VERDICT, 30) for name in ("structures", "plant", "recordings")}
+    lines = run.report({(1.0, 1.0): rows}, samples=2)
+    assert sum(line.startswith("fold ") for line in lines) == 3
+    assert lines[-1].startswith("not fitted (smooth_departures, departures_by_visit)")
+    more = run.report({(1.0, 1.0): rows, (2.0, 1.0): rows}, samples=0)
+    assert more[-1] == "  2, 1: structures +0.000 +- 0.000; plant +0.000 +- 0.000; recordings +0.000 +- 0.000"
+
+
+def test_without_the_recordings_the_status_is_two(tmp_path, capsys):
+    assert run.main(["--data", str(tmp_path), "--out", str(tmp_path), "--n", "1"]) == 2
+    assert "no recordings.tar.xz" in capsys.readouterr().err

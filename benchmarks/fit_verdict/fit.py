@@ -2,12 +2,13 @@
 
 Of a recording the probabilities follow from the evidence of each effect, of the causes together, of alternatives, and
 from six constants (`calibration.diagnosis.verdict`): no recording is looked at again. Maximised is the log score, each
-source with the same weight, with a log-normal prior about the release's constants; ranges are by bootstrap over cases.
+source with the same weight, with a log-normal prior about the release's constants; ranges are by Laplace's
+approximation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +26,8 @@ BY_SEARCH = tuple(name for name in FITTED if name not in BY_EVIDENCE)  # these n
 FACTOR = 2.0  # one standard deviation of the prior of a constant about the release's
 FARTHEST = 8.0  # times or over the release's
 LEAST_P = 1.0e-6  # a right answer that was called impossible
-SEED, STEPS = 7, 400
+STEPS, START, DIFFERENCE = 800, 0.4, 0.05
+QUANTILE = 1.96
 
 
 @dataclass(frozen=True)
@@ -55,17 +57,6 @@ class Kept:
     def __len__(self) -> int:
         return len(self.explained)
 
-    def take(self, rows: NDArray[np.intp]) -> Kept:
-        """Some cases, which may be repeated."""
-        return replace(
-            self,
-            log_evidence=self.log_evidence[rows],
-            explained=self.explained[rows],
-            excess=self.excess[rows],
-            none_elsewhere=self.none_elsewhere[rows],
-            right=self.right[rows],
-        )
-
     def probabilities(self, settings: VerdictSettings) -> Array:
         """Of each effect, `none` and `unknown` (n, e + 2): `verdict_probabilities` of all cases at once."""
         logs = self.log_evidence
@@ -92,7 +83,7 @@ class Kept:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Settings of highest score, and where the middle 95 % of bootstrap samples lie, (low, high) by name."""
+    """Settings of highest score, and where 95 % of the posterior of each lies, (low, high) by name."""
 
     settings: VerdictSettings
     ranges: Mapping[str, tuple[float, float]]
@@ -103,30 +94,28 @@ class Fitted:
         return low <= getattr(VERDICT, name) <= high
 
 
-def fit(sources: Sequence[Kept], samples: int) -> Fitted:
-    """The constants of highest log score on some sources; samples: of the bootstrap."""
-    best = _highest(sources, np.zeros(len(BY_EVIDENCE)))
-    rng = np.random.default_rng(SEED)
-    drawn = []
-    for _ in range(samples):
-        again = [kept.take(rng.integers(0, len(kept), len(kept))) for kept in sources]
-        drawn.append(_values(_highest(again, best)))
-    spread = np.quantile(drawn, [0.025, 0.975], axis=0) if drawn else np.tile(_values(best), (2, 1))
-    ranges = {name: (float(spread[0, k]), float(spread[1, k])) for k, name in enumerate(BY_EVIDENCE)}
+def fit(sources: Sequence[Kept]) -> Fitted:
+    """The constants of highest log score on some sources."""
+    cost = _cost(sources)
+    best = _lowest(cost)
+    spread = _standard_deviations(cost, best)
+    low, high = (values_at(best + side * QUANTILE * spread) for side in (-1.0, 1.0))
+    ranges = {name: (float(low[k]), float(high[k])) for k, name in enumerate(BY_EVIDENCE)}
     return Fitted(settings_at(best), ranges)
 
 
 def settings_at(x: Array) -> VerdictSettings:
     """The release's settings with those of BY_EVIDENCE times exp(x)."""
-    return replace(VERDICT, **dict(zip(BY_EVIDENCE, _values(x).tolist(), strict=True)))
+    return replace(VERDICT, **dict(zip(BY_EVIDENCE, values_at(x).tolist(), strict=True)))
 
 
-def _values(x: Array) -> Array:
+def values_at(x: Array) -> Array:
+    """Those (k,) alone."""
     return np.array([getattr(VERDICT, name) for name in BY_EVIDENCE]) * np.exp(x)
 
 
-def _highest(sources: Sequence[Kept], start: Array) -> Array:
-    """Logarithms (k,) of factors on the release's constants."""
+def _cost(sources: Sequence[Kept]) -> Callable[[Array], float]:
+    """Negative log posterior of the logarithms (k,) of factors on the release's constants."""
     total = sum(len(kept) for kept in sources)
 
     def cost(x: Array) -> float:
@@ -134,6 +123,27 @@ def _highest(sources: Sequence[Kept], start: Array) -> Array:
         mean = float(np.mean([np.mean(kept.log_scores(settings)) for kept in sources]))
         return 0.5 * float(np.sum((x / np.log(FACTOR)) ** 2)) - total * mean
 
-    bounds = [(-np.log(FARTHEST), np.log(FARTHEST))] * len(start)
-    found = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"maxfev": STEPS, "xatol": 1e-2})
+    return cost
+
+
+def _lowest(cost: Callable[[Array], float]) -> Array:
+    count = len(BY_EVIDENCE)
+    bounds = [(-np.log(FARTHEST), np.log(FARTHEST))] * count
+    simplex = np.vstack([np.zeros(count), START * np.eye(count)])
+    options = {"maxfev": STEPS, "xatol": 1e-3, "fatol": 1e-4, "initial_simplex": simplex}
+    found = minimize(cost, np.zeros(count), method="Nelder-Mead", bounds=bounds, options=options)
     return np.asarray(found.x)
+
+
+def _standard_deviations(cost: Callable[[Array], float], x: Array) -> Array:
+    """Of the logarithms (k,), by the second derivatives of the cost (Laplace); no larger than the prior's."""
+    steps, count = DIFFERENCE * np.eye(len(x)), len(x)
+    second = np.empty((count, count))
+    for i in range(count):
+        for j in range(i + 1):
+            a, b = steps[i], steps[j]
+            corners = cost(x + a + b) - cost(x + a - b) - cost(x - a + b) + cost(x - a - b)
+            second[i, j] = second[j, i] = corners / (4.0 * DIFFERENCE**2)
+    values, vectors = np.linalg.eigh(second)
+    least = 1.0 / np.log(FACTOR) ** 2  # a floor of the probability has no second derivative
+    return np.asarray(np.sqrt(np.sum(vectors**2 / np.maximum(values, least), axis=1)))

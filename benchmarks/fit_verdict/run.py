@@ -1,6 +1,6 @@
 """Fits the constants of the verdict crosswise (docs/explanation/verdict-constants.md).
 
-    python -m benchmarks.fit_verdict.run [--n 100] [--seed 101] [--grid] [--data FOLDER] [--samples 40] [--out DIR]
+    python -m benchmarks.fit_verdict.run [--n 100] [--seed 101] [--grid] [--data FOLDER] [--out DIR]
 
 Diagnoses N cases of each source and keeps the evidence; from that everything else follows at once. --grid diagnoses
 them again at half and twice each size of departures. Kept in runs/fit-verdict by case and code; stopped at any time,
@@ -48,18 +48,18 @@ def main(arguments: list[str] | None = None) -> int:
     except NoRecordings as error:
         print(f"fit-verdict: {error}", file=sys.stderr)
         return 2
-    print("\n".join(report(by_point, options.samples)))
+    print("\n".join(report(by_point)))
     return 0
 
 
-def report(by_point: dict[tuple[float, float], Rows], samples: int) -> list[str]:
+def report(by_point: dict[tuple[float, float], Rows]) -> list[str]:
     """The lines that are printed."""
     kept = {point: {name: Kept.of(rows) for name, rows in given.items()} for point, given in by_point.items()}
     release = kept[POINTS[0]]
     lines: list[str] = []
     fitted: list[tuple[str, Fitted]] = []
     for number, (title, fitted_to, scored_on) in enumerate(FOLDS, start=1):
-        found = fit([release[name] for name in fitted_to], samples)
+        found = fit([release[name] for name in fitted_to])
         fitted.append((title, found))
         scored = {name: kept for name, kept in release.items() if scored_on in (None, name)}
         seen = "all seen" if scored_on is None else f"not seen: {scored_on}"
@@ -114,11 +114,10 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=101, help="of the drawn cases")
     parser.add_argument("--grid", action="store_true", help="other sizes of departures too: five times as long")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the other simulator's archive")
-    parser.add_argument("--samples", type=int, default=40, help="bootstrap samples of the ranges")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of what is kept")
     options = parser.parse_args(arguments)
-    if options.n < 1 or options.seed < 0 or options.samples < 0:
-        parser.error("--n must be positive, --seed and --samples not negative")
+    if options.n < 1 or options.seed < 0:
+        parser.error("--n must be positive, --seed not negative")
     return options
 
 

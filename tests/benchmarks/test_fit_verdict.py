@@ -74,13 +74,26 @@ def test_constants_that_made_the_answers_are_found_and_the_release_is_called_out
     """Drawn with a threshold of 30 in place of 12: the fit follows, and says that 12 is outside."""
     true = replace(VERDICT, excess_threshold=30.0)
     rng = np.random.default_rng(3)
-    found = fit([Kept.of(from_constants(rng, true, 400)), Kept.of(from_constants(rng, true, 200))], samples=3)
+    found = fit([Kept.of(from_constants(rng, true, 400)), Kept.of(from_constants(rng, true, 200))])
     assert found.settings.excess_threshold == pytest.approx(30.0, rel=0.25)
     assert not found.holds("excess_threshold")
+    low, high = found.ranges["excess_threshold"]
+    assert 12.0 < low < 30.0 < high
     assert found.settings.none_prior_log_odds == pytest.approx(7.0, rel=0.5)
     said = "\n".join(table.constant_lines([("one", found)]))
     assert "outside its range: " in said
     assert "excess_threshold" in said.splitlines()[-1]
+
+
+def test_without_evidence_the_prior_alone_gives_the_range():
+    """A case that no constant can change: an effect far beyond any threshold."""
+    row = drawn(np.random.default_rng(5))
+    row["evidence"] = {"log_evidence": {"backlash": 500.0}, "explained": 500.0, "excess": 0.0, "none_elsewhere": 0.0}
+    found = fit([Kept.of([row])])
+    for name in BY_EVIDENCE:
+        low, high = found.ranges[name]
+        assert getattr(found.settings, name) == pytest.approx(getattr(VERDICT, name), rel=0.05)
+        assert high / low == pytest.approx(2.0 ** (2.0 * 1.96), rel=0.1)
 
 
 def test_folds_judge_what_they_were_not_fitted_to():
@@ -130,10 +143,10 @@ def test_sizes_of_departures_come_back(monkeypatch):
 def test_the_report_has_all_folds_and_says_when_departures_were_not_tried():
     rng = np.random.default_rng(4)
     rows = {name: from_constants(rng, VERDICT, 30) for name in ("structures", "plant", "recordings")}
-    lines = run.report({(1.0, 1.0): rows}, samples=2)
+    lines = run.report({(1.0, 1.0): rows})
     assert sum(line.startswith("fold ") for line in lines) == 3
     assert lines[-1].startswith("not fitted (smooth_departures, departures_by_visit)")
-    more = run.report({(1.0, 1.0): rows, (2.0, 1.0): rows}, samples=0)
+    more = run.report({(1.0, 1.0): rows, (2.0, 1.0): rows})
     assert more[-1] == "  2, 1: structures +0.000 +- 0.000; plant +0.000 +- 0.000; recordings +0.000 +- 0.000"
 
 

@@ -7,7 +7,9 @@ import math
 from collections.abc import Callable
 from typing import Literal, cast, get_args
 
+from mock_devices.drives.mock_drive import DriveServer
 from mock_devices.faults import parse_fault
+from mock_devices.lasting_state import Knock
 from mock_devices.rig import MockRig
 
 Device = Literal["plc", "can", "station"]
@@ -15,6 +17,9 @@ Device = Literal["plc", "can", "station"]
 USAGE = {
     "station move": "station move DX DY DZ [TURN]",
     "drive restart": "drive restart NAME",
+    "drive replace": "drive replace NAME [METRES]",
+    "drive recount": "drive recount NAME METRES",
+    "column knock": "column knock NAME LEAN [SHIFT]",
     "silent": "silent plc|can|station|none",
     "fault": "fault NAME@N|none",
     "effect": "effect NAME=VALUE[,place=...,variant=...]|none",
@@ -28,6 +33,7 @@ USAGE = {
 }
 _FARTHEST_M = 100.0
 _MOST_K = 100.0
+_MOST_OFF = 0.1
 INTERLOCKS = {"guard": 0, "stop": 1, "power": 2, "air": 3}
 
 
@@ -58,6 +64,42 @@ def _restart_drive(mock: MockRig, words: list[str]) -> str:
         raise ValueError(f"{USAGE['drive restart']}: NAME is one of {', '.join(drives)}")
     drives[words[0]].power_cycle()
     return f"drive {words[0]} was switched off and on"
+
+
+def _replace_drive(mock: MockRig, words: list[str]) -> str:
+    drive, (more_m,) = _named_drive(mock, words, "drive replace", 1)
+    drive.replace(more_m)
+    return f"drive {words[0]} was replaced; serial number {drive.serial}, no tables, counts {more_m:g} m more"
+
+
+def _recount_drive(mock: MockRig, words: list[str]) -> str:
+    if len(words) != 2:
+        raise ValueError(USAGE["drive recount"])
+    drive, (more_m,) = _named_drive(mock, words, "drive recount", 1)
+    drive.recount(more_m)
+    return f"drive {words[0]} counts {more_m:g} m more"
+
+
+def _knock_column(mock: MockRig, words: list[str]) -> str:
+    if len(words) < 2:
+        raise ValueError(USAGE["column knock"])
+    drive, (lean_rad, shift_m) = _named_drive(mock, words, "column knock", 2)
+    mock.plant.knock(Knock(drive=drive.axis_name, lean_rad=lean_rad, shift_m=shift_m))
+    return f"the column of {drive.axis_name} leans by {lean_rad:g} rad more and stands {shift_m:g} m farther"
+
+
+def _named_drive(mock: MockRig, words: list[str], command: str, count: int) -> tuple[DriveServer, list[float]]:
+    """A drive and up to `count` numbers after its name, zero where they are left out."""
+    drives = {drive.axis_name: drive for drive in mock.drives}
+    if not words or words[0] not in drives:
+        raise ValueError(f"{USAGE[command]}: NAME is one of {', '.join(drives)}")
+    try:
+        numbers = [float(word) for word in words[1:]]
+    except ValueError:
+        numbers = [math.nan]
+    if len(numbers) > count or not all(abs(number) <= _MOST_OFF for number in numbers):
+        raise ValueError(f"{USAGE[command]}, at most {_MOST_OFF:g} (m or rad)")
+    return drives[words[0]], [*numbers, *[0.0] * (count - len(numbers))]
 
 
 def _silence(mock: MockRig, words: list[str]) -> str:
@@ -145,6 +187,9 @@ def _status(mock: MockRig, words: list[str]) -> str:
             "referenced": drive.axis.homing.referenced,
             "compensation": drive.compensation.mode,
             "generation": drive.compensation.table.generation if drive.compensation.table else 0,
+            "crc": drive.compensation.table.crc if drive.compensation.table else 0,
+            "machine": drive.compensation.table.machine_id.hex() if drive.compensation.table else "",
+            "serial": drive.serial,
         }
         for drive in mock.drives
     }
@@ -155,6 +200,9 @@ def _status(mock: MockRig, words: list[str]) -> str:
 _ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
     "station move": _move_station,
     "drive restart": _restart_drive,
+    "drive replace": _replace_drive,
+    "drive recount": _recount_drive,
+    "column knock": _knock_column,
     "silent": _silence,
     "fault": _fault,
     "effect": _effect,

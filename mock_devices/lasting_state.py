@@ -42,6 +42,7 @@ class DriveState(_Part):
     active_bank: Annotated[int, Field(ge=0, le=2)] = 0
     images: tuple[Hex, Hex] = ("", "")
     limits: dict[str, int] = {}
+    swaps: Annotated[int, Field(ge=0, le=10_000)] = 0
 
 
 class StationState(_Part):
@@ -56,14 +57,23 @@ class StationState(_Part):
     wet_c: Number = 8.0
 
 
+class Knock(_Part):
+    """What a column has suffered: radians by which it leans, metres by which it stands farther along x."""
+
+    drive: Annotated[str, Field(max_length=100)]
+    lean_rad: Annotated[float, Field(allow_inf_nan=False, ge=-0.1, le=0.1)]
+    shift_m: Annotated[float, Field(allow_inf_nan=False, ge=-0.1, le=0.1)] = 0.0
+
+
 class PlantState(_Part):
-    """What is on the platform, and how often each pair of targets was measured at (by which noise is drawn)."""
+    """What is on the platform, how often each pair of targets was measured at (by which noise is drawn), knocks."""
 
     payload: Annotated[int, Field(ge=0)] = 0
     exchanges: Annotated[int, Field(ge=0)] = 0
     visits: tuple[tuple[tuple[int, ...], int], ...] = ()
     station_moved_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     station_turned_rad: Number = 0.0
+    knocks: tuple[Knock, ...] = ()
 
 
 class RigState(_Part):

@@ -170,6 +170,7 @@ class MockRig:
         for drive in self.drives:
             if drive.node_id in state.drives:
                 drive.with_axis(partial(restore_drive, state=state.drives[drive.node_id]))
+                drive.identify()
         if state.plant is not None:
             self.plant.restore(state.plant)
         if state.station is not None:

@@ -50,6 +50,7 @@ class DriveAxis:
         self.limits = limits
         self.compensation = compensation
         self.absolute = absolute
+        self.swaps = 0  # how often another drive has taken this one's place
         self.homing = Homing(referenced=absolute)
         self.motion = AxisMotion(start_inc) if absolute else AxisMotion(0.0, start_inc)
         self.state = State.SWITCH_ON_DISABLED

@@ -19,6 +19,7 @@ def drive_state(axis: DriveAxis, t_s: float) -> DriveState:
         active_bank=comp.active_bank,
         images=(comp.banks[1].image.hex(), comp.banks[2].image.hex()),
         limits=asdict(axis.limits),
+        swaps=axis.swaps,
     )
 
 
@@ -31,5 +32,6 @@ def restore_drive(axis: DriveAxis, state: DriveState) -> None:
     for number, image in zip((1, 2), state.images, strict=True):
         axis.compensation.banks[number].write(bytes.fromhex(image))
     axis.compensation.active_bank = state.active_bank
+    axis.swaps = state.swaps
     for name in asdict(axis.limits):
         setattr(axis.limits, name, state.limits.get(name, getattr(axis.limits, name)))

@@ -83,7 +83,7 @@ class DriveServer:
             absolute=axis.absolute_encoder,
         )
         self._node = DriveNode(node_id, self._on_stored, faults)
-        self._node.data_store = {0x1018: {4: (SIMULATED_SERIAL + node_id).to_bytes(4, "little")}}
+        self._node.data_store = {0x1018: {4: self.serial.to_bytes(4, "little")}}
         partner = 0x80000000 if axis.partner_node_id is None else 0x280 + axis.partner_node_id
         self._node.data_store[0x1401] = {1: partner.to_bytes(4, "little")}
         self._node.add_read_callback(self._read)  # type: ignore[no-untyped-call]
@@ -170,6 +170,36 @@ class DriveServer:
         """Switch the drive off and on again: boot-up, banks kept, payload unknown, mode 0."""
         with self._lock:
             self._nmt.on_command(bytes([129, self.node_id]))
+
+    @property
+    def serial(self) -> int:
+        """Object 0x1018:04; another drive of the same make, in its place, has another one."""
+        return SIMULATED_SERIAL + (self.node_id + 16 * self.axis.swaps) % 256
+
+    def identify(self) -> None:
+        """Show the serial number of the drive that is there."""
+        with self._lock:
+            for store in (self._node.data_store, self._defaults, self._saved):
+                store[0x1018] = {4: self.serial.to_bytes(4, "little")}
+
+    def replace(self, more_m: float) -> None:
+        """Put another drive of the same make in its place: empty banks, another serial number, counting more."""
+        with self._lock:
+            self.recount(more_m)
+            self.axis.swaps += 1
+            for bank in self.compensation.banks.values():
+                bank.write(b"")
+            self.compensation.active_bank = 0
+            self.identify()
+            self.power_cycle()
+            self._changed(self.axis)
+
+    def recount(self, more_m: float) -> None:
+        """Count so much more from now on, as after a reference that was taken elsewhere."""
+        with self._lock:
+            t_s = self._clock.now_s()
+            self.axis.motion.recount(t_s, self.axis.encoder_inc(t_s) + more_m / METRES_PER_INCREMENT)
+            self._changed(self.axis)
 
     def close(self) -> None:
         """Leave the bus. May be called again."""

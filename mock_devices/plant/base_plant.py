@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from mock_devices.clock import RigClock
-from mock_devices.lasting_state import PlantState
+from mock_devices.lasting_state import Knock, PlantState
 from mock_devices.plant.noise import heavy_tailed
 from mock_devices.plant.optics import Polar, StationView
 from mock_devices.plant.thermal import Thermal
@@ -135,6 +135,7 @@ class BasePlant(ABC):
         self._readings: dict[int, int] = {}
         self._exchanges = 0
         self._moved_m, self._turned_rad = (0.0, 0.0, 0.0), 0.0
+        self.knocks: list[Knock] = []
 
     @property
     @abstractmethod
@@ -187,6 +188,10 @@ class BasePlant(ABC):
         self._moved_m, self._turned_rad = (x, y, z), self._turned_rad + turn_rad
         self.changed()
 
+    def knock(self, knock: Knock) -> None:
+        """Have a column lean and stand elsewhere from now on. Raises ValueError where there is none of that name."""
+        raise ValueError(f"the mock's columns are those of planar machines with sliders, not of {self.machine.name}")
+
     def state(self) -> PlantState:
         """What outlives a restart of the mock."""
         with self._lock:
@@ -197,6 +202,7 @@ class BasePlant(ABC):
             visits=visits,
             station_moved_m=self._moved_m,
             station_turned_rad=self._turned_rad,
+            knocks=tuple(self.knocks),
         )
 
     def restore(self, state: PlantState) -> None:
@@ -205,6 +211,8 @@ class BasePlant(ABC):
         self._visits = dict(state.visits)
         self._moved_m, self._turned_rad = state.station_moved_m, state.station_turned_rad
         self.view.move(self._moved_m, self._turned_rad)
+        for knock in state.knocks:
+            self.knock(knock)
 
     def moving_mass_kg(self) -> float:
         """Nominal mass that the drives carry, payload included."""

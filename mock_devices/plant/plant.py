@@ -15,12 +15,13 @@ import numpy as np
 from mock_devices.clock import RigClock
 from mock_devices.effects import parse
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, MotionState
+from mock_devices.lasting_state import Knock
 from mock_devices.machine_file import MachineFile, read_machine_file
 from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, motion_states
 from mock_devices.plant.base_plant import BasePlant, DriveMotion, DrivePart, Motion, SetPoint, Sighting
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.plant.optics import TWO_PI, Polar, StationView
-from mock_devices.plant.true_machine import draw_machine
+from mock_devices.plant.true_machine import draw_machine, knocked
 from mock_devices.plant.truth import Truth
 from mock_devices.settings import MockSettings
 
@@ -67,6 +68,20 @@ class Plant(BasePlant):
         with self._lock:
             self.settings, self._affected, self._history = settings, affected, None
             self._force_n = [0.0] * len(self.nominal.sliders)
+
+    def knock(self, knock: Knock) -> None:
+        """Have a slider's column lean about its foot and stand elsewhere, from now on. ValueError without such."""
+        names = [slider.name for slider in self.nominal.sliders]
+        if knock.drive not in names:
+            raise ValueError(f"there is no column '{knock.drive}'; there are {', '.join(names)}")
+        machine = knocked(self._machine, knock.drive, knock.lean_rad, knock.shift_m)
+        start_s = max(0.0, self.clock.now_s())
+        affected = affected_machine(machine, self.view, self.nominal, self.settings, start_s=start_s)
+        with self._lock:
+            self._machine, self._affected, self._history = machine, affected, None
+            self.truth = Truth(machine, self.view, self.thermal)
+            self.knocks.append(knock)
+        self.changed()
 
     def load_kg(self, drive: int) -> float:
         """Its share of the moving mass, and what effects add as a mass at the last observation of the machine."""

@@ -90,6 +90,17 @@ class TrueMachine:
         return PlanarPose(p, 0.0)
 
 
+def knocked(machine: TrueMachine, slider: str, lean_rad: float, shift_m: float) -> TrueMachine:
+    """The machine after a knock: a slider's column leans about its drive's zero, its joints stand farther along x."""
+    number = [s.name for s in machine.file.sliders].index(slider)
+    leaning, axis = machine.file.sliders, machine.file.sliders[number].axis * cmath.exp(1j * lean_rad)
+    sliders = (*leaning[:number], replace(leaning[number], axis=axis), *leaning[number + 1 :])
+    struts = tuple(
+        replace(s, base_joint=s.base_joint + shift_m) if s.drive == number else s for s in machine.file.struts
+    )
+    return replace(machine, file=replace(machine.file, sliders=sliders, struts=struts))
+
+
 def draw_machine(file: MachineFile, settings: MockSettings) -> TrueMachine:
     """Draw the true machine of a seed. A nest length holds to its certificate's error (first two floor SMRs)."""
     seed, scale, width = settings.seed, settings.error_scale, file.tolerances

@@ -6,7 +6,7 @@ from drivers.drives.table_bank import CompensationMode
 from drivers.drives.table_image import decode_table
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.results.callbacks import Notify
-from pkm_rig.rig.drive_tables import Table, as_image, read_states, table_of
+from pkm_rig.rig.drive_tables import Table, as_image, read_states, serial_of, table_of, whole_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import changes_of
 from pkm_rig.store.store import Store
@@ -32,9 +32,15 @@ def wrong_tables(rig: Rig, tables: str) -> str | None:
 def require_tables(rig: Rig, store: Store, campaign: str, tables: str, notify: Notify) -> None:
     """Refuse drives that do not use a calibration's tables, or a payload that these are not for.
 
-    The drives of the embedded mock rig, which forget everything between commands, are given them.
+    Drives that hold them but came back without power are told to use them again, where nobody has switched them off
+    since. The drives of the embedded mock rig, which forget everything between commands, are given them.
     """
     why = wrong_tables(rig, tables)
+    if why is not None and _only_restarted(rig, store, tables):
+        images = stored_images(rig, store, tables)
+        rig.bring_tables_to([images[bank.drive.name] for bank in rig.banks], on=True)
+        notify(f"the drives were without power and used no table: those of calibration {campaign} are in use again")
+        why = wrong_tables(rig, tables)
     if why is not None and rig.file.can.interface == "embedded":
         _give(rig, store, campaign, tables, notify)
         why = wrong_tables(rig, tables)
@@ -50,6 +56,21 @@ def require_tables(rig: Rig, store: Store, campaign: str, tables: str, notify: N
             f"the tables of calibration {campaign} are not for the payload that is on ({mass_kg:g} kg); put on theirs"
         )
     rig.compensation = states[0].generation
+
+
+def _only_restarted(rig: Rig, store: Store, tables: str) -> bool:
+    """Whether the same drives hold these tables, active but not used, and the last change left them in use."""
+    wanted, changes = parse_tables(tables), changes_of(rig, store)
+    if not changes or set(wanted) != {bank.drive.name for bank in rig.banks}:
+        return False
+    serials = {record["drive"]: record["serial"] for record in changes[-1].former}
+    return changes[-1].left_in_use() == wanted and all(
+        state.mode is CompensationMode.OFF
+        and (state.generation, state.crc) == wanted[bank.drive.name]
+        and wanted[bank.drive.name] in whole_tables(state)
+        and serials.get(bank.drive.name) == serial_of(bank)
+        for bank, state in zip(rig.banks, read_states(rig), strict=True)
+    )
 
 
 def stored_images(rig: Rig, store: Store, tables: str) -> dict[str, bytes]:

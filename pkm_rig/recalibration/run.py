@@ -23,11 +23,11 @@ from pkm_rig.jobs.partial import recalibrate_partly
 from pkm_rig.jobs.tables_in_force import require_tables
 from pkm_rig.recalibration.envelope import reasons_beyond
 from pkm_rig.recalibration.journal import is_automatic, last_entry, send_notification, tell_plc, write_line
-from pkm_rig.recalibration.situation import Situation, date_text, read_situation, situation_of
+from pkm_rig.recalibration.situation import Situation, date_text, situation_of
 from pkm_rig.recalibration.windows import next_opening, open_until
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.outcome import CampaignOutcome
-from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.config import RigFile, load_rig
 from pkm_rig.rig.recalibration_sections import RecalibrationSettings
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import TableChange
@@ -35,7 +35,7 @@ from pkm_rig.store.life import IDENTIFIED, life_rows
 from pkm_rig.store.life_facts import calibration_fact
 from pkm_rig.store.store import Store
 
-Done = Literal["nothing", "skipped", "check", "calibration", "proposal", "refused", "failed"]
+Done = Literal["nothing", "skipped", "check", "calibration", "proposal", "refused", "failed", "interrupted"]
 Connect = Callable[[], AbstractContextManager[Rig]]
 
 
@@ -102,6 +102,9 @@ def _hindrance(situation: Situation, section: RecalibrationSettings) -> str | No
     if open_until(section.windows, section.time_zone, now_utc_s) is None:
         opening = next_opening(section.windows, section.time_zone, now_utc_s)
         return "no maintenance window is stated" if opening is None else f"the next window opens {date_text(opening)}"
+    if situation.history.last_calibration is None:
+        words = situation.begins_anew or "there is no calibration of this machine in the store"
+        return f"{words}; the first one is made by hand, with `pkm-rig calibrate`"
     if situation.state != "fit" and not section.alone and not situation.check_is_due:
         return "calibration is not granted (recalibration.alone)"
     return None
@@ -122,17 +125,30 @@ class Recalibration:
     def run(self, *, scheduled: bool, command: str = "run", quiet: bool = False) -> RunResult:
         """Do what is due. What goes wrong on the way is in the result, in the journal and told, not raised.
 
-        quiet: nothing that was due leaves no line, and the same reason for skipping only one. InputError where it
-        cannot be judged what is due: nothing was touched.
+        quiet: nothing that was due leaves no line, and the same reason for skipping or failing only one. InputError
+        where it cannot be judged what is due: nothing was touched. That and an interrupt leave their line too.
         """
-        situation, file = read_situation(self.store, self.rig_path, self.now_s())
+        file, machine = load_rig(self.rig_path)
+        try:
+            situation = situation_of(self.store, file, machine, self.now_s())
+        except InputError as error:
+            result = RunResult(file.rig, "failed", str(error), alarm=True)
+            if not (quiet and self._is_known(file.rig, result)):
+                self._tell(file, result, command)
+            raise
         intended = plan(situation, file, scheduled=scheduled)
         if intended.what in ("nothing", "skipped"):
             done: Done = "nothing" if intended.what == "nothing" else "skipped"
             alarm = done == "skipped" and situation.state != "fit"
             result = self._result(situation, done, intended.why, alarm=alarm)
         else:
-            result = self._do(file, intended, scheduled=scheduled)
+            try:
+                result = self._do(file, intended, scheduled=scheduled)
+            except BaseException:  # it was ended from outside: the line is left, nobody is kept waiting
+                why = f"interrupted before it was done ({intended.why})"
+                broken = RunResult(file.rig, "interrupted", why, situation.state, alarm=True)
+                write_line(self.out, file.rig, broken.entry(self.now_s(), command))
+                raise
         if not (quiet and self._is_known(file.rig, result)):
             self._tell(file, result, command)
         return result
@@ -142,7 +158,8 @@ class Recalibration:
         if result.done == "nothing":
             return True
         last = last_entry(self.out, rig)
-        return result.done == "skipped" and (last.get("done"), last.get("why")) == ("skipped", result.why)
+        same = (last.get("done"), last.get("why")) == (result.done, result.why)
+        return result.done in ("skipped", "failed") and same
 
     def _do(self, file: RigFile, intended: Plan, *, scheduled: bool) -> RunResult:
         try:

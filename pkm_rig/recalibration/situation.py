@@ -13,6 +13,7 @@ from calibration.intervals.rules import Verdict, is_postponed, judge_all
 from calibration.machine.description import Machine
 from calibration.model.parameters import ParameterSet
 from pkm_rig.jobs.interval_settings import DAY_S, interval_settings
+from pkm_rig.rig.capabilities import require_tables_for_life
 from pkm_rig.rig.config import RigFile, load_rig
 from pkm_rig.store.life import ACCEPTED, PROPOSED, LifeRow, life_rows, machine_key
 from pkm_rig.store.life_facts import end_of_day_utc_s, machine_history
@@ -26,7 +27,7 @@ class Situation:
     """The machine's history, the verdict of all rules on it, and what else decides whether something is done now.
 
     proposal: the calibration that waits for approval. expired: certificates that are no longer valid, in words.
-    check_due_utc_s: when the next check is due.
+    check_due_utc_s: when the next check is due. begins_anew: that the store has another machine of this rig, in words.
     """
 
     rig: str
@@ -38,6 +39,7 @@ class Situation:
     proposal: LifeRow | None
     expired: tuple[str, ...]
     check_due_utc_s: float
+    begins_anew: str | None
 
     @property
     def state(self) -> str:
@@ -58,7 +60,7 @@ class Situation:
             "machine": self.key,
             "state": self.state,
             "reasons": list(verdict.reasons),
-            "remarks": list(verdict.remarks),
+            "remarks": [*([self.begins_anew] if self.begins_anew else []), *verdict.remarks],
             "rules": {r.rule: {"state": r.state, "reason": r.reason} for r in verdict.results},
             "measure": None if verdict.measurement is None else verdict.measurement.extent,
             "due_utc_s": verdict.due_utc_s,
@@ -80,6 +82,7 @@ def read_situation(store: Store, rig_path: Path, now_utc_s: float) -> tuple[Situ
 def situation_of(store: Store, file: RigFile, machine: Machine, now_utc_s: float) -> Situation:
     """The situation of a rig's machine. InputError: no tolerance, one below 2 U, or the clock was set back."""
     section = file.recalibration
+    require_tables_for_life(file, machine)
     if section.tolerance_m is None:
         raise InputError("rig file: recalibration.tolerance_m is missing; state the largest error that is allowed")
     key = machine_key(machine, ParameterSet.of(machine).names)
@@ -95,6 +98,17 @@ def situation_of(store: Store, file: RigFile, machine: Machine, now_utc_s: float
         proposal=waiting_proposal(store, file.rig, key),
         expired=tuple(expired_certificates(file, now_utc_s)),
         check_due_utc_s=_check_due(history, section.check_every_days),
+        begins_anew=_begins_anew(store, file.rig, key) if history.last_calibration is None else None,
+    )
+
+
+def _begins_anew(store: Store, rig: str, key: str) -> str | None:
+    former = [row.machine for row in life_rows(store, "calibrations", rig) if row.machine not in ("", key)]
+    if not former:
+        return None
+    return (
+        f"rig {rig}: another machine file, or other parameters, than before ({former[-1]}, now {key}): its history "
+        "begins anew"
     )
 
 

@@ -35,7 +35,7 @@ class Watcher:
         except InputError as error:  # a clock that was set back, a rig file that is being written: the next look tells
             self._say("cannot tell", str(error))
             return None
-        if result.done in ("nothing", "skipped"):
+        if result.done in ("nothing", "skipped", "failed"):
             self._say(result.done, result.why)
         else:
             self._last = None

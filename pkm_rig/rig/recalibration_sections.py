@@ -82,6 +82,34 @@ class EnvelopeSettings(Section):
     error_m: PositiveLength = Field(default=50e-6, description="Error with the former tables.")
 
 
+class DriftEntry(Section):
+    """How the machine drifts without any event, in standard uncertainties of a check with all its poses."""
+
+    walk_per_sqrt_week: float = Field(
+        ge=0.0, default=0.2, description="Random walk of each watched change, for a square-root week."
+    )
+    per_k: float = Field(
+        ge=0.0, default=0.15, description="Standard deviation of what a kelvin does to each watched change."
+    )
+    instrument: float = Field(
+        ge=0.0, default=5.0, description="Standard deviation by which another instrument sees each watched change."
+    )
+
+
+class PredictionEntry(Section):
+    """How far and how surely the due date is predicted."""
+
+    horizon_days: float = Field(gt=0.0, le=36525.0, default=1095.75, description="Days beyond which no date is stated.")
+    coverage: Probability = Field(default=0.95, description="Probability that the interval of the due date covers it.")
+    act_by: Probability = Field(
+        default=0.01, description="Probability that the tolerance is left before the act-by date."
+    )
+    trend: Probability = Field(default=0.3, description="Probability, before any check, that something wears.")
+    fastest_weeks: float = Field(
+        gt=0.0, default=40.0, description="Weeks in which wear of one standard deviation uses the whole tolerance."
+    )
+
+
 class PlcWords(Section):
     """Registers by which the PLC grants the automatic mode and is told of the machine's state; none is left out."""
 
@@ -137,6 +165,8 @@ class RecalibrationSettings(Section):
         "somebody.",
     )
     envelope: EnvelopeSettings = Field(default=EnvelopeSettings(), description="Changes that need no approval.")
+    drift: DriftEntry = Field(default=DriftEntry(), description="Drift without any event.")
+    prediction: PredictionEntry = Field(default=PredictionEntry(), description="Prediction of the due date.")
     plc: PlcWords = Field(default=PlcWords(), description="Registers of the PLC.")
     notify: tuple[str, ...] = Field(
         default=(),

@@ -19,6 +19,7 @@ from drivers.drives.table_image import TableImage, encode_table
 from drivers.errors import DeviceError, TableError
 from pkm_rig.errors import StoreError
 from pkm_rig.rig.drive_tables import (
+    Table,
     WantedTables,
     as_image,
     as_text,
@@ -76,6 +77,14 @@ class TableChange:
     def judged(self) -> bool:
         """Whether it was ended, not given up, with a verdict on its tables: its campaign is complete."""
         return self.end in (KEPT, DONE) and (self.accepted or self._has_verdict("refused"))
+
+    def left_in_use(self) -> dict[str, Table]:
+        """Generation and CRC of each drive's table that was in use when it ended; nothing if none was."""
+        if self.end == KEPT:
+            return {drive: table_of(image) for drive, image in self._tried().items()}
+        if self.end != DONE or not self.target.on:
+            return {}
+        return {drive: table_of(image) for drive, image in self.target.images.items() if image is not None}
 
     def compensate(self, images: Sequence[TableImage]) -> list[CompensationState]:
         """Store these tables, then use them on trial and power the drives again; see `Rig.compensate`."""

@@ -79,6 +79,18 @@ class HilRig:
         """Switch a drive off and on."""
         self.tell(f"drive restart {name}")
 
+    def replace_drive(self, name: str, more_m: float = 0.0) -> None:
+        """Put another drive of the same make in its place: another serial number, empty banks, another count."""
+        self.tell(f"drive replace {name} {more_m!r}")
+
+    def recount_drive(self, name: str, more_m: float) -> None:
+        """Have a drive count so much more, as after a reference that was taken elsewhere."""
+        self.tell(f"drive recount {name} {more_m!r}")
+
+    def knock_column(self, name: str, lean_rad: float, shift_m: float = 0.0) -> None:
+        """Have a slider's column lean and stand elsewhere (planar machines)."""
+        self.tell(f"column knock {name} {lean_rad!r} {shift_m!r}")
+
     def silence(self, device: Literal["plc", "can", "station"] | None) -> None:
         """Have one device fall silent, or none any more."""
         self.tell(f"silent {device or 'none'}")

@@ -160,7 +160,8 @@ def test_a_drive_alone_is_restarted_and_a_device_falls_silent(start):
     assert execute(rig, "drive restart right") == "drive right was switched off and on"
     assert rig.drives[1].compensation.mode == 0
     assert json.loads(execute(rig, "status"))["drives"]["right"] == {
-        "moving": False, "powered": False, "referenced": True, "compensation": 0, "generation": 0,
+        "moving": False, "powered": False, "referenced": True, "compensation": 0, "generation": 0, "crc": 0,
+        "machine": "", "serial": 0x53494D02,
     }  # fmt: skip
     for device, flag in (
         ("plc", lambda: rig.plc.silent),
@@ -175,8 +176,45 @@ def test_a_drive_alone_is_restarted_and_a_device_falls_silent(start):
     assert execute(rig, "fault none") == "no fault strikes any more"
 
 
+def test_another_drive_in_its_place_has_another_serial_number_and_no_tables(start, clock):
+    rig = start()
+    rig.drives[0].compensation.write_bank(1, make_image(np.zeros((2, 2))))
+    rig.drives[0].compensation.active_bank = 1
+    told = json.loads(execute(rig, "status"))["drives"]["left"]
+    assert told["crc"] == rig.drives[0].compensation.banks[1].crc != 0
+    assert told["machine"] == rig.drives[0].compensation.table.machine_id.hex()
+    stood, count = rig.drives[0].encoder_m(clock.now_s()), rig.drives[0].axis.encoder_inc(clock.now_s())
+    assert "serial number 1397312785" in execute(rig, "drive replace left 2e-4")
+    for _ in range(2):
+        assert rig.drives[0]._node.get_data(0x1018, 4) == (0x53494D11).to_bytes(4, "little")
+        assert rig.drives[0].compensation.table is None
+        assert rig.drives[0].encoder_m(clock.now_s()) == pytest.approx(stood, abs=1e-12)
+        assert rig.drives[0].axis.encoder_inc(clock.now_s()) == pytest.approx(count + 2e4)
+        assert rig.drives[1].serial == 0x53494D02
+        rig = start()
+    execute(rig, "drive recount right -1e-4")
+    assert rig.drives[1].axis.true_position_inc(clock.now_s()) - rig.drives[1].axis.encoder_inc(clock.now_s()) == (
+        pytest.approx(1e4)
+    )
+
+
+def test_a_knocked_column_leans_for_good(start, clock):
+    def tool(rig):
+        return np.array([s.polar.distance_m for s in rig.plant.sightings(clock.now_s())])
+
+    rig = start()
+    before, same = tool(rig), tool(rig)
+    np.testing.assert_array_equal(before, same)
+    assert "leans by 0.0002 rad" in execute(rig, "column knock left 2e-4 1e-5")
+    after = tool(rig)
+    assert 1e-6 < np.max(np.abs(after - before)) < 1e-3
+    np.testing.assert_allclose(tool(start()), after, atol=1e-12)
+
+
 WRONG_LINES = (
     "jump", "", "station move 1 2", "station move a b c", "station move nan 0 0", "station move 1e3 0 0",
+    "drive replace", "drive replace up", "drive replace left x", "drive replace left 1", "drive recount left",
+    "drive recount left nan", "column knock left", "column knock up 1e-4", "column knock left 0 0 0",
     "drive restart", "drive restart up", "silent", "silent all", "fault", "fault x", "fault x@1", "status now",
 )  # fmt: skip
 

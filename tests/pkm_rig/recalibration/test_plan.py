@@ -10,13 +10,19 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.intervals.drift import DriftSettings
+from calibration.intervals.prediction import PredictionSettings
+from calibration.machine.description import shipped_machine
+from drivers.errors import DeviceError
 from pkm_rig.errors import StoreError
+from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.recalibration.decisions import note, postpone
-from pkm_rig.recalibration.journal import last_entry, send_notification, write_line
+from pkm_rig.recalibration.journal import journal_path, last_entry, send_notification, write_line
 from pkm_rig.recalibration.run import Recalibration, RunResult, plan
 from pkm_rig.recalibration.situation import read_situation
 from pkm_rig.recalibration.units import unit_texts, write_units
 from pkm_rig.recalibration.watch import Watcher, watch
+from pkm_rig.rig.config import load_rig
 from pkm_rig.store.life import add_to_life, life_rows
 from pkm_rig.store.store import hold_existing_store, open_existing_store
 from tests.pkm_rig.recalibration.rigs import ALWAYS, CALIBRATED_S, RIG, keep_store, write_rig
@@ -33,6 +39,14 @@ def what(path, out, days=0.0, *, scheduled=True):
     with open_existing_store(out) as store:
         situation, file = read_situation(store, path, CALIBRATED_S + days * DAY_S)
     return plan(situation, file, scheduled=scheduled)
+
+
+def never():
+    raise AssertionError("no device is to be touched")
+
+
+def job_at(path, out, store, now_s, connect, notify):
+    return Recalibration(path, out, store, connect, notify, lambda *_: None, lambda: now_s)
 
 
 def noted(path, out, event="collision", part="left"):
@@ -122,6 +136,82 @@ def test_a_clock_that_was_set_back_is_refused(out):
         read_situation(store, path, CALIBRATED_S - 400.0 * DAY_S)
 
 
+def test_what_cannot_be_judged_leaves_one_line(out):
+    path, said = write_rig(out, ALWAYS), []
+    with hold_existing_store(out) as store:
+        job = job_at(path, out, store, CALIBRATED_S - 400.0 * DAY_S, never, said.append)
+        for _ in range(2):
+            with pytest.raises(InputError, match="the clock was set back"):
+                job.run(scheduled=True, command="watch", quiet=True)
+    (line,) = journal_path(out, RIG).read_text().splitlines()
+    assert (json.loads(line)["done"], json.loads(line)["alarm"]) == ("failed", True)
+    assert "the clock was set back" in json.loads(line)["why"]
+
+
+def test_an_interrupted_run_leaves_its_line(out):
+    path = write_rig(out, ALWAYS)
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with hold_existing_store(out) as store:
+        job = job_at(path, out, store, CALIBRATED_S + 8.0 * DAY_S, interrupted, print)
+        with pytest.raises(KeyboardInterrupt):
+            job.run(scheduled=True)
+    assert last_entry(out, RIG)["done"] == "interrupted"
+    assert last_entry(out, RIG)["why"] == "interrupted before it was done (a check is due)"
+
+
+def test_what_fails_again_for_the_same_reason_is_said_once(out):
+    path = write_rig(out, ALWAYS)
+
+    def silent_devices():
+        raise DeviceError("plc", "127.0.0.1:1", "does not answer", "switch it on")
+
+    with hold_existing_store(out) as store:
+        job = job_at(path, out, store, CALIBRATED_S + 8.0 * DAY_S, silent_devices, print)
+        results = [job.run(scheduled=True, command="watch", quiet=True) for _ in range(3)]
+    assert {result.done for result in results} == {"failed"}
+    assert len(journal_path(out, RIG).read_text().splitlines()) == 1
+
+
+def test_another_machine_file_begins_a_history_that_nobody_begins_alone(out):
+    path = write_rig(out, ALWAYS, "alone = true")
+    text = shipped_machine("planar4").read_text(encoding="utf-8").replace("left_upper", "left_top")
+    (out / "renamed.toml").write_text(text, encoding="utf-8")
+    path.write_text(path.read_text().replace('machine = "planar4"', 'machine = "renamed.toml"'))
+    with open_existing_store(out) as store:
+        situation, _ = read_situation(store, path, CALIBRATED_S + 60.0)
+    (remark,) = situation.as_dict()["remarks"]
+    assert "another machine file, or other parameters, than before (planar4/" in remark
+    intended = what(path, out)
+    assert intended.what == "skipped"
+    assert intended.why.startswith(f"{remark}; the first one is made by hand")
+    assert what(path, out, scheduled=False).what == "calibration"
+
+
+def test_a_machine_that_the_computer_corrects_is_refused_at_once(out):
+    path = write_rig(out, ALWAYS)
+    path.write_text(path.read_text().replace("[campaign]", '[campaign]\ncompensation = "host"'))
+    with open_existing_store(out) as store, pytest.raises(InputError, match="this computer corrects planar4"):
+        read_situation(store, path, CALIBRATED_S)
+
+
+def test_drift_and_prediction_are_as_the_rig_file_says(out):
+    path = write_rig(
+        out,
+        "[recalibration.check]\nlooks = [4, 8]",
+        "[recalibration.drift]\nwalk_per_sqrt_week = 0.5\nper_k = 0.1\ninstrument = 7.0",
+        "[recalibration.prediction]\nhorizon_days = 100\ncoverage = 0.9\nact_by = 0.05\ntrend = 0.2\nfastest_weeks = 9",
+    )
+    settings = interval_settings(load_rig(path)[0].recalibration)
+    assert settings.drift == DriftSettings(0.5, 0.1, 7.0, full_poses=8)
+    expected = PredictionSettings(100.0 * DAY_S, coverage=0.9, act_by=0.05, trend=0.2, fastest_weeks=9.0)
+    assert settings.prediction == expected
+    default = interval_settings(load_rig(write_rig(out))[0].recalibration)
+    assert (default.drift, default.prediction) == (DriftSettings(), PredictionSettings())
+
+
 def test_a_tolerance_below_2_u_is_refused_with_the_figure(out):
     path = write_rig(out, ALWAYS)
     with hold_existing_store(out) as store:
@@ -149,9 +239,6 @@ def test_a_skipped_run_leaves_one_line_and_tells_the_command(out):
     told = out / "told.txt"
     program = f"import sys; open({str(told)!r}, 'a').write(sys.stdin.read())"
     path = write_rig(out, f"notify = [{json.dumps(sys.executable)}, '-c', {json.dumps(program)}]")
-
-    def never():
-        raise AssertionError("no device is to be touched")
 
     with hold_existing_store(out) as store:
         job = Recalibration(path, out, store, never, print, lambda *_: None, lambda: CALIBRATED_S + 8.0 * DAY_S)

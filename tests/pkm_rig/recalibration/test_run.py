@@ -15,13 +15,14 @@ from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.jobs.partial_fit import growth_of
 from pkm_rig.jobs.partial_verification import AFTER, BEFORE
 from pkm_rig.jobs.reference import load_reference
-from pkm_rig.jobs.tables_in_force import wrong_tables
+from pkm_rig.jobs.tables_in_force import _only_restarted, require_tables, wrong_tables
 from pkm_rig.recalibration.decisions import note
 from pkm_rig.recalibration.journal import is_automatic, journal_path
 from pkm_rig.recalibration.proposals import approve, take_back
 from pkm_rig.recalibration.run import Recalibration
 from pkm_rig.recalibration.situation import situation_of
 from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.table_change import switch_off
 from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.life import life_rows
 from pkm_rig.store.place import store_path
@@ -164,6 +165,15 @@ def partly(tmp_path_factory):
         with connect() as rig:
             after = situation_of(store, rig.file, rig.machine, now_s)
             wrong = wrong_tables(rig, after.history.last_calibration.tables)
+        for drive in mock.drives:
+            drive.power_cycle()
+        with connect() as rig:
+            last, said = after.history.last_calibration, []
+            seen["off"] = wrong_tables(rig, last.tables)
+            require_tables(rig, store, last.id, last.tables, said.append)
+            seen["on again"], seen["said"] = wrong_tables(rig, last.tables), said
+            switch_off(rig, store, "off")
+            seen["by hand"] = _only_restarted(rig, store, last.tables)
         visits = {phase: poses_of(store, result.campaign, phase) for phase in ("calibration", BEFORE, AFTER)}
     return result, after, wrong, visits, seen
 
@@ -172,6 +182,15 @@ def test_power_that_fails_in_the_middle_leaves_the_former_tables(partly):
     seen = partly[-1]
     assert (seen["failed"].done, seen["failed"].alarm) == ("failed", True)
     assert seen["former back"] is None
+
+
+def test_drives_that_were_without_power_are_told_to_use_their_tables_again(partly):
+    seen = partly[-1]
+    assert seen["off"].endswith("uses no table")
+    assert seen["on again"] is None
+    assert len(seen["said"]) == 1
+    assert seen["said"][0].startswith("the drives were without power")
+    assert seen["by hand"] is False  # what somebody has switched off stays off
 
 
 @pytest.fixture(scope="module")

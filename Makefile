@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study bench faults kill-sweep deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study bench faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -26,6 +26,11 @@ faults: $(VENV)/dev.stamp
 # Stopped, it goes on. CHAINS=2 for a first look, ONLY=silent for the devices that fall silent.
 kill-sweep: $(VENV)/run.stamp
 	$(BIN)/python -m benchmarks.kill_sweep.run $(if $(CHAINS),--chains $(CHAINS)) $(if $(ONLY),--only $(ONLY))
+
+# What `recalibrate watch` does, over the wire, when something happens to the machine, its devices, papers or computer, and
+# which tables act then (docs/explanation/watch-events.md). Stopped, it goes on. ONLY="drive replaced" for one event.
+watch-events: $(VENV)/run.stamp
+	$(BIN)/python -m benchmarks.watch_events.run $(if $(ONLY),--only "$(ONLY)")
 
 # Errors that somebody might make (tests/deliberate_errors/errors.toml), each in a copy of the tree: the tests must find it.
 # Stopped, it goes on.

@@ -12,7 +12,8 @@ from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.table_change import TRIAL as TRIED
 from pkm_rig.store.life import life_rows
 from pkm_rig.store.life_facts import machine_history
-from pkm_rig.store.store import STORE_NAME, Store
+from pkm_rig.store.place import STORE_NAME
+from pkm_rig.store.store import Store
 
 OFF, KEPT = 0, 1  # object 0x2100:01
 TOLERANCE_M = 60e-6

@@ -39,8 +39,10 @@ def made(wanted: Wanted) -> MeasuredMachine:
     """A machine with drawn errors within its tolerances, measured with a standard deviation of 5 um or urad."""
     machine, rng = load_machine(shipped_machine(wanted.machine)), np.random.default_rng(wanted.seed)
     count, model = wanted.visits, Model(ParameterSet.of(machine))
-    target = rng.uniform(*machine.workspace.T, (count, 6))
+    target = rng.uniform(*machine.workspace.T, (2 * count, 6))
     drives = rigid_drives(machine, machine.nominal, target)
+    reached = np.flatnonzero(np.all(np.isfinite(drives), axis=1))[:count]  # a corner of the workspace may be too far
+    target, drives = target[reached], drives[reached]
     visits = Visits.at_reference_temperature(machine, drives, target)
     errors = model.parameters.sigma * rng.normal(0.0, 1.0, len(model))
     errors[model.parameters.rows("ln_stiffness")] = 0.0

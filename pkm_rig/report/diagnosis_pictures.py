@@ -226,6 +226,8 @@ def _most_varying_direction(at: Array, gaps: Array) -> Array:
     """Unit vector (3,) along which the gap changes most over a coordinate."""
     means = np.stack([bin_means(at, gaps[:, axis])[1] for axis in range(3)], axis=1)
     if len(means) < 2 or not np.any(means - means.mean(axis=0)):
+        means = gaps  # too few of them for means: along which it differs most
+    if not np.any(means - means.mean(axis=0)):
         return np.array([1.0, 0.0, 0.0])
     along = np.linalg.svd(means - means.mean(axis=0))[2][0]
     return np.asarray(along * np.sign(along[np.argmax(np.abs(along))]))

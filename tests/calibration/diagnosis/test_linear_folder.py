@@ -37,10 +37,11 @@ def numbers_of(linear: LinearFolder, whitened: np.ndarray) -> np.ndarray:
     return (whitened[first, 0] + whitened[other, 0]) * both
 
 
-def read(linear: LinearFolder, drives: np.ndarray) -> np.ndarray:
-    """Readings of the fitted machine, its drives being elsewhere, in standard deviations, as `numbers_of` orders."""
+def read(linear: LinearFolder, drives: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
+    """Readings of the fitted machine, its drives or unknowns being elsewhere, in sigma, as `numbers_of` orders them."""
     poses, rows = linear.poses, linear.rows
-    moved = poses.model.predict(poses.values, replace(poses.visits, drives=drives), poses.equilibrium.coordinates())
+    values = poses.values if values is None else values
+    moved = poses.model.predict(values, replace(poses.visits, drives=drives), poses.equilibrium.coordinates())
     tool = moved.tool_m() @ linear.frame.rotation.T + linear.frame.translation_m
     out = []
     for row in np.flatnonzero(rows.is_first):
@@ -50,6 +51,22 @@ def read(linear: LinearFolder, drives: np.ndarray) -> np.ndarray:
         else:
             out.append(tool[linear.visit[row], rows.axis[row]] / rows.sigma[row])
     return np.array(out)
+
+
+def test_columns_and_residual_are_those_of_the_readings(mixed):
+    """By finite differences of the readings with an unknown, and what was measured less what the fit says."""
+    measured, linear = mixed
+    values, drives = linear.poses.values, linear.poses.visits.drives
+    z = values / linear.sigma
+    for number in (0, linear.names.index("drive_scale.b")):
+        step = np.zeros(len(values))
+        step[number] = 1e-3 * linear.sigma[number]
+        by_difference = (read(linear, drives, values + step) - read(linear, drives, values - step)) / 2e-3
+        column = numbers_of(linear, linear.columns[:, :, number : number + 1])[:, 0]
+        np.testing.assert_allclose(column, by_difference, atol=1e-3 * np.abs(by_difference).max())
+    readings = np.array([*measured.coordinates[:, 2], *measured.distance_m]) / SD
+    left = linear.residual - linear.columns[:, :, : len(z)] @ z
+    np.testing.assert_allclose(numbers_of(linear, left), readings - read(linear, drives), atol=1e-3)
 
 
 def test_rows_respond_as_the_readings_do(mixed):

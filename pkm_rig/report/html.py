@@ -25,16 +25,6 @@ from pkm_rig.results.report_source import ReportSource
 from pkm_rig.store.place import campaign_folder
 
 WRONG_READINGS = 50  # the largest, by name; all are in the JSON of `identify`
-CAUSES = {
-    "nest outlier": "nest outlier: does not fit the other readings of the nests",
-    "innovation gate": "innovation gate: does not fit the other reflectors of its visit",
-    "model gate": "model gate: does not fit the model that fits all others",
-}
-BUDGET_PARTS = {
-    "scatter": "scatter over the poses",
-    "scale": "scale of the station, times the reach of the poses",
-    "setups": "motions between set-ups of the station",
-}
 
 
 class Report(NamedTuple):
@@ -85,8 +75,6 @@ def make_report(
         diagnosis=_diagnosis_pictures(source, draw=draw),
         parameters=[_parameter_unit(entry) for entry in data.get("parameters", ())],
         effect_units=[_effect_unit(entry) for entry in (data["diagnosis"] or {}).get("effects", ())],
-        causes=CAUSES,
-        parts=BUDGET_PARTS,
         most_wrong=WRONG_READINGS,
     )
     return Report(html, data)
@@ -136,7 +124,7 @@ def _sections(
     for entry, verified in zip(data["payloads"], outcome.verified, strict=True):
         figures = _payload_figures(outcome, verified.payload, entry["name"], predicted) if draw else {}
         uris = {name: pictures.data_uri(figure, simulated=simulated) for name, figure in figures.items()}
-        blank = dict.fromkeys(("maps", "scatter", "orientation"), "")
+        blank = dict.fromkeys(("maps", "side_maps", "scatter", "orientation"), "")
         axes = [COORDINATES[c] for c in moves]
         sections.append({"entry": entry, "columns": moves, "axes": axes, **said, **blank, **uris})
     return sections
@@ -151,7 +139,13 @@ def _payload_figures(
     measured = f"Measured at the verification poses, {title}"
     drawn = {"orientation": pictures.orientation_plot(reduction, pose, payload)}
     if payload not in predicted:
-        return drawn | {"scatter": pictures.coordinate_bars(reduction, payload, measured)}
+        moves = free_axes(reduction.recording.machine)[0].tolist()
+        found = maps.pose_fields(outcome.calibration.fit, reduction, payload)
+        seen = maps.pose_maps(found, moves, f"Errors of the tool point, {title}")
+        return drawn | {
+            "scatter": pictures.coordinate_bars(reduction, payload, measured),
+            **dict(zip(("maps", "side_maps"), seen, strict=False)),
+        }
     fields = maps.error_fields(predicted[payload], reduction, payload)
     return drawn | {
         "maps": maps.error_maps(fields, f"Errors of the tool point, {title}"),

@@ -12,6 +12,8 @@ from matplotlib.patches import Rectangle
 
 from calibration.base.arrays import Array
 from calibration.compensation.error_map import ErrorMap
+from calibration.identification.fit import Fit
+from calibration.identification.prediction import predict_poses
 from calibration.reduction.reduction import Reduction
 from pkm_rig.report.notation import literal
 from pkm_rig.report.pictures import AFTER, BEFORE, round_scale
@@ -53,6 +55,43 @@ def error_fields(predicted: ErrorMap, reduction: Reduction | None, payload: int)
             fields.append(Field(f"measured, {when}", at, reduction.errors(rows)[0][:, :2], colour))
         fields.append(Field(f"predicted, {when}", predicted.target_m, errors, colour, None, hatched_m, cell_m))
     return fields
+
+
+def pose_fields(fit: Fit, reduction: Reduction, payload: int) -> list[tuple[str, Array, Array]]:
+    """Measured and predicted errors (n, 3) in m at the verification poses (n, 3), before and after, by name.
+
+    Predicted by the identified model from where the drives were commanded to: where the host corrects there is no table
+    whose correction could be shown over the workspace.
+    """
+    fields = []
+    for when in ("before", "after"):
+        rows = reduction.rows(f"verification_{when}", payload)
+        visits = reduction.observations.visits.take(rows)
+        predicted = reduction.report.tool_error(predict_poses(fit, reduction.report, visits), visits.target_m)[0]
+        at = visits.target_m[:, :3]
+        fields += [(f"measured, {when}", at, reduction.errors(rows)[0]), (f"predicted, {when}", at, predicted)]
+    return fields
+
+
+def pose_maps(found: Sequence[tuple[str, Array, Array]], moves: Sequence[int], title: str) -> list[Figure]:
+    """Arrows of such fields over the first two coordinates that the tool moves in, and over first and third; one scale.
+
+    None for a tool that moves in one direction only. Above each map stands the RMS of the whole error, not of what is
+    seen in it.
+    """
+    key_m = round_scale(max(float(np.max(np.linalg.norm(error, axis=1), initial=0.0)) for _, _, error in found))
+    figures = []
+    for pair in [(moves[0], other) for other in moves[1:]]:
+        fields = [
+            Field(
+                name, at[:, pair], error[:, pair], BEFORE if name.endswith("before") else AFTER,
+                float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+            )
+            for name, at, error in found
+        ]  # fmt: skip
+        names = ("xyz"[pair[0]], "xyz"[pair[1]])
+        figures.append(error_maps(fields, f"{title}, {names[0]}-{names[1]}", key_m=key_m, names=names))
+    return figures
 
 
 def error_maps(

@@ -110,7 +110,7 @@ def coordinate_bars(reduction: Reduction, payload: int, title: str) -> Figure:
         axes.set_ylabel(f"RMS error / {unit}")
     figure.axes[0].plot([], [], "s", color=BEFORE, label="before")
     figure.axes[0].plot([], [], "s", color=AFTER, label="after")
-    figure.axes[0].legend(frameon=False)
+    legend_above(figure.axes[0])
     figure.suptitle(literal(title), fontsize=11)
     figure.tight_layout()
     return figure

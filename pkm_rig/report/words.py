@@ -24,6 +24,7 @@ CATALOGUE: dict[str, Words] = {
     "found_left": Words("As found and as left", "Vorgefundener und hinterlassener Zustand"),
     "conditions": Words("Conditions", "Bedingungen"),
     "validity": Words("Where the tables hold", "Gültigkeitsbereich der Tabellen"),
+    "validity_host": Words("Where the correction holds", "Gültigkeitsbereich der Korrektur"),
     "sessions": Words("Sessions", "Messabschnitte"),
     "left_out": Words("Readings left out", "Nicht verwendete Messwerte"),
     "maps": Words("Errors over the workspace", "Abweichungen im Arbeitsraum"),
@@ -163,6 +164,29 @@ CATALOGUE: dict[str, Words] = {
     "turn": Words("rotation", "Verdrehung"),
     "together": Words("together", "zusammen"),
     "certificate_number": Words("certificate", "Kalibrierschein"),
+    # causes of readings left out, parts of a budget
+    "left out: visit measured anew": Words("visit measured anew", "Position neu angefahren und gemessen"),
+    "left out: failed nest check": Words("failed nest check", "Prüfung der Nester nicht bestanden"),
+    "left out: flagged by the station": Words("flagged by the station", "von der Messstation beanstandet"),
+    "left out: nest outlier": Words(
+        "nest outlier: does not fit the other readings of the nests",
+        "Ausreißer am Nest: passt nicht zu den anderen Messwerten der Nester",
+    ),
+    "left out: innovation gate": Words(
+        "innovation gate: does not fit the other reflectors of its visit",
+        "Innovationsschranke: passt nicht zu den anderen Reflektoren derselben Pose",
+    ),
+    "left out: model gate": Words(
+        "model gate: does not fit the model that fits all others",
+        "Modellschranke: passt nicht zum Modell, das zu allen anderen passt",
+    ),
+    "part: scatter": Words("scatter over the poses", "Streuung über die Posen"),
+    "part: scale": Words(
+        "scale of the station, times the reach of the poses", "Maßstab der Messstation, mal Reichweite der Posen"
+    ),
+    "part: setups": Words(
+        "motions between set-ups of the station", "Bewegungen zwischen Aufstellungen der Messstation"
+    ),
     # statements
     "by_host": Words(
         "after: corrected by the program that leads the drives; no table is in use in them",

@@ -285,12 +285,32 @@ def overlapping(figure):
     return [(a, b) for i, (a, one) in enumerate(inside) for b, two in inside[:i] if one.overlaps(two)]
 
 
+def test_errors_predicted_at_the_poses_are_those_measured_there_but_for_noise(outcome):
+    fields = {name: error for name, _, error in maps.pose_fields(outcome.calibration.fit, outcome.reduction, 0)}
+    measured, predicted = fields["measured, before"][:, :2], fields["predicted, before"][:, :2]
+    rms, rest = (float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) for x in (measured, measured - predicted))
+    assert rms == pytest.approx(outcome.verified[0].before.position_rms_m, rel=1e-6)
+    assert rest < 0.4 * rms
+
+
+def test_maps_over_two_pairs_of_coordinates_have_one_scale():
+    at = np.random.default_rng(1).uniform(-0.1, 0.1, (8, 3))
+    fields = [(f"{what}, before", at, 1e-5 * at) for what in ("measured", "predicted")]
+    figures = maps.pose_maps(fields, (0, 1, 2), "t")
+    assert len(figures) == 2
+    keys = {figure.get_suptitle().split("; ")[1] for figure in figures}
+    assert len(keys) == 1
+    assert maps.pose_maps(fields, (2,), "t") == []
+
+
 def all_figures(outcome):
     reduction = outcome.reduction
     grid = np.stack(np.meshgrid(np.linspace(-0.35, 0.35, 7), np.linspace(-0.3, 0.3, 7)), axis=-1).reshape(-1, 2)
     predicted = ErrorMap(grid, 1e-4 * grid[:, ::-1], 1e-6 * grid, np.full(len(grid), 1e-6))
     return {
         "maps": maps.error_maps(maps.error_fields(predicted, reduction, 1), "payload: plate 200 kg"),
+        "pose maps": maps.pose_maps(maps.pose_fields(outcome.calibration.fit, reduction, 1), (0, 1), "title")[0],
+        "bars": pictures.coordinate_bars(reduction, 1, "title"),
         "scatter": pictures.verification_scatter(reduction, 1, "title"),
         "conditions": pictures.conditions(reduction),
         "residuals": pictures.residuals(outcome.calibration),

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import pytest
 
 import pkm_rig.report.html as html_module
+from calibration.reduction.budget import BudgetEntry
 from calibration.reduction.figures import Figures
+from calibration.reduction.left_out import MODEL, NEST, VISIT
 from pkm_rig.jobs.acceptance import decide
-from pkm_rig.report.words import CATALOGUE, PHRASES, said
+from pkm_rig.report.words import CATALOGUE, PHRASES, said, word
 
 
 def test_heads_of_sections_rows_and_columns_are_all_from_the_catalogue():
@@ -29,6 +32,13 @@ def test_every_word_has_two_languages_and_every_key_of_a_template_is_in_the_cata
     assert len(used) > 80
     assert used <= set(CATALOGUE)
     assert all(entry.en.strip() and entry.de.strip() for entry in (*CATALOGUE.values(), *PHRASES))
+
+
+def test_every_cause_of_a_reading_left_out_and_every_part_of_a_budget_has_its_words():
+    for cause in (NEST, VISIT, MODEL, "visit measured anew", "failed nest check", "flagged by the station"):
+        assert word(f"left out: {cause}", "de") != word(f"left out: {cause}")
+    for part in get_args(get_type_hints(BudgetEntry)["quantity"]):
+        assert word(f"part: {part}", "de") != word(f"part: {part}")
 
 
 @pytest.mark.parametrize(

@@ -82,8 +82,10 @@ def pairs_of(shown: Callable[[Rig], AbstractContextManager[None]], seed: int) ->
                 pair: Pair = {kind: {} for kind in KINDS}
                 order = ("without", "with") if number % 2 == 0 else ("with", "without")
                 for when in order:
+                    stop_latency.start_again(rig)  # supervised while a page is opened, which takes seconds
                     with shown(rig) if when == "with" else nullcontext():
                         rows = [strike("trip") for _ in range(TRIPS)] + [strike("fault") for _ in range(FAULTS)]
+                        stop_latency.start_again(rig)  # and closed
                     for kind in KINDS:
                         pair[kind][when] = [row[kind] for row in rows if kind in row]
                 yield pair

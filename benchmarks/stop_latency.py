@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.drives.cia402 import QUICK_STOP
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, InterlockOpen
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
@@ -119,8 +119,10 @@ def serve(path: Path, seed: int) -> None:
             else:
                 mock.plc.set_interlock(0, False)
             if not stopped.wait(10.0):
+                opened_s[0] = float("inf")
+                mock.plc.set_interlock(0, True)
                 print(json.dumps({"error": "the drives were not stopped"}), flush=True)
-                return
+                continue
             if order.strip() == "fault":
                 other_ms = 1e3 * (stops[mock.drives[1].node_id] - opened_s[0])
                 opened_s[0] = float("inf")
@@ -142,7 +144,9 @@ def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
 
 @contextmanager
 def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[str, float]]]]:
-    """A rig at work, and what strikes it: `trip` opens the guard, `fault` faults a drive; it gives the times."""
+    """A rig at work, and what strikes it: `trip` opens the guard, `fault` faults a drive; it gives the times,
+    none where something else had stopped the drives before.
+    """
     file, machine = load_rig(path)
     command = [sys.executable, "-m", "benchmarks.stop_latency", "--serve", str(path), "--seed", str(seed)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as mock:
@@ -162,9 +166,13 @@ def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[s
                 mock.stdin.flush()
                 message: dict[str, float] = json.loads(mock.stdout.readline())
                 mover.join()
-                if "error" in message:
+                if "error" not in message:
+                    return message
+                trip = rig.supervisor.trip
+                if trip is None or isinstance(trip, InterlockOpen):
                     raise SystemExit(message["error"])
-                return message
+                print(f"stopped before it was struck: {trip}", file=sys.stderr)  # on a computer that has no time for it
+                return {}
 
             yield rig, strike
         mock.stdin.close()

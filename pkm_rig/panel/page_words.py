@@ -27,14 +27,23 @@ PRESSED = tuple(
         (r"`pkm-rig verify`", "press Verify in History"),
         (r"run `pkm-rig calibrate`", "press Calibrate"),
         (r"there is no store in [^;]*; give (?:the )?--out[^;]*", "nothing has been measured here yet"),
-        (r"(?:choose another|give another|give the|give) --out\b", "have the panel started with another folder"),
+        (
+            r"(?:choose another|give another folder with|give another|give the|give) --out\b",
+            "have the panel started with another folder",
+        ),
         (r"(`pkm-rig [a-z][^`]*`)", rf"\1 {AT_COMPUTER}"),  # what has no button
     )
 )  # fmt: skip
 
 
+_OPTION = re.compile(r"(?<![\w-])--[a-z]")
+
+
 def on_page(line: str) -> str:
-    """A message with what to press on the page in place of what to type at a terminal."""
+    """A message with what to press on the page in place of what to type at a terminal.
+
+    What has no button here, of this program or another, is said to be for the panel's computer.
+    """
     for pattern, said in PRESSED:
         line = pattern.sub(said, line)
-    return line
+    return f"{line} ({AT_COMPUTER})" if _OPTION.search(line) and AT_COMPUTER not in line else line

@@ -62,11 +62,14 @@ def test_there_are_messages_to_look_at():
 
 
 @pytest.mark.parametrize("text", FOUND)
-def test_no_message_names_an_option_on_the_page(text):
+def test_no_message_names_an_option_without_saying_where_it_is_typed(text):
     said = on_page(text)
-    assert not OPTION.search(said)
-    for command in COMMAND.finditer(said):
-        assert AT_COMPUTER in said[command.end() :]
+    assert AT_COMPUTER in said or not (OPTION.search(said) or COMMAND.search(said))
+
+
+def test_most_of_them_say_what_to_press():
+    pressed = [text for text in FOUND if AT_COMPUTER not in on_page(text)]
+    assert len(pressed) > 0.6 * len(FOUND)
 
 
 @pytest.mark.parametrize(
@@ -81,6 +84,11 @@ def test_no_message_names_an_option_on_the_page(text):
         ("no campaign 'x'; `pkm-rig list` shows what is there", "History shows what is there"),
         ("see `pkm-rig archive ID FILE`", "`pkm-rig archive ID FILE` at the panel's computer"),
         ("guard closed: open; close it", "guard closed: open; close it"),
+        (
+            "make one with `createdb --encoding=UTF8`",
+            "make one with `createdb --encoding=UTF8` (at the panel's computer)",
+        ),
+        ("there already; give another folder with --out", "there already; have the panel started with another folder"),
     ],
 )
 def test_what_is_said_instead(line, said):

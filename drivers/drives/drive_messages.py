@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from drivers.can.can_line import CanLine
 from drivers.clock import RigClock
+from drivers.drives.cia402 import State, state_of
 from drivers.drives.drive_records import DriveSample, Emergency
 
 _TPDO1 = struct.Struct("<Hih")
@@ -31,6 +32,7 @@ class DriveMessages:
         self.tpdo_counts = [0, 0]
         self._line, self._clock = line, clock
         self._tpdos = [b"", b""]
+        self._read_state: tuple[State | None, int] = (None, 0)
         self._heartbeat_s: float | None = None
         self._callbacks = {
             0x080 + node_id: self._on_emergency,
@@ -56,6 +58,17 @@ class DriveMessages:
         """The last emergency, unless the drive has reported since that the error is gone."""
         emergencies = tuple(self.emergencies)
         return emergencies[-1] if emergencies and emergencies[-1].is_error else None
+
+    def keep_state(self, state: State) -> None:
+        """Keep a state that was read by SDO: without SYNC there is no newer TPDO."""
+        self._read_state = (state, self.tpdo_counts[0])
+
+    def last_state(self) -> State | None:
+        """The drive's state by what it has said last, TPDO1 or SDO; None before either."""
+        read, count = self._read_state
+        if read is not None and count == self.tpdo_counts[0]:
+            return read
+        return state_of(_TPDO1.unpack(self._tpdos[0][: _TPDO1.size])[0]) if self.tpdo_counts[0] else None
 
     def sample(self, metres_per_increment: float, t_rig_s: float, t_host_s: float) -> DriveSample:
         """The last TPDO1 and TPDO2 as one sample with the given times of their SYNC."""

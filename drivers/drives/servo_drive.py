@@ -180,7 +180,9 @@ class ServoDrive:
 
     def state(self) -> State:
         """State of the drive, read by SDO."""
-        return cia402.state_of(self.sdo.read(objects.STATUSWORD))
+        state = cia402.state_of(self.sdo.read(objects.STATUSWORD))
+        self.messages.keep_state(state)
+        return state
 
     def enable(self, send: Callable[[int], None] | None = None) -> None:
         """Go to operation enabled. Raises DriveFault in fault and MotionTimeout.

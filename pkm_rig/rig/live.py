@@ -274,9 +274,10 @@ def _drive_guards(rig: Rig) -> list[Guard]:
         if sample is None:
             out.append(Guard(f"drive {drive.name}", "unknown", "nothing received yet"))
             continue
-        fault = sample.state.name in ("FAULT", "FAULT_REACTION") or beat == "lost"
+        state = drive.messages.last_state() or sample.state  # without power there is no SYNC, and samples are old
+        fault = state.name in ("FAULT", "FAULT_REACTION") or beat == "lost"
         value = (
-            f"{sample.state.name.lower().replace('_', ' ')}, heartbeat {beat}, "
+            f"{state.name.lower().replace('_', ' ')}, heartbeat {beat}, "
             f"following error {sample.following_error_m * 1e6:.1f} um"
         )
         out.append(Guard(f"drive {drive.name}", "bad" if fault else "good", value))

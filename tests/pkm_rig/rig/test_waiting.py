@@ -145,6 +145,15 @@ def test_a_reflector_that_is_not_seen_is_asked_for_by_name_and_its_visit_measure
         live = Live()
         live.watch(rig)
         live.asks = asked.append
+        acknowledges, drives_shown = script.acknowledges, []
+
+        def acknowledged():
+            drives_shown.extend(
+                guard.value for guard in live.snapshot().guards if guard.name in ("drive left", "drive right")
+            )
+            return acknowledges()
+
+        script.acknowledges = acknowledged
 
         def meddle(_advance, _total, what):
             if what != "calibration":
@@ -167,7 +176,9 @@ def test_a_reflector_that_is_not_seen_is_asked_for_by_name_and_its_visit_measure
     assert len(requests) == 3
     assert all(f"reflector {request.of}" in request.text for request in requests)
     assert {request.of for request in requests} <= {smr.name for smr in machine.smrs}
-    assert not any(script.seen)  # without power meanwhile
+    assert not any(script.seen)  # without power meanwhile, and shown so
+    assert drives_shown
+    assert {value.split(",")[0] for value in drives_shown} == {"switch on disabled"}
     assert [event.data["reason"] for event in store.events(name, "held")] == [request.text for request in requests]
     store.close()
 

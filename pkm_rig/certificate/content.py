@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from calibration.base.errors import InputError
 from pkm_rig.certificate.quantities import Quantity, payload_quantities
-from pkm_rig.report.words import Language, said, word
+from pkm_rig.report.words import Language, part_of_rig, said, word
 
 Version = Literal["3.3.0", "3.0.0"]
 VERSIONS: tuple[Version, ...] = ("3.3.0", "3.0.0")
@@ -164,8 +164,9 @@ def _conformity(payload: Mapping[str, Any], language: Language, *, traceable: bo
 def _conditions(conditions: Mapping[str, Any], language: Language) -> tuple[Quantity, ...]:
     out = []
     for entry in conditions.get("temperatures", ()):
+        what = f"{word('temperature', language)}, {part_of_rig(entry['name'], language)}"
         for end in ("low", "high"):
-            name = f"{word('temperature', language)}, {entry['name']}, {'min' if end == 'low' else 'max'}"
+            name = f"{what}, {'min' if end == 'low' else 'max'}"
             out.append(Quantity(name, f"{entry[f'{end}_c']:.2f}", r"\degreecelsius"))
     if "pressure_hpa" in conditions:
         out.append(Quantity(word("pressure", language), f"{conditions['pressure_hpa']:.1f}", r"\hecto\pascal"))

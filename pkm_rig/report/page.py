@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from calibration.base.rounding import round_result, round_uncertainty
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.notation import plain_number, with_symbols
-from pkm_rig.report.words import Language, said, word
+from pkm_rig.report.words import Language, part_of_rig, said, word
 
 NOTHING = "–"
 
@@ -95,6 +95,11 @@ class Page:
         if self.language == "en" or value is None or value == "":
             return self.text(key)
         shown = with_symbols(said(str(value), self.language))
+        return Markup('<span data-key="{}" data-round="said">{}</span>').format(key, shown)
+
+    def part_of_rig(self, key: str) -> Markup:
+        """The name of a part of the rig, in the page's language."""
+        shown = part_of_rig(str(self.at(key)), self.language)
         return Markup('<span data-key="{}" data-round="said">{}</span>').format(key, shown)
 
     def code(self, key: str) -> Markup:

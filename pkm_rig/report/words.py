@@ -164,6 +164,12 @@ CATALOGUE: dict[str, Words] = {
     "turn": Words("rotation", "Verdrehung"),
     "together": Words("together", "zusammen"),
     "certificate_number": Words("certificate", "Kalibrierschein"),
+    # parts whose temperature is measured
+    "part of rig: air": Words("air", "Luft"),
+    "part of rig: struts": Words("struts", "Streben"),
+    "part of rig: columns": Words("columns", "Säulen"),
+    "part of rig: base": Words("base", "Gestell"),
+    "part of rig: platform": Words("platform", "Plattform"),
     # causes of readings left out, parts of a budget
     "left out: visit measured anew": Words("visit measured anew", "Position neu angefahren und gemessen"),
     "left out: failed nest check": Words("failed nest check", "Prüfung der Nester nicht bestanden"),
@@ -245,6 +251,12 @@ _IN_GERMAN = {phrase.en: phrase.de for phrase in PHRASES}
 def said(text: str, language: Language = "en") -> str:
     """What the program states, as it is in English; its phrases in German, names and numbers between them untouched."""
     return text if language == "en" else _ANY_PHRASE.sub(lambda found: _IN_GERMAN[found[0]], text)
+
+
+def part_of_rig(name: str, language: Language = "en") -> str:
+    """The name of a part whose temperature is measured; as it is where the catalogue lacks it."""
+    key = f"part of rig: {name}"
+    return word(key, language) if key in CATALOGUE else name
 
 
 def word(key: str, language: Language = "en") -> str:

@@ -124,6 +124,10 @@ def test_only_the_scorer_of_a_run_reads_truths():
             if "independent.truths" in text or "read_truths" in text or "truth/" + "truth" in text:
                 readers.add(str(file.relative_to(ROOT)))
     here = {f"benchmarks/independent/{name}.py" for name in ("pack", "run", "scorer", "truths")}
+    fit = "benchmarks/fit_verdict/sources.py"  # even ones: without a final run the others are refused
+    assert "final_run" not in (ROOT / fit).read_text(encoding="utf-8")
+    assert "even=True" in (ROOT / fit).read_text(encoding="utf-8")
+    here.add(fit)
     assert readers == here | {f"tests/benchmarks/test_{name}.py" for name in ("emergent", "independent")}
     for name in ("pack", "scorer"):
         assert "read_truths" not in (ROOT / f"benchmarks/independent/{name}.py").read_text(encoding="utf-8")

@@ -338,12 +338,13 @@ def test_where_nothing_can_be_written_is_one_line(run, folder, tmp_path):
     assert "choose another --out" in done.stderr
 
 
-def test_measurement_folders_are_not_diagnosed(run, tmp_path):
+def test_an_imported_printer_is_diagnosed_in_words(run, tmp_path):
     done = run("import", Path(__file__).parents[2] / "data" / "printer.cfg", tmp_path / "delta", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     done = run("diagnose", tmp_path / "delta", "--out", tmp_path)
-    assert done.returncode == 2
-    assert "a diagnosis needs a recording" in done.stderr
+    assert done.returncode == 0, done.stderr
+    assert "verdict: none" in done.stdout
+    assert "backlash: coordinates.csv has no column a_direction" in done.stdout
 
 
 def test_a_twin_that_is_not_there_is_one_line(run, tmp_path):

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study bench faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study fleet bench faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -155,6 +155,13 @@ emergent: $(VENV)/dev.stamp
 compare-study: $(VENV)/dev.stamp
 	nice -n 10 $(BIN)/python -m benchmarks.comparison.run $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED)) \
 		$(if $(PROCESSES),--processes $(PROCESSES)) $(if $(TABLE),--table)
+
+# Headers of 10,000 stored campaigns listed and charted; 40 campaigns diagnosed by two Dask workers of this computer and in
+# one process, whose results must be equal (docs/how-to/work-on-many-campaigns.md). Stopped, it goes on. CAMPAIGNS=500
+# DIAGNOSED=2 for a first look; PART=lists or cluster for one of them.
+fleet: $(VENV)/dev.stamp
+	nice -n 10 $(BIN)/python -m benchmarks.fleet $(if $(CAMPAIGNS),--campaigns $(CAMPAIGNS)) \
+		$(if $(DIAGNOSED),--diagnosed $(DIAGNOSED)) $(if $(PART),--part $(PART))
 
 # The diagnosis of one drive alone on six measured recordings of a robot (docs/explanation/axis.md), if they lie in
 # ../shared/real-data/kuka-kr300 or DATA=FOLDER. Stopped, it begins anew: it takes one or two minutes.

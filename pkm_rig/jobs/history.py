@@ -44,12 +44,18 @@ def history(store: Store, rig: str) -> dict[str, Any]:
 
 
 def histories(store: Store, rigs: Sequence[str]) -> list[dict[str, Any]]:
-    """The lives of several rigs, which are asked for in as few queries as that of one."""
+    """The lives of several rigs, which are asked for in as few queries as that of one; of those that have one.
+
+    InputError if none has: nothing was calibrated or checked on them yet.
+    """
     only = rigs[0] if len(rigs) == 1 else None
     rows = {table: _by_rig(life_rows(store, table, only)) for table in TABLES}
     calibrations = _by_rig(calibration_rows(store, only))
     lives = []
-    for rig in rigs:
+    with_life = [rig for rig in rigs if rows["machines"].get(rig) or calibrations.get(rig)]
+    if rigs and not with_life:
+        raise InputError(f"store {store.name}: nothing was calibrated or checked on rig {rigs[0]} yet; calibrate it")
+    for rig in with_life:
         with RowDamage(f"store {store.name}: the life of rig {rig}"):
             own = {table: rows[table].get(rig, []) for table in TABLES}
             lives.append(_history(rig, own, calibrations.get(rig, [])))

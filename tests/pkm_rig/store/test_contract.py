@@ -226,6 +226,14 @@ def test_histories_ask_as_often_for_many_rigs_as_for_one(store):
     assert counted[0] == counted[1] <= 20
 
 
+def test_a_rig_on_which_nothing_was_calibrated_has_no_history_and_hides_no_other(store):
+    filled(store, "first")
+    with pytest.raises(InputError, match="nothing was calibrated or checked on rig plant yet"):
+        histories(store, rigs_of(store))
+    add_to_life(store, "machines", rig="saw", machine="m/1", kind="history begins", data={})
+    assert [life["rig"] for life in histories(store, rigs_of(store))] == ["saw"]
+
+
 HOLDS = """
 import sys
 from pathlib import Path

@@ -8,7 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from json.encoder import encode_basestring_ascii as _quoted
 from typing import Any
+
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)  # made once: lists need thousands
 
 
 def canonical(value: object) -> str:
@@ -16,12 +19,18 @@ def canonical(value: object) -> str:
 
     Raises ValueError for NaN and infinities.
     """
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return _CANONICAL.encode(value)
 
 
 def genesis(campaign: str, created: str, description: Mapping[str, Any], machine: str) -> str:
     """The value before the first row, of the campaign itself."""
     return _digest({"campaign": campaign, "created": created, "description": description, "machine": machine})
+
+
+def genesis_of_text(campaign: str, created: str, description: str, machine: str) -> str:
+    """The same of a description that is given as the canonical text that it is stored as."""
+    head = f'{{"campaign":{_quoted(campaign)},"created":{_quoted(created)},"description":{description}'
+    return hashlib.sha256(f'{head},"machine":{_quoted(machine)}}}'.encode("ascii")).hexdigest()
 
 
 def reading_link(previous: str, campaign: str, position: int, uid: str, sequence: int, data: object) -> str:
@@ -45,8 +54,8 @@ def event_link_of_text(previous: str, campaign: str, position: int, created: str
 
     No other row has this value: `created`, `data` and `kind` can be told apart in the text that is digested.
     """
-    event = f'{{"created":{canonical(created)},"data":{data},"kind":{canonical(kind)}}}'
-    text = f'{{"after":{canonical(previous)},"campaign":{canonical(campaign)},"event":{event},"position":{position}}}'
+    event = f'{{"created":{_quoted(created)},"data":{data},"kind":{_quoted(kind)}}}'
+    text = f'{{"after":{_quoted(previous)},"campaign":{_quoted(campaign)},"event":{event},"position":{position}}}'
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple, NoReturn
 
 from pkm_rig.errors import StoreError
-from pkm_rig.store.chain import canonical, event_link, genesis, reading_link
+from pkm_rig.store.chain import canonical, event_link, genesis, genesis_of_text, reading_link
 
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
@@ -83,6 +84,9 @@ class RemovedCampaign(NamedTuple):
 def read_campaign(row: Any, where: str) -> StoredCampaign:
     """A row of `campaigns`, as it was written."""
     where = f"{where}: campaign {row.id!r:.120}"
+    with suppress(TypeError, ValueError):  # no texts, or not those of a campaign
+        if row.chain == genesis_of_text(row.id, row.created, row.description, row.machine):
+            return StoredCampaign(row.id, row.created, parsed(row.description), row.machine, row.chain)
     campaign = StoredCampaign(
         stored_text(row.id, where),
         stored_text(row.created, where),
@@ -195,7 +199,7 @@ def stored_object(value: object, where: str) -> dict[str, Any]:
     """A JSON object of the store; StoreError if it is none, or has numbers or texts that are never written."""
     text = stored_text(value, where)
     try:
-        data = json.loads(text, parse_constant=_refuse)
+        data = _DECODER.decode(text)
         canonical(data)
         if _SURROGATE.search(text):
             json.dumps(data, ensure_ascii=False).encode()
@@ -208,6 +212,17 @@ def stored_object(value: object, where: str) -> dict[str, Any]:
 
 def _refuse(constant: str) -> NoReturn:
     raise ValueError(constant)
+
+
+_DECODER = json.JSONDecoder(parse_constant=_refuse)
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """A text that is known to be as it was written, by its chain value. ValueError if it is no JSON object."""
+    data = _DECODER.decode(text)
+    if not isinstance(data, dict):
+        raise ValueError("no JSON object")
+    return data
 
 
 def _damaged(where: str, what: str) -> StoreError:

@@ -6,7 +6,7 @@ value, it is as it was written, and need not be parsed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -22,12 +22,13 @@ from pkm_rig.store.stored_rows import (
     CampaignSummary,
     EventData,
     StoredEvent,
+    parsed,
     read_campaign,
-    stored_object,
     stored_text,
 )
 
 AT_ONCE = 1000  # rows that are in memory
+_NOTHING: dict[str, Any] = {}
 
 
 class _Numbers(NamedTuple):
@@ -174,32 +175,42 @@ def _note_before(chains: dict[Any, Any], row: Any) -> None:
 def _of_one(where: str, campaign: Any, rows: Iterable[Any]) -> _Events:
     chains: dict[Any, Any] = {}
     found: list[StoredEvent] = []
-    number, positions, last, damage = 0, 0.0, None, ""
+    here = f"{where}: campaign '{campaign}'"
+    number, positions, kind, chain, damage = 0, 0.0, None, None, ""
     for row in rows:
-        number, last = number + 1, row
-        positions += row.position if isinstance(row.position, int) else 0
-        _note_before(chains, row)
+        _, position, created, kind, data, chain, after, genesis = row
+        number += 1
+        positions += position if isinstance(position, int) else 0
+        chains[0] = genesis
+        if after is not None:
+            chains[position - 1] = after
         if not damage:
             try:
-                found.append(_event(where, campaign, row, chains))
+                event = None
+                if isinstance(position, int):
+                    event = _as_written(
+                        chains.get(position - 1), campaign, position, (created, kind, data), chain, here
+                    )
+                found.append(event or CampaignRows(where, campaign, chains).event(row))
             except StoreError as error:
                 damage = str(error)
-        chains[row.position] = row.chain
-    return _Events(
-        _Numbers(number, positions), getattr(last, "kind", None), getattr(last, "chain", None), found, damage
-    )
+        chains[position] = chain
+    return _Events(_Numbers(number, positions), kind, chain, found, damage)
 
 
-def _event(where: str, campaign: str, row: Any, chains: Mapping[Any, Any]) -> StoredEvent:
-    """An event as it was written; StoreError, which names it, if it is not."""
-    texts = (row.created, row.kind, row.data)
-    after = chains.get(row.position - 1) if isinstance(row.position, int) else None
-    is_text = isinstance(after, str) and all(isinstance(text, str) and text.isascii() for text in texts)
-    if is_text and row.chain == event_link_of_text(str(after), campaign, row.position, *texts):
-        here = f"{where}: campaign '{campaign}', event {row.kind!r:.80}"
-        is_used = '"plan":' in row.data or row.kind in (BEGUN, ENDED)
-        return StoredEvent(row.created, row.kind, EventData(stored_object(row.data, here) if is_used else {}, here))
-    return CampaignRows(where, campaign, chains).event(row)
+def _as_written(
+    after: Any, campaign: str, position: int, texts: tuple[Any, Any, Any], chain: Any, here: str
+) -> StoredEvent | None:
+    """An event whose stored text gives its chain value, with what it says if that counts; None if it does not."""
+    created, kind, data = texts
+    try:
+        if chain != event_link_of_text(after, campaign, position, created, kind, data):
+            return None
+        if '"plan":' not in data and kind not in (BEGUN, ENDED):  # of the others only the kind counts
+            return StoredEvent(created, kind, _NOTHING)
+        return StoredEvent(created, kind, EventData(parsed(data), here))
+    except (TypeError, ValueError):  # no texts, or a chain that somebody made of what is no JSON
+        return None
 
 
 def _stream(connection: sa.Connection, query: Any) -> Iterable[Any]:

@@ -8,7 +8,7 @@ import threading
 from contextlib import closing
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
@@ -319,3 +319,25 @@ def test_a_campaign_whose_last_row_is_missing_is_never_used(path):
 def test_content_that_no_json_has_is_refused():
     with pytest.raises(ValueError, match="JSON compliant"):
         chain.canonical({"a": float("nan")})
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.text(), st.text(), st.text(), st.dictionaries(st.text(), JSON, max_size=3), st.integers(1, 10**9))
+@example('"},"position":1}', '","kind":"accepted"},"position":2}', "\ud800\x00é", {'"': "\\"}, 1)
+def test_the_text_that_is_stored_gives_the_same_chain_value_as_what_it_says(campaign, created, kind, data, position):
+    """Lists compare rows without parsing them."""
+    text = chain.canonical(data)
+    assert chain.event_link_of_text("a" * 64, campaign, position, created, kind, text) == chain.event_link(
+        "a" * 64, campaign, position, created, kind, data
+    )
+    assert chain.genesis_of_text(campaign, created, text, kind) == chain.genesis(campaign, created, data, kind)
+    for changed in (text[:-1] + " }", text.replace("{", "{ ", 1)):
+        assert chain.event_link_of_text("a" * 64, campaign, position, created, kind, changed) != chain.event_link(
+            "a" * 64, campaign, position, created, kind, data
+        )

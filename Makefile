@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study fleet bench faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study fleet bench host-rows faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -174,6 +174,10 @@ kuka: $(VENV)/run.stamp
 bench: $(VENV)/bench.stamp
 	$(BIN)/python -m benchmarks.forward $(if $(QUICK),--quick); forward=$$?; \
 		$(BIN)/python -m benchmarks.identification $(if $(QUICK),--quick) && exit $$forward
+
+# Rows of paths that the host corrects in a second of one core.
+host-rows: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.host_rows
 
 $(VENV)/run.stamp: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -9,6 +9,8 @@ __all__ = [
     "host",
     "kinematics",
     "limits",
+    "measured_range",
     "piecewise",
+    "samples",
     "tables",
 ]

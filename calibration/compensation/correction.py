@@ -19,7 +19,7 @@ from calibration.base.rotation import rotation_matrix
 from calibration.identification.fit import Fit
 from calibration.identification.prediction import predict_poses
 from calibration.machine.description import COORDINATES, Machine
-from calibration.machine.inverse import nominal_drives, platform_poses
+from calibration.machine.inverse import nominal_closure, nominal_drives, platform_poses, pseudo_inverses
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.reduction.report_frame import ReportFrame
 
@@ -31,8 +31,9 @@ SAMPLES = 2048  # where there are more
 CHECK_SAMPLES = 1024
 SEED = 15
 STEP = 1e-5  # of a drive, m or rad, for differences
-ITERATIONS = 5
-CONVERGED = 1e-10
+ITERATIONS = 8
+CONVERGED = 1e-10  # last step of a drive, m or rad
+ACCEPTED = 1e-8  # the same, where it converges no further
 MIN_SOLVED_SHARE = 0.99
 BEYOND_MEASURED = 0.02
 
@@ -112,24 +113,27 @@ def check_targets(machine: Machine, box: Array) -> Array:
 def correct_drives(machine: Machine, error: ToolError, target_m: Array) -> Array:
     """Drive coordinates (n, d) that bring the tool onto targets (n, 6); NaN where none is found.
 
-    Newton's method with differences of `error`, on the coordinates that the drives command. Of several solutions the
-    one nearest to the nominal drives.
+    Newton's method with the nominal machine's Jacobian (the chord method: one evaluation of `error` an iteration), on
+    the coordinates that the drives command. The identified machine's own differs from it by its errors' share of its
+    dimensions, so that each iteration leaves less than a hundredth. With more drives than coordinates the span of the
+    Jacobian's rows depends on stiffness, which is known less well: there it is taken from differences of `error`, once.
+    All steps lie in that span, so that the solution is the one nearest to the nominal drives.
     """
     commanded = machine.commanded
-    drives = nominal_drives(machine, target_m)
+    drives, jac = nominal_closure(machine, target_m)
+    if drives.shape[1] > commanded.size:
+        now = error(drives, target_m)
+        ahead = STEP * np.eye(drives.shape[1])
+        jac = np.stack([(error(drives + step, target_m) - now) / STEP for step in ahead], axis=2)
+    inverse = pseudo_inverses(jac[:, commanded])
+    size = np.full(len(drives), np.inf)
     for _ in range(ITERATIONS):
-        now = error(drives, target_m)[:, commanded]
-        jac = np.empty((len(drives), len(commanded), drives.shape[1]))
-        for a in range(drives.shape[1]):
-            ahead = drives.copy()
-            ahead[:, a] += STEP
-            jac[:, :, a] = (error(ahead, target_m)[:, commanded] - now) / STEP
-        good = np.all(np.isfinite(now), axis=1) & np.all(np.isfinite(jac), axis=(1, 2))
-        drives[~good] = np.nan
-        change = (np.linalg.pinv(jac[good]) @ now[good, :, None])[:, :, 0]
-        drives[good] -= change
-        if np.max(np.abs(change), initial=0.0) < CONVERGED:
+        change = np.einsum("ndk,nk->nd", inverse, error(drives, target_m)[:, commanded])
+        drives = drives - change
+        size = np.max(np.abs(change), axis=1)
+        if not np.nanmax(size, initial=0.0) > CONVERGED:
             break
+    drives[~(size < ACCEPTED)] = np.nan
     return drives
 
 

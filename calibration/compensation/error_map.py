@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from calibration.base.arrays import Array
 from calibration.compensation.correction import model_error
-from calibration.compensation.tables import CompensationTable
+from calibration.compensation.tables import CompensationTable, correction_at
 from calibration.identification.calibration import Calibration, pose_u
 from calibration.machine.inverse import nominal_drives
 from calibration.model.operating_conditions import OperatingConditions
@@ -53,16 +52,3 @@ def predicted_errors(
     error = model_error(calibration.fit, calibration.report, load)
     before, after = (error(at, target)[:, :2] for at in (drives, drives + correct(drives)))
     return ErrorMap(target[:, :2], before, after, pose_u(calibration, load.at_poses(drives, target))[0])
-
-
-def correction_at(table: CompensationTable, drives_m: Array) -> Array:
-    """Bilinear corrections (n, d) of a two-drive table, as the drives apply them; NaN outside the grid."""
-    count = table.correction_m.shape[1]
-    axes = [table.start_m[a] + table.step_m[a] * np.arange(count) for a in range(2)]
-    return np.stack(
-        [
-            RegularGridInterpolator(axes, table.correction_m[a], bounds_error=False)(drives_m)
-            for a in range(drives_m.shape[1])
-        ],
-        axis=1,
-    )

@@ -1,7 +1,7 @@
 """Correction by the computer that leads the drives: its targets are corrected before they are sent (0x607A).
 
 It needs no tables and works for any number of drives. It acts only where this program, or one that calls it, leads the
-drives.
+drives: every row of a path, and single targets, by the identified model itself.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.compensation.limits import LARGEST
+from calibration.compensation.measured_range import MeasuredRange
 from calibration.compensation.tables import corrected_drives
 from calibration.identification.calibration import Calibration
 from calibration.identification.fit import Fit
@@ -19,48 +21,59 @@ from calibration.machine.inverse import nominal_drives
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.reduction.report_frame import ReportFrame
 
-LARGEST = 2e-3  # of a correction, in m or rad: the tolerances of parts add up to some tenths of a millimetre
-
 
 @dataclass(frozen=True)
 class HostCorrection:
     """Corrections predicted by an identified model for one payload and one set of temperatures.
 
-    With more drives than commanded coordinates the smallest corrections are taken. Internal force is not taken away:
-    readings of the pose say too little of it.
+    Only for poses that were measured (`MeasuredRange.held`). With more drives than commanded coordinates the smallest
+    corrections are taken. Internal force is not taken away: readings of the pose say too little of it.
     """
 
     fit: Fit
     report: ReportFrame
     conditions: OperatingConditions
+    measured: MeasuredRange
 
     @property
     def temperature_c(self) -> float:
         """Mean of the temperatures for which it is computed."""
         return float(np.mean(list(self.conditions.temperatures_c.values())))
 
+    def corrections(self, target_m: Array) -> Array:
+        """What is added to the nominal drive coordinates (n, d), m or rad, at commanded platform poses (n, 6).
+
+        Rows of a path, or single targets. Raises InputError for a pose beyond those that were measured, one that the
+        model does not reach, and where a drive would be corrected by more than LARGEST.
+        """
+        machine = self.report.machine
+        asked = self.measured.held(target_m)
+        corrections = corrected_drives(self.fit, self.report, asked, self.conditions) - nominal_drives(machine, asked)
+        lost = np.flatnonzero(~np.all(np.isfinite(corrections), axis=1))
+        if lost.size:
+            raise InputError(
+                f"correction: the identified machine does not reach {_pose(target_m[lost[0]])}; keep off it"
+            )
+        if np.any(np.abs(corrections) > LARGEST):
+            row, a = divmod(int(np.argmax(np.abs(corrections))), corrections.shape[1])
+            unit = "mrad" if machine.drive_kinds[a] == "crank" else "mm"
+            raise InputError(
+                f"correction: {machine.drive_names[a]} by {abs(corrections[row, a]) * 1e3:.2f} {unit}, "
+                f"{LARGEST * 1e3:g} are permitted; check identification and machine file"
+            )
+        return np.asarray(corrections)
+
     def drives(self, target_m: Array) -> Array:
         """Drive coordinates (n, d), m or rad, that bring the tool to commanded platform poses (n, 6).
 
-        Raises InputError for a pose that the model does not reach, beyond the travel, and where a drive would be
-        corrected by more than LARGEST.
+        Raises InputError as `corrections` does, and beyond a drive's travel.
         """
         machine = self.report.machine
-        drives = corrected_drives(self.fit, self.report, target_m, self.conditions)
-        for row in range(len(drives)):
-            where = f"pose {np.array2string(target_m[row], precision=4, separator=', ')}"
-            if not np.all(np.isfinite(drives[row])):
-                raise InputError(f"correction: the identified machine does not reach {where}; keep off it")
-            low, high = machine.travel.T
-            for a in np.flatnonzero((drives[row] < low) | (drives[row] > high)):
-                raise InputError(f"correction: {machine.drive_names[a]} would leave its travel at {where}; keep off it")
-        size = np.abs(drives - nominal_drives(machine, target_m))
-        if np.any(size > LARGEST):
-            row, a = divmod(int(np.argmax(size)), size.shape[1])
-            unit = "mrad" if machine.drive_kinds[a] == "crank" else "mm"
+        drives = nominal_drives(machine, target_m) + self.corrections(target_m)
+        low, high = machine.travel.T
+        for row, a in np.argwhere((drives < low) | (drives > high))[:1]:
             raise InputError(
-                f"correction: {machine.drive_names[a]} by {size[row, a] * 1e3:.2f} {unit}, {LARGEST * 1e3:g} are "
-                "permitted; check identification and machine file"
+                f"correction: {machine.drive_names[a]} would leave its travel at {_pose(target_m[row])}; keep off it"
             )
         return drives
 
@@ -69,12 +82,14 @@ class HostCorrection:
         poses = self.fit.predict(self.conditions.at_poses(drives, target_m))
         return poses.equilibrium.force_n[:, : len(self.report.machine.strut_names)]
 
-    def corrections(self, target_m: Array) -> Array:
-        """What is added to the nominal drive coordinates (n, d)."""
-        return self.drives(target_m) - nominal_drives(self.report.machine, target_m)
-
 
 def host_correction(calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> HostCorrection:
-    """The correction for a payload of the rig's list at some temperatures."""
+    """The correction for a payload of the rig's list at some temperatures; InputError beyond what was measured."""
     conditions = calibration.operating_conditions(payload, temperatures_c)
-    return HostCorrection(calibration.fit, calibration.report, conditions)
+    measured = MeasuredRange.of(calibration)
+    measured.require(conditions)
+    return HostCorrection(calibration.fit, calibration.report, conditions, measured)
+
+
+def _pose(target_m: Array) -> str:
+    return f"pose {np.array2string(target_m, precision=4, separator=', ')}"

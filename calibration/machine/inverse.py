@@ -76,7 +76,7 @@ def drives_for(
         per_drive = tool_jacobian(
             machine, Sensitivity.at_equilibrium(machine, geometry, drives, at, rest).drives(), rest, at
         )
-        drives = drives - np.einsum("ndk,nk->nd", _pinv(per_drive[:, machine.commanded]), error)
+        drives = drives - np.einsum("ndk,nk->nd", pseudo_inverses(per_drive[:, machine.commanded]), error)
     unreachable = ~(np.max(np.abs(error), axis=1) < 1e-9)
     drives[unreachable], pose[unreachable] = np.nan, np.nan
     return drives, pose
@@ -91,12 +91,23 @@ def tool_jacobian(machine: Machine, pose_columns: Array, rest: Equilibrium, at: 
     return full
 
 
-def _pinv(matrix: Array) -> Array:
-    """Pseudo-inverses (n, d, k) of (n, k, d); NaN rows stay NaN."""
+def pseudo_inverses(matrix: Array) -> Array:
+    """Pseudo-inverses (n, d, k) of matrices (n, k, d); NaN where a matrix is not finite."""
     good = np.all(np.isfinite(matrix), axis=(1, 2))
     out = np.full((matrix.shape[0], matrix.shape[2], matrix.shape[1]), np.nan)
     out[good] = np.linalg.pinv(matrix[good])
     return out
+
+
+def nominal_closure(machine: Machine, target_m: Array) -> tuple[Array, Array]:
+    """Drive coordinates (n, d) of the nominal machine without load for platform poses (n, 6), and its Jacobian
+    (n, 6, d) there: tool point in m and orientation in rad a unit of a drive. NaN out of reach.
+    """
+    drives = nominal_drives(machine, target_m)
+    at = make_conditions(machine, len(target_m)).without_loads()
+    rest = solve(machine, machine.nominal, drives, at, target_m)
+    per_drive = Sensitivity.at_equilibrium(machine, machine.nominal, drives, at, rest).drives()
+    return drives, tool_jacobian(machine, per_drive, rest, at)
 
 
 def nominal_drives(machine: Machine, target_m: Array) -> Array:

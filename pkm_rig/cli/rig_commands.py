@@ -25,6 +25,10 @@ ResumeOption = Annotated[
 NewSetupOption = Annotated[
     bool, typer.Option("--new-setup", help="the station stands anew: tie it to where it stood, then go on")
 ]
+AcceptChangeOption = Annotated[
+    bool,
+    typer.Option("--accept-change", help="the machine was altered: its correction may differ much from the former"),
+]
 
 
 def calibrate(
@@ -33,10 +37,11 @@ def calibrate(
     json: JsonOption = False,
     resume: ResumeOption = None,
     new_setup: NewSetupOption = False,
+    accept_change: AcceptChangeOption = False,
 ) -> None:
     """The main job: check, measure, identify, diagnose, build tables, write, verify, report."""
     goes_on = resumable("calibrate", rig, out, campaign=resume, new_setup=new_setup)
-    _calibrate(rig, out, json, resume, goes_on, new_setup=new_setup)
+    _calibrate(rig, out, json, resume, goes_on, new_setup=new_setup, accept_change=accept_change)
 
 
 def demo(
@@ -47,6 +52,7 @@ def demo(
     machine: Annotated[str | None, typer.Option(help="a shipped machine; planar4 if left out")] = None,
     resume: ResumeOption = None,
     new_setup: NewSetupOption = False,
+    accept_change: AcceptChangeOption = False,
 ) -> None:
     """The main job without hardware: `calibrate` on the embedded mock rig, over its real protocols."""
     from pkm_rig.rig.config import demo_rig_path
@@ -57,7 +63,15 @@ def demo(
     options += [] if machine is None else ["--machine", machine]
     goes_on = resumable("demo", None, out, *options, campaign=resume, new_setup=new_setup)
     outcome = _calibrate(
-        demo_rig_path(machine), out, json, resume, goes_on, new_setup=new_setup, real_time=real_time, seed=seed
+        demo_rig_path(machine),
+        out,
+        json,
+        resume,
+        goes_on,
+        new_setup=new_setup,
+        real_time=real_time,
+        seed=seed,
+        accept_change=accept_change,
     )
     if outcome.before_over_floor < LEAST_RATIO:
         raise CampaignRefused(
@@ -76,6 +90,7 @@ def _calibrate(
     new_setup: bool,
     real_time: bool = False,
     seed: int | None = None,
+    accept_change: bool = False,
 ) -> CampaignOutcome:
     _require_capabilities(rig, tables=True)
     from pkm_rig.jobs.calibrate import calibrate
@@ -95,7 +110,15 @@ def _calibrate(
             operated_from_terminal(connected_rig),
             live_progress(connected_rig) as progress,
         ):
-            outcome = calibrate(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
+            outcome = calibrate(
+                connected_rig,
+                store,
+                print_message,
+                progress,
+                resume,
+                new_setup=new_setup,
+                accept_change=accept_change,
+            )
     recording = outcome.reduction.recording
     duration_s = float(recording["t_rig_s"].max() - recording["t_rig_s"].min())
     print_message(
@@ -208,6 +231,7 @@ def verify(
     out: OutOption = Path("runs"),
     json: JsonOption = False,
     new_setup: NewSetupOption = False,
+    accept_change: AcceptChangeOption = False,
 ) -> None:
     """Write the tables of a measured campaign, verify them by measuring, keep them or restore the previous ones."""
     if before is not None or after is not None:
@@ -236,7 +260,15 @@ def verify(
         operated_from_terminal(connected_rig),
         live_progress(connected_rig) as progress,
     ):
-        outcome = verify(connected_rig, store, campaign, print_message, progress, new_setup=new_setup)
+        outcome = verify(
+            connected_rig,
+            store,
+            campaign,
+            print_message,
+            progress,
+            new_setup=new_setup,
+            accept_change=accept_change,
+        )
     _report_outcome(outcome, out, json)
 
 

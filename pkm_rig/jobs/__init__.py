@@ -15,6 +15,7 @@ __all__ = [
     "diagnose",
     "disturbance_levels",
     "dry_run",
+    "former_correction",
     "health",
     "history",
     "homing",

@@ -30,10 +30,11 @@ def calibrate(
     *,
     new_setup: bool = False,
     judge: Judge | None = None,
+    accept_change: bool = False,
 ) -> CampaignOutcome:
     """Run the main job on a connected rig, or go on with a campaign (`resume`) wherever it ended.
 
-    It goes on in the last set-up of the station, or in a `new_setup`. `judge`: see `verify_tables`.
+    It goes on in the last set-up of the station, or in a `new_setup`. `judge`, `accept_change`: see `verify_tables`.
 
     What is measured stays; it is identified anew, and a verification that broke off begins anew; where
     only the tables had to be brought to where the verdict wants them, that is all that is done.
@@ -68,4 +69,4 @@ def calibrate(
         diagnosis = try_diagnosis(store.recording(campaign))
         store.add_event(campaign, "diagnosed", diagnosis_attempt_json(diagnosis))
         notify(diagnosis_line(diagnosis))
-        return verify_tables(runner, identification, diagnosis, change, notify, judge)
+        return verify_tables(runner, identification, diagnosis, change, notify, judge, accept_change=accept_change)

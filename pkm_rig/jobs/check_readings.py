@@ -18,7 +18,7 @@ from calibration.intervals.check_design import CheckReadings, check_design, choo
 from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.watched import watched_changes
 from calibration.machine.description import Machine
-from calibration.machine.inverse import platform_poses
+from calibration.machine.inverse import nominal_poses
 from calibration.model.model import Poses
 from calibration.model.payload import PayloadEntry
 from calibration.model.visits import Visits
@@ -33,7 +33,7 @@ from calibration.reduction.station_drift import remove_drift
 from pkm_rig.jobs.reference import Reference
 from pkm_rig.rig.config import RigFile
 from pkm_rig.rig.devices import rigid_fit
-from pkm_rig.rig.schedule import PlannedVisit, commanded_drives
+from pkm_rig.rig.schedule import PlannedVisit, commanded_drives, sides, usable_targets
 
 CANDIDATES, WORKSPACE_POSES, SEED = 48, 100, 14
 
@@ -55,11 +55,16 @@ def plan_check(file: RigFile, reference: Reference, payload: int, count: int) ->
     """`count` visits, the most informative first, and the design of a check that makes them all."""
     machine = reference.machine
     tool = candidate_poses(machine, CANDIDATES, SEED)
-    targets = platform_poses(machine, np.unique(tool[:, machine.commanded], axis=0))
+    targets = nominal_poses(machine, np.unique(tool[:, machine.commanded], axis=0))
+    targets = usable_targets(machine, targets, file.campaign.approach_m, file.station.position_m)
+    if len(targets) < count:
+        raise InputError(
+            f"machine {machine.name}: its drives reach {len(targets)} poses of a check, {count} are needed"
+        )
     drives = commanded_drives(machine, targets)
     entry = file.payloads[payload]
     poses = reference.predict(_visits_at(reference, drives, targets, entry))
-    frame = station_frame(file.station.position_m, file.station.heading_rad)
+    frame = station_frame(file.station.position_m, file.station.heading_rad, machine.gravity_m_per_s2)
     smrs = reference.moving
     mounting = reference.mounting_m()
     place = np.stack([poses.reflector_m(smr, mounting[smr]) for smr in smrs], axis=1).reshape(-1, 3)
@@ -85,7 +90,7 @@ def _planned(
             target_m=targets[row],
             drives_m=drives[row],
             payload=payload,
-            direction=(1,) * len(machine.drive_names),
+            direction=sides(machine, settings, targets[row], 1),
             speed_m_per_s=settings.speeds_m_per_s[0],
             dwell_s=settings.dwells_s[0],
         )
@@ -109,7 +114,7 @@ def known_error_m(file: RigFile, reference: Reference, payload: int, temperature
 def _workspace(machine: Machine) -> tuple[Array, Array]:
     """Commanded drives (g, d) and targets (g, 6) of poses over the workspace."""
     tool = workspace_poses(machine, WORKSPACE_POSES, SEED)
-    targets = platform_poses(machine, tool[:, machine.commanded])
+    targets = usable_targets(machine, nominal_poses(machine, tool[:, machine.commanded]), 0.0)
     return commanded_drives(machine, targets), targets
 
 
@@ -175,6 +180,8 @@ def observe(recording: Recording, reference: Reference, phase: str, *, drives_ma
 def true_drives(recording: Recording) -> Recording:
     """The recording with the drives' true coordinates in place of those in command coordinates."""
     generation = recording["compensation"].astype(int)
+    if not np.any(generation):  # none was on, or the host corrects: commands are where drives stand
+        return recording
     names = recording.file.drives
     actual = {name: recording[f"{name}_actual_m"].copy() for name in names}
     for one in sorted(set(generation.tolist()) - {0}):

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.compensation.tables import build_table
+from calibration.compensation.tables import table_for_payload
 from calibration.recording.recording import Recording
+from calibration.reduction.figures import noise_floor
 from pkm_rig.jobs.control_files import IdentifiedLoad
 from pkm_rig.store.place import campaign_folder
 
@@ -17,7 +18,8 @@ from pkm_rig.store.place import campaign_folder
 def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[str, Any]:
     """Compute the tables for a payload at the campaign's last temperatures and save one CSV a drive."""
     identified = IdentifiedLoad.of(recording, payload)
-    table = build_table(identified.calibration.fit, identified.calibration.report, identified.load)
+    table = table_for_payload(identified.calibration, payload, identified.load.temperatures_c)
+    floor = noise_floor(identified.calibration.reduction)
     folder = campaign_folder(out, recording.file.campaign) / f"tables-payload-{payload}"
     folder.mkdir(parents=True, exist_ok=True)
     count = table.correction_m.shape[1]
@@ -38,5 +40,9 @@ def compensate_recording(recording: Recording, payload: int, out: Path) -> dict[
         "payload_kg": table.conditions.payload_kg,
         "temperatures_c": identified.load.temperatures_c,
         "largest_correction_m": largest,
+        "grid": [count, count],
+        "interpolation_rms_m": table.interpolation_rms_m,
+        "interpolation_max_m": table.interpolation_max_m,
+        "noise_m": None if floor is None else floor.position_rms_m,
         "folder": str(folder),
     }

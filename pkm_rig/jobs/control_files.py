@@ -22,10 +22,10 @@ from calibration.compensation.kinematics.catalogue import KINEMATICS
 from calibration.compensation.limits import (
     FormerCorrection,
     check_change,
-    check_load,
     check_size_and_slope,
     micro_unit,
 )
+from calibration.compensation.measured_range import MeasuredRange
 from calibration.identification.calibration import Calibration, identify_recording, pose_u
 from calibration.machine.description import COORDINATES, Machine
 from calibration.model.operating_conditions import OperatingConditions
@@ -72,7 +72,7 @@ class IdentifiedLoad:
         calibration = identify_recording(recording, baselines=False)
         temperatures = {n: float(t[-1]) for n, t in calibration.reduction.recording.temperatures_c().items()}
         load = calibration.operating_conditions(payload, temperatures)
-        check_load(load, calibration.reduction.calibration().visits.payload_kg)
+        MeasuredRange.of(calibration).require(load)
         return cls(recording, payload, calibration, load)
 
     @property

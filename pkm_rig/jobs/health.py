@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.base.errors import InputError
+from calibration.compensation.host import HostCorrection
 from calibration.intervals.check_estimate import estimate_check
 from calibration.intervals.facts import CalibrationFact, CheckFact, MachineHistory
 from calibration.intervals.health import health_test
@@ -28,12 +29,14 @@ from pkm_rig.jobs.interim import require_station
 from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import key_of, mean_temperature_c, note_devices, operating_h, utc_text
 from pkm_rig.jobs.reference import Reference, load_reference
-from pkm_rig.jobs.tables_in_force import require_tables
+from pkm_rig.jobs.tables_in_force import require_host, require_tables
 from pkm_rig.results.callbacks import Notify, Progress
+from pkm_rig.rig.back_end import corrected_block
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.kept_tables import kept_tables
 from pkm_rig.rig.plans import put_on, visits, warm_up
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.rig_checks import check_rig, require_table_banks
+from pkm_rig.rig.rig_checks import check_rig, require_back_end
 from pkm_rig.rig.runner import Runner, describe_campaign, new_campaign_id, open_runner, settings_event
 from pkm_rig.rig.schedule import Block, PlannedVisit
 from pkm_rig.rig.table_recovery import settle_tables
@@ -65,7 +68,7 @@ def health(
     Raises InputError where there is nothing to compare with, CampaignRefused where the rig must not be checked now, and
     DeviceError; the tables stay as they are.
     """
-    require_table_banks(rig)
+    require_back_end(rig)
     settle_tables(rig, store, notify)
     note_devices(rig, store, notify, now_s)
     problems = check_rig(rig)
@@ -76,8 +79,12 @@ def health(
     if calibration is None:
         raise InputError(f"rig {rig.file.rig}: this store has no accepted calibration of it; run `pkm-rig calibrate`")
     reference = load_reference(store, rig.file.rig, calibration.id, rig.machine, rig.file.payloads)
-    require_tables(rig, store, calibration.id, calibration.tables, notify)
-    return _Check(rig, store, notify, progress, now_s, history, calibration, reference).run()
+    by_host = None
+    if uses_tables(rig.file, rig.machine):
+        require_tables(rig, store, calibration.id, calibration.tables, notify)
+    else:
+        by_host = require_host(rig, store, calibration.id)
+    return _Check(rig, store, notify, progress, now_s, history, calibration, reference, by_host).run()
 
 
 class _Check:
@@ -91,8 +98,10 @@ class _Check:
         history: MachineHistory,
         calibration: CalibrationFact,
         reference: Reference,
+        by_host: HostCorrection | None,
     ) -> None:
         self._rig, self._store, self._notify, self._progress = rig, store, notify, progress
+        self._by_host = by_host
         self._now_s, self._history, self._calibration, self._reference = now_s, history, calibration, reference
         self._settings: IntervalSettings = interval_settings(rig.file.recalibration)
         check = rig.file.recalibration.check
@@ -107,6 +116,8 @@ class _Check:
     def run(self) -> HealthResult:
         rig, store = self._rig, self._store
         planned = plan_visits(rig.file, self._reference, self._payload, self._settings.check.looks[-1])
+        if self._by_host is not None:
+            planned = list(corrected_block(Block(self._payload, tuple(planned)), self._by_host).visits)
         campaign = new_campaign_id(f"{rig.file.rig}-check")
         store.work_on(campaign)
         tables = kept_tables(rig, store)
@@ -123,6 +134,7 @@ class _Check:
     def _measure(self, runner: Runner, planned: list[PlannedVisit]) -> HealthResult:
         rig = self._rig
         rig.enable()
+        rig.host = None if self._by_host is None else self._by_host.corrections
         rig.refresh_atmosphere()
         began_s = rig.clock.now_s()
         runner.run(put_on(runner.devices, self._payload), "payload")

@@ -1,14 +1,19 @@
-"""The tables in the drives by hand: show them, switch them off, go back to those before the last change."""
+"""The tables in the drives, or the host's correction, by hand: show, switch off, go back to before the last change."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from calibration.base.errors import InputError
+from calibration.compensation.samples import CorrectionSamples
 from drivers.drives.table_bank import BankStatus, CompensationState, TableBank
 from drivers.drives.table_image import decode_table, machine_id_of
 from drivers.errors import DriveFault, TableError
+from pkm_rig.jobs.former_correction import SAMPLES, activated_events
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.drive_tables import (
     WantedTables,
     campaign_of,
@@ -17,6 +22,7 @@ from pkm_rig.rig.drive_tables import (
     tables_line,
     telling_tables,
 )
+from pkm_rig.rig.host_state import host_in_use
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import DONE, KEPT, TableChange, begin, changes_of, switch_off
 from pkm_rig.store.store import Store
@@ -27,7 +33,7 @@ STANDS_M_PER_S = 1e-4
 
 def show_tables(rig: Rig, store: Store | None) -> dict[str, Any]:
     """What each drive holds and uses, and of which campaign it is (docs/reference/json.md)."""
-    _require_banks(rig)
+    _require_correction(rig)
     states = read_states(rig)
     return {
         "rig": rig.file.rig,
@@ -36,7 +42,30 @@ def show_tables(rig: Rig, store: Store | None) -> dict[str, Any]:
         "drives": {
             bank.drive.name: _drive(rig, store, bank, state) for bank, state in zip(rig.banks, states, strict=True)
         },
+        "host": None if uses_tables(rig.file, rig.machine) else _host(rig, store),
     }
+
+
+def _host(rig: Rig, store: Store | None) -> dict[str, Any]:
+    """Which correction this computer makes of its targets: of which campaign, for which loads, of what size."""
+    state = None if store is None else host_in_use(store, rig.file.rig, rig.machine.name)
+    if state is None or store is None:
+        return {"generation": None, "campaign": None, "on": False, "crc": None, "payloads": []}
+    units = ["rad" if kind == "crank" else "m" for kind in rig.machine.drive_kinds]
+    payloads = []
+    for data in activated_events(store, state.campaign).values():
+        largest = np.abs(CorrectionSamples.of_json(data[SAMPLES]).correction).max(axis=0)
+        payloads.append(
+            {
+                "payload_kg": data["payload_kg"],
+                "temperatures_c": data["temperatures_c"],
+                "largest_correction": {
+                    name: {"value": float(value), "unit": unit}
+                    for name, value, unit in zip(rig.machine.drive_names, largest, units, strict=True)
+                },
+            }
+        )
+    return {**state.as_json(), "payloads": payloads}
 
 
 def _drive(rig: Rig, store: Store | None, bank: TableBank, state: CompensationState) -> dict[str, Any]:
@@ -74,7 +103,9 @@ def change_to_off(rig: Rig, store: Store | None) -> None:
 
     An error says which tables are active.
     """
-    _require_banks(rig)
+    _require_correction(rig)
+    if store is None and not uses_tables(rig.file, rig.machine):
+        raise InputError(f"rig {rig.file.rig}: what the host corrects is in the store; give the --out that has it")
     with telling_tables(rig, store):
         require_standstill(rig)
         with rig.supervisor.during_motion():
@@ -83,7 +114,7 @@ def change_to_off(rig: Rig, store: Store | None) -> None:
 
 def last_change(rig: Rig, store: Store) -> TableChange:
     """The change that a rollback undoes; InputError if there is none, or its former tables are not this machine's."""
-    _require_banks(rig)
+    _require_correction(rig)
     changes = [c for c in changes_of(rig, store) if c.end == KEPT or (c.end == DONE and c.purpose in BY_HAND)]
     if not changes:
         raise InputError(
@@ -100,11 +131,15 @@ def last_change(rig: Rig, store: Store) -> TableChange:
     for image in change.before.images.values():
         if image is not None and decode_table(image).machine_id != machine_id_of(rig.machine.name):
             raise InputError(f"the former tables are not of machine {rig.machine.name}; not written")
+    if change.host_former is not None:
+        store.header(change.host_former.campaign)  # InputError where it was removed: its correction cannot come back
     return change
 
 
 def describe_before(change: TableChange) -> str:
     """The state before a change, in words."""
+    if change.host_former is not None:
+        return change.host_former.in_words()
     if not change.before.on:
         return "off on all drives"
     return f"generation {change.former[0]['generation']} on all drives"
@@ -116,11 +151,17 @@ def roll_back(rig: Rig, store: Store, change: TableChange) -> None:
     with telling_tables(rig, store):
         require_standstill(rig)
         with rig.supervisor.during_motion():
-            begin(rig, store, "rollback", target=WantedTables(before.images, before.on)).bring_to_target()
+            begin(
+                rig,
+                store,
+                "rollback",
+                target=WantedTables(before.images, before.on),
+                host=lambda _: change.host_former,
+            ).bring_to_target()
 
 
-def _require_banks(rig: Rig) -> None:
-    if not rig.banks:
+def _require_correction(rig: Rig) -> None:
+    if not rig.banks and uses_tables(rig.file, rig.machine):
         raise InputError(f"rig {rig.file.rig}: its drives store no compensation tables; there is nothing to show")
 
 

@@ -1,12 +1,15 @@
-"""Whether the drives use the tables of the calibration in force, and no others."""
+"""Whether the drives use the tables of the calibration in force, or the host its correction, and no others."""
 
 from __future__ import annotations
 
+from calibration.compensation.host import HostCorrection
 from drivers.drives.table_bank import CompensationMode
 from drivers.drives.table_image import decode_table
 from pkm_rig.errors import CampaignRefused
+from pkm_rig.jobs.former_correction import verified_correction
 from pkm_rig.results.callbacks import Notify
 from pkm_rig.rig.drive_tables import Table, as_image, read_states, serial_of, table_of, whole_tables
+from pkm_rig.rig.host_state import host_in_use
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import changes_of
 from pkm_rig.store.store import Store
@@ -71,6 +74,23 @@ def _only_restarted(rig: Rig, store: Store, tables: str) -> bool:
         and serials.get(bank.drive.name) == serial_of(bank)
         for bank, state in zip(rig.banks, read_states(rig), strict=True)
     )
+
+
+def require_host(rig: Rig, store: Store, campaign: str) -> HostCorrection:
+    """The host's correction of a calibration for the payload that is on; refused where another one is in force.
+
+    Raises CampaignRefused and InputError.
+    """
+    state = host_in_use(store, rig.file.rig, rig.machine.name)
+    if state is None or not state.on or state.campaign != campaign:
+        why = "the host has none in use" if state is None else state.in_words()
+        raise CampaignRefused(
+            f"the correction of calibration {campaign} is not in use: {why}; see `pkm-rig tables`, or calibrate anew"
+        )
+    payload = rig.supervisor.state().payload
+    if payload is None:
+        raise CampaignRefused("the payload is being changed; check the machine when it is on")
+    return verified_correction(store, campaign, payload)
 
 
 def stored_images(rig: Rig, store: Store, tables: str) -> dict[str, bytes]:

@@ -15,6 +15,7 @@ from pkm_rig.jobs.acceptance import (
     stored_outcome,
 )
 from pkm_rig.jobs.diagnose import try_diagnosis
+from pkm_rig.jobs.former_correction import SAMPLES, former_correction
 from pkm_rig.jobs.life_record import key_of, note_devices, record_identified, verdict_data
 from pkm_rig.jobs.measure import go_on, planned_readings
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
@@ -38,7 +39,14 @@ Judge = Callable[[CampaignOutcome, TableChange], tuple[str, ...]]
 
 
 def verify(
-    rig: Rig, store: Store, campaign: str, notify: Notify, progress: Progress, *, new_setup: bool = False
+    rig: Rig,
+    store: Store,
+    campaign: str,
+    notify: Notify,
+    progress: Progress,
+    *,
+    new_setup: bool = False,
+    accept_change: bool = False,
 ) -> CampaignOutcome:
     """Verify a measured campaign: identify it, measure before, write and activate its tables, measure after.
 
@@ -71,7 +79,7 @@ def verify(
         go_on(runner, (), total, new_setup=new_setup)
         tie_to_earlier_setups(runner, total)
         rig.enable()
-        return verify_tables(runner, identification, diagnosis, change, notify)
+        return verify_tables(runner, identification, diagnosis, change, notify, accept_change=accept_change)
 
 
 def verify_tables(
@@ -81,10 +89,13 @@ def verify_tables(
     change: TableChange,
     notify: Notify,
     judge: Judge | None = None,
+    *,
+    accept_change: bool = False,
 ) -> CampaignOutcome:
     """Write the tables of an identification, measure before and after, and decide at every payload of the rig file.
 
     judge: asked about tables that are to stay; where it has reasons against that, the former ones come back.
+    accept_change: also a correction that differs much from the former one (InputError without; a judge decides itself).
     """
     rig, store, campaign = runner.rig, runner.store, runner.campaign
     settings = rig.file.campaign
@@ -105,6 +116,11 @@ def verify_tables(
         runner.run(verification(runner.devices, block, "verification_before"), "verification before")
         temperatures = rig.temperatures_c()
         correction = back_end.build(identification, payload, temperatures)
+        samples = back_end.samples(correction)
+        former, change_m = former_correction(rig, store, campaign, payload), None
+        if former is not None:
+            accept = accept_change or judge is not None
+            change_m = back_end.change_since(correction, *former, accept=accept)
         corrected = back_end.commanded(block, correction)
         if (remark := back_end.remark(block, correction)) is not None:
             notify(remark)
@@ -113,6 +129,9 @@ def verify_tables(
             "payload": payload,
             "temperatures_c": temperatures,
             "tables": drives,
+            "payload_kg": rig.file.payloads[payload].mass_kg,
+            "largest_change": change_m,
+            SAMPLES: samples.as_json(),
             **back_end.settings(),
         }
         store.add_event(campaign, "activated", activated)

@@ -18,7 +18,24 @@ def print_tables(shown: dict[str, Any]) -> None:
         _print(f"drive {name}: {MODES[drive['mode']].format(drive['bank'])}{valid}")
         for bank in drive["banks"]:
             _print(f"  bank {bank['number']}: {_bank(bank)}")
+    if shown["host"] is not None:
+        _print_host(shown["host"])
     _print(f"tables: {shown['tables']}")
+
+
+def _print_host(host: dict[str, Any]) -> None:
+    """What this computer corrects of its targets where it leads the drives."""
+    if host["campaign"] is None:
+        _print("host: no correction was accepted")
+        return
+    does = "corrects" if host["on"] else "does not correct; it has"
+    _print(f"host: {does} generation {host['generation']}, CRC {host['crc']:08X}, campaign {host['campaign']}")
+    for load in host["payloads"]:
+        parts = ", ".join(f"{name} {t:.1f}" for name, t in sorted(load["temperatures_c"].items()))
+        sizes = ", ".join(
+            f"{name} {size['value'] * 1e6:.0f} u{size['unit']}" for name, size in load["largest_correction"].items()
+        )
+        _print(f"  {load['payload_kg']:g} kg, degC: {parts}; up to {sizes}")
 
 
 def _bank(bank: dict[str, Any]) -> str:

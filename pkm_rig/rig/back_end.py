@@ -6,6 +6,7 @@ command, confirm that it is what acts, keep it, and go back to what was before.
 
 from __future__ import annotations
 
+import zlib
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any
@@ -14,12 +15,13 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.compensation.host import HostCorrection, host_correction
-from calibration.compensation.tables import CompensationTable, table_for_payload
+from calibration.compensation.limits import require_change, require_size_and_slope
+from calibration.compensation.samples import Corrections, CorrectionSamples, slopes_of
+from calibration.compensation.tables import CompensationTable, correction_at, table_for_payload
 from calibration.identification.calibration import Calibration
-from drivers.drives.table_bank import CompensationMode
-from drivers.errors import TableError
+from calibration.machine.inverse import nominal_drives
+from calibration.machine.led_path import tool_coordinates
 from pkm_rig.rig.capabilities import uses_tables
-from pkm_rig.rig.drive_tables import read_states
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block
 from pkm_rig.rig.table_change import TableChange
@@ -60,6 +62,27 @@ class BackEnd(ABC):
         del block, correction
         return None
 
+    @abstractmethod
+    def corrections(self, correction: Correction) -> tuple[Corrections, Array]:
+        """What it adds to the drives (n, d) at platform poses (n, 6), NaN where nothing; the box (k, 2) it is for."""
+
+    def samples(self, correction: Correction) -> CorrectionSamples:
+        """It at some poses, for the store. InputError where it is too large, or changes too fast along a drive."""
+        machine, (corrections, box) = self.rig.machine, self.corrections(correction)
+        samples = CorrectionSamples.of(machine, box, corrections)
+        require_size_and_slope(machine, samples.correction, slopes_of(machine, box, corrections))
+        return samples
+
+    def change_since(self, correction: Correction, former: CorrectionSamples, source: str, *, accept: bool) -> float:
+        """The largest change (m or rad) since a former correction; InputError for one too large, unless accepted."""
+        corrections, box = self.corrections(correction)
+        commanded = tool_coordinates(self.rig.machine, former.target_m)
+        inside = np.all((commanded >= box[:, 0]) & (commanded <= box[:, 1]), axis=1)
+        if not np.any(inside):
+            return 0.0
+        change = corrections(former.target_m[inside]) - former.correction[inside]
+        return require_change(self.rig.machine, change, source, accept=accept)
+
     def settings(self) -> dict[str, Any]:
         """What the correction can be built from again, beside payload and temperatures."""
         return {"back_end": self.name}
@@ -78,6 +101,18 @@ class DriveTables(BackEnd):
         """A table over both drives' commanded positions."""
         return table_for_payload(calibration, payload, temperatures_c)
 
+    def remark(self, block: Block, correction: Correction) -> str | None:
+        """How fine the grid is, and what interpolation adds."""
+        del block
+        if not isinstance(correction, CompensationTable):
+            return None
+        points = correction.correction_m.shape[1]
+        rms_m, most_m = correction.interpolation_rms_m, correction.interpolation_max_m
+        return (
+            f"tables of {points} x {points} nodes: interpolation adds {rms_m * 1e6:.2f} um RMS, {most_m * 1e6:.2f} um "
+            "at most"
+        )
+
     def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
         """Write the tables into all drives and use them on trial."""
         if not isinstance(correction, CompensationTable):
@@ -87,6 +122,13 @@ class DriveTables(BackEnd):
             drive.name: {"generation": state.generation, "crc": state.crc, "active": state.valid}
             for drive, state in zip(self.rig.file.drives, states, strict=True)
         }
+
+    def corrections(self, correction: Correction) -> tuple[Corrections, Array]:
+        """As the drives interpolate them, over the workspace."""
+        if not isinstance(correction, CompensationTable):
+            raise TypeError("a table is needed")
+        machine = self.rig.machine
+        return lambda pose: correction_at(correction, nominal_drives(machine, pose)), machine.commanded_limits
 
     def commanded(self, block: Block, correction: Correction) -> Block:
         """The same visits: the drives correct."""
@@ -105,29 +147,41 @@ class DriveTables(BackEnd):
 class Host(BackEnd):
     """This computer corrects its targets before it sends them. The drives' own tables are off meanwhile, and stay so.
 
-    There is nothing in the drives to read back; what acts is what is commanded, and every reading records that.
+    There is nothing in the drives to read back; what acts is what is commanded, and every reading records that. Which
+    campaign's correction is in force, the store knows (`host_state`).
     """
 
     name = "host"
+
+    def __init__(self, rig: Rig, change: TableChange) -> None:
+        super().__init__(rig, change)
+        self._crc = 0
 
     def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> HostCorrection:
         """The identified model itself."""
         return host_correction(calibration, payload, temperatures_c)
 
     def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
-        """Refuse it while a drive has a table on."""
-        del correction
+        """Have this computer correct its targets; refused while a drive has a table on."""
+        corrections, _ = self.corrections(correction)
+        self._crc = zlib.crc32(self.samples(correction).crc.to_bytes(4, "little"), self._crc)
+        self.change.try_host(self._crc)
         self.rig.compensate(None)
+        self.rig.host = corrections
         self.require_in_use()
         return {}
+
+    def corrections(self, correction: Correction) -> tuple[Corrections, Array]:
+        """By the identified model, over what was measured."""
+        if not isinstance(correction, HostCorrection):
+            raise TypeError("a correction by the host is needed")
+        return correction.corrections, correction.measured.box
 
     def commanded(self, block: Block, correction: Correction) -> Block:
         """The visits with corrected drive positions. InputError beyond travel or limits."""
         if not isinstance(correction, HostCorrection):
             raise TypeError("a correction by the host is needed")
-        drives = correction.drives(np.array([visit.target_m for visit in block.visits]))
-        visits = (replace(visit, drives_m=row) for visit, row in zip(block.visits, drives, strict=True))
-        return replace(block, visits=tuple(visits))
+        return corrected_block(block, correction)
 
     def remark(self, block: Block, correction: Correction) -> str | None:
         """Forces that the model predicts of the struts, where there are more drives than coordinates to command."""
@@ -146,16 +200,18 @@ class Host(BackEnd):
 
     def require_in_use(self) -> None:
         """No drive may correct as well."""
-        for bank, state in zip(self.rig.banks, read_states(self.rig), strict=True):
-            if state.mode is not CompensationMode.OFF:
-                raise TableError(
-                    bank.drive.name, bank.drive.where, "its own table is on: both would correct",
-                    "switch it off with `pkm-rig tables off`",
-                )  # fmt: skip
+        self.rig.require_one_correction()
 
     def keep(self) -> None:
         """The accepted correction is in the store, by its campaign; the drives keep what they had, switched off."""
-        self.change.leave_off()
+        self.change.keep()
+
+
+def corrected_block(block: Block, correction: HostCorrection) -> Block:
+    """Visits with corrected drive positions. InputError beyond travel, limits or what was measured."""
+    drives = correction.drives(np.array([visit.target_m for visit in block.visits]))
+    visits = (replace(visit, drives_m=row) for visit, row in zip(block.visits, drives, strict=True))
+    return replace(block, visits=tuple(visits))
 
 
 def _rms(values: Array) -> float:

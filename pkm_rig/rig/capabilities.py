@@ -16,7 +16,7 @@ from calibration.machine.inverse import nominal_drives, platform_poses
 from drivers.drives.bus_load import MOST_LOAD, sync_load
 from pkm_rig.rig.config import RigFile, drive_profile
 from pkm_rig.rig.led_motion import is_led, require_possible_motion
-from pkm_rig.rig.schedule import require_reachable_poses
+from pkm_rig.rig.schedule import require_measured_verification, require_reachable_poses
 
 ROUND_OFF_M = 1e-9
 EDGE_POINTS = 9  # along each coordinate of the workspace, ends included
@@ -45,6 +45,8 @@ def require_capabilities(file: RigFile, machine: Machine, rig_path: Path, needs:
             require_travel(machine, GRID_MARGIN_M if tables else file.campaign.approach_m)
         else:
             require_reachable_poses(machine, file.campaign, file.payloads, file.station.position_m)
+        if Need.TABLES in needs:
+            require_measured_verification(machine, file.campaign, file.station.position_m)
 
 
 def _require_led_drives(file: RigFile, machine: Machine, rig_path: Path) -> None:

@@ -27,6 +27,7 @@ from pkm_rig.rig.led_motion import side_of
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import PlannedVisit
 from pkm_rig.rig.standstill import Standstill
+from pkm_rig.rig.state_row import rig_state_row
 from pkm_rig.rig.worker import Worker, WorkStatus
 
 TARGET_TOLERANCE_M = 0.02
@@ -132,8 +133,9 @@ class MachineDevice:
         commanded = tool_coordinates(machine, visit.target_m[None])[0]
         correction = visit.drives_m - nominal_drives(machine, visit.target_m[None])[0]
         side = side_of(machine, visit.target_m, visit.direction, approach_m)
-        for point in (approach_point(machine, commanded, side, approach_m), commanded):
-            self._rig.lead(point, correction, visit.speed_m_per_s)
+        before = approach_point(machine, commanded, side, approach_m)
+        self._rig.lead(before, visit.speed_m_per_s, correction if self._rig.host is None else None)
+        self._rig.lead(commanded, visit.speed_m_per_s, correction)
 
 
 class WaitDevice:
@@ -261,7 +263,7 @@ class StationDevice:
         stated = rig.file.station.accuracy.to_station_accuracy()
         covariance = station_geometry.point_covariances(hz, v, distance, stated)[0] / mean.n
         first = readings[0]
-        row = rig.rig_state_row(state, drives)
+        row = rig_state_row(rig, state, drives)
         row |= self._visit_columns()
         row |= {
             "sequence": float(tags.sequence),

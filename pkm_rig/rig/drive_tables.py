@@ -12,6 +12,7 @@ from drivers.drives.table_bank import BankStatus, CompensationMode, Compensation
 from drivers.drives.table_image import decode_table, image_crc
 from drivers.errors import DeviceError
 from pkm_rig.errors import StoreError
+from pkm_rig.rig.host_state import host_in_use
 from pkm_rig.rig.rig import Rig
 from pkm_rig.store.store import Store
 
@@ -110,10 +111,10 @@ def tables_line(rig: Rig, store: Store | None) -> str:
     except DeviceError as error:
         return f"tables: unknown: {error.device} could not be reached; `pkm-rig tables show` tells"
     names = [bank.drive.name for bank in rig.banks]
-    if not states:
-        return "tables: none, the drives store no tables"
     if not any(state.on for state in states):
-        return "tables: off on all drives"
+        tables = "off on all drives" if states else "none, the drives store no tables"
+        host = None if store is None else host_in_use(store, rig.file.rig, rig.machine.name)
+        return f"tables: {tables}{'' if host is None else f'; {host.in_words()}'}"
     if doubt(states, names) and len({(state.mode, state.generation) for state in states}) > 1:
         return f"tables: {_in_words(states, names)}"
     first = states[0]

@@ -10,15 +10,10 @@ from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives, nominal_poses
 from calibration.machine.led_path import (
     approach_point,
-    forward_pose,
     require_clear_ways,
-    straight_path,
     tool_coordinates,
 )
 from pkm_rig.rig.campaign_sections import CampaignSettings
-
-MOST_APART = 3e-3  # of a drive, in m or rad, from where the nominal machine has it: corrections are below it
-FEWEST_ROWS_PER_OFFSET = 1e-5  # m or rad by which a correction may change from one SYNC to the next
 
 
 def is_led(machine: Machine, settings: CampaignSettings) -> bool:
@@ -79,45 +74,3 @@ def require_clear_campaign(
     kg = np.array([kg for *_, kg, _ in visits])
     com = np.array([com for *_, com in visits])
     require_clear_ways(machine, ways, payload_kg=np.tile(kg, 2), payload_com_m=np.tile(com, (2, 1)))
-
-
-def led_rows(
-    machine: Machine,
-    demand: Array,
-    commanded: Array,
-    correction: Array,
-    *,
-    speed_m_per_s: float,
-    acceleration_m_per_s2: float,
-    period_s: float,
-    payload_kg: float,
-    payload_com_m: tuple[float, float, float],
-) -> Array:
-    """Drive positions (n, d) from where the drives are told to be (d,) to commanded coordinates (k,) of the tool.
-
-    correction (d,): what is added to the nominal drive coordinates at the end; on the way it grows from what is there
-    now, so that the path begins and ends without a step. Raises InputError where it leaves what is permitted.
-    """
-    start, apart = forward_pose(machine, demand)
-    for offset, what in ((apart, "stands"), (correction, "would stand")):
-        worst = int(np.argmax(np.abs(offset)))
-        if abs(offset[worst]) > MOST_APART:
-            raise InputError(
-                f"path: drive {machine.drive_names[worst]} {what} {offset[worst] * 1e3:.2f} mm or mrad from where the "
-                f"others have it, {MOST_APART * 1e3:g} is permitted: they strain the machine; check references and "
-                "release it by hand"
-            )
-    require_clear_ways(machine, np.stack([start, commanded])[None], payload_kg=payload_kg, payload_com_m=payload_com_m)
-    path = straight_path(machine, start, commanded, speed_m_per_s, acceleration_m_per_s2, period_s)
-    share = path.share
-    least = int(np.ceil(np.max(np.abs(correction - apart)) / FEWEST_ROWS_PER_OFFSET)) + 1
-    drives = path.drives
-    if len(share) < least:  # hardly any way, but another correction: as many rows as that needs
-        spread = np.linspace(0.0, 1.0, least)
-        drives = np.stack([np.interp(spread, np.linspace(0.0, 1.0, len(share)), column) for column in drives.T], axis=1)
-        share = spread
-    rows = drives + (1.0 - share)[:, None] * apart + share[:, None] * correction
-    low, high = machine.travel.T
-    if np.any((rows < low) | (rows > high)):
-        raise InputError("path: a corrected drive would leave its travel; make the workspace smaller")
-    return np.asarray(rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,16 @@ from calibration.compensation.tables import CompensationTable
 from calibration.machine.description import Machine
 from drivers.drives.cia402 import CYCLIC_POSITION
 from drivers.drives.drive_group import DriveGroup
-from drivers.drives.servo_drive import DriveSample
-from drivers.drives.table_bank import CompensationState, TableBank
+from drivers.drives.table_bank import CompensationMode, CompensationState, TableBank
 from drivers.drives.table_group import bring_to, switch_off, use_on_trial
 from drivers.drives.table_image import TableImage, encode_table, machine_id_of
 from drivers.errors import DeviceError, PlcError, Stopped, TableError
 from drivers.plc.plc import Plc
-from drivers.plc.plc_registers import PlcState
 from drivers.station.laser_tracker import LaserTracker
 from pkm_rig.rig.clock import RigClock
 from pkm_rig.rig.config import PART_SENSORS, RigFile
-from pkm_rig.rig.led_motion import is_led, led_rows
+from pkm_rig.rig.led_motion import is_led
+from pkm_rig.rig.led_rows import ROUND_OFF, PathOrder, led_rows
 from pkm_rig.rig.observer import Observer, Unobserved
 from pkm_rig.rig.operator import Nobody, Operator
 from pkm_rig.rig.station_air import StationAir
@@ -60,6 +59,7 @@ class Rig:
         self.sensors = PART_SENSORS
         self.extra_columns = file.plc.extra_columns()
         self.compensation = 0
+        self.host: Callable[[Array], Array] | None = None  # corrections (n, d) at platform poses (n, 6), of its targets
         self.path: Path | None = None  # of its rig file, where there is one
         self._poll_period_s = poll_period_s
         self._air = StationAir(station, clock, file.limits.atmosphere_age_s, file.limits.atmosphere_ppm)
@@ -141,31 +141,47 @@ class Rig:
 
     def move(self, drives_m: Array, speed_m_per_s: float) -> None:
         """Move all drives together to commanded positions (d,) and wait until they have settled."""
+        self.require_one_correction()
         with self.supervisor.during_motion():
             self.drives.move_to([float(q) for q in drives_m], speed_m_per_s, self.file.campaign.acceleration_m_per_s2)
 
-    def lead(self, commanded: Array, correction: Array, speed_m_per_s: float) -> None:
+    def lead(self, commanded: Array, speed_m_per_s: float, correction: Array | None = None) -> None:
         """Lead all drives along a path to commanded coordinates (k,) of the tool and wait until they have settled.
 
-        correction (d,): what is added to the nominal drive coordinates there. Raises InputError before anything moves.
+        correction (d,): what is added to the nominal drive coordinates there, if not what the host's correction says.
+        Raises InputError before anything moves.
         """
         campaign, payload = self.file.campaign, self.supervisor.state().payload
         load = self.file.payloads[payload or 0]
+        order = PathOrder(
+            speed_m_per_s=speed_m_per_s,
+            acceleration_m_per_s2=campaign.acceleration_m_per_s2,
+            period_s=self.file.can.sync_period_s,
+            payload_kg=load.mass_kg,
+            payload_com_m=load.com_m,
+            corrections=self.host,
+            correction=correction,
+            limits=np.array([drive.limits_m for drive in self.drives.drives]),
+        )
+        self.require_one_correction()
         with self.supervisor.during_motion():
-            rows = led_rows(
-                self.machine,
-                np.array([sample.demand_m for sample in self.drives.sample()]),
-                commanded,
-                correction,
-                speed_m_per_s=speed_m_per_s,
-                acceleration_m_per_s2=campaign.acceleration_m_per_s2,
-                period_s=self.file.can.sync_period_s,
-                payload_kg=load.mass_kg,
-                payload_com_m=load.com_m,
-            )
-            fastest = float(np.abs(np.diff(rows, axis=0)).max(initial=0.0)) / self.file.can.sync_period_s
-            self.drives.follow(rows.tolist(), max(fastest * 1.001, speed_m_per_s))
+            demand = np.array([sample.demand_m for sample in self.drives.sample()])
+            rows = led_rows(self.machine, demand, commanded, order)
+            fastest = float(np.abs(np.diff(rows, axis=0)).max(initial=0.0)) / order.period_s
+            cranks = bool(self.machine.rotary_drives)  # in rad/s: not the speed's unit
+            self.drives.follow(rows.tolist(), (fastest if cranks else speed_m_per_s) * (1.0 + 2.0 * ROUND_OFF))
             self.clock.sleep_s(self.drives.rest.hold_s)
+
+    def require_one_correction(self) -> None:
+        """Raise TableError where the host corrects and a drive has a table of its own on: both would act."""
+        if self.host is None:
+            return
+        for bank in self.banks:
+            if bank.mode() is not CompensationMode.OFF:
+                raise TableError(
+                    bank.drive.name, bank.drive.where, "its own table is on: both would correct",
+                    "switch it off with `pkm-rig tables off`",
+                )  # fmt: skip
 
     def positions_m(self) -> Array:
         """Actual drive positions (d,), sampled at one SYNC."""
@@ -244,7 +260,7 @@ class Rig:
         Leaves the drives without power. A table becomes active whole and read back, on all drives or on
         none: after any failure compensation is off everywhere and the cause is raised.
         """
-        self.compensation = 0
+        self.compensation, self.host = 0, None
         try:
             self.drives.disable()
         finally:
@@ -261,7 +277,7 @@ class Rig:
 
         After any failure compensation is off on every drive that can be reached, and the cause is raised.
         """
-        self.compensation = 0
+        self.compensation, self.host = 0, None
         try:
             self.drives.disable()
             bring_to(self.banks, images, self.trial_timeout_s, on=on)
@@ -313,33 +329,6 @@ class Rig:
         """Temperatures of the machine's sensors, now."""
         state = self.supervisor.state()
         return {name: state.temperatures_c[name] for name in self.machine.sensors.values()}
-
-    def rig_state_row(self, state: PlcState, drives: Sequence[DriveSample]) -> dict[str, float | str]:
-        """Drives, air, temperatures and payload as columns of a recording."""
-        row: dict[str, float | str] = {}
-        for sample, drive in zip(drives, self.file.drives, strict=True):
-            unit = "m" if drive.radians_per_increment is None else "rad"
-            row |= {
-                f"{drive.name}_commanded_{unit}": sample.demand_m,
-                f"{drive.name}_actual_{unit}": sample.position_m,
-                f"{drive.name}_following_error_{unit}": sample.following_error_m,
-                f"{drive.name}_velocity_{unit}_per_s": sample.velocity_m_per_s,
-                f"{drive.name}_torque_ratio": sample.torque_fraction,
-            }
-        payload = state.payload
-        mass_kg = self.payload_mass_kg(payload)
-        if payload is None or mass_kg is None:
-            raise PlcError("PLC", "payload", "it is being changed", "measure when it is on")
-        return row | {
-            "payload": float(payload),
-            "payload_mass_kg": mass_kg,
-            "compensation": float(self.compensation),
-            "air_temperature_c": state.temperatures_c["air"],
-            "pressure_hpa": state.pressure_hpa,
-            "humidity_percent": 100.0 * state.humidity,
-            **{f"{name}_temperature_c": state.temperatures_c[name] for name in self.sensors},
-            **{name: state.readings[name] for name in self.extra_columns},
-        }
 
     def refresh_atmosphere(self) -> None:
         """Give the PLC's air to the station now.

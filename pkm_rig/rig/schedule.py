@@ -9,6 +9,8 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.compensation.correction import measured_box
+from calibration.compensation.measured_range import held_poses
 from calibration.instruments.visibility import hides_reflectors, visible
 from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives, nominal_poses
@@ -94,7 +96,7 @@ def verification_block(
         edge_axis = rng.integers(0, machine.commanded.size, count)
         edge_side = rng.integers(0, 2, count).astype(float)
         unit[on_edge, edge_axis[on_edge]] = edge_side[on_edge]
-        parts.append(_usable(machine, _in_workspace(machine, unit), settings.approach_m, station_m))
+        parts.append(usable_targets(machine, _in_workspace(machine, unit), settings.approach_m, station_m))
     targets = np.concatenate(parts)[:count]
     pose_directions = [(n, 1 if n % 2 else -1) for n in range(count)]
     return _block(machine, settings, targets, payload, pose_directions, rng, {})
@@ -112,7 +114,7 @@ def calibration_targets(machine: Machine, settings: CampaignSettings, station_m:
         sobol = qmc.Sobol(machine.commanded.size, seed=np.random.default_rng([settings.seed, POSE_STREAM]))
         unit = sobol.random_base2(exponent + more)
         targets = _in_workspace(machine, 0.5 - 0.5 * np.cos(np.pi * unit))
-        targets = _usable(machine, targets, settings.approach_m, station_m)
+        targets = usable_targets(machine, targets, settings.approach_m, station_m)
         if len(targets) >= count:
             return targets[:count]
     raise _hardly_reachable(machine)
@@ -133,7 +135,21 @@ def require_reachable_poses(
         )
 
 
-def _usable(machine: Machine, targets: Array, margin: float, station_m: Point | None) -> Array:
+def require_measured_verification(machine: Machine, settings: CampaignSettings, station_m: Point) -> None:
+    """Raise InputError where verification would ask for a correction beyond the poses that calibration measures."""
+    if settings.visits or not settings.verification_payloads:
+        return
+    measured = measured_box(machine, calibration_targets(machine, settings, station_m))
+    wanted = verification_block(machine, settings, settings.verification_payloads[0], station_m)
+    try:
+        held_poses(machine, measured, np.array([visit.target_m for visit in wanted.visits]))
+    except InputError as error:
+        raise InputError(
+            f"campaign: verification poses lie beyond its calibration_poses; give more of these ({error})"
+        ) from error
+
+
+def usable_targets(machine: Machine, targets: Array, margin: float, station_m: Point | None = None) -> Array:
     """Those of the targets (n, 6) that the drives reach and at which a station at a point sees all reflectors.
 
     InputError where it never sees one of them.

@@ -1,4 +1,5 @@
-"""A change of the tables in all drives: what was before is stored first, so that it can be undone after any failure.
+"""A change of the tables in all drives, or of the host's correction: what was before is stored first, so that it can be
+undone after any failure.
 
 Steps in the store (`table_changes`), each durable before the drives are touched: `begun` with the former state of every
 drive and the state to bring them to; `trial` with the images that are tried; and one that ends the change: `kept`
@@ -8,7 +9,7 @@ drive and the state to bring them to; `trial` with the images that are tried; an
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, Literal
 
@@ -18,6 +19,7 @@ from drivers.drives.table_group import switch_off as switch_off_banks
 from drivers.drives.table_image import TableImage, encode_table
 from drivers.errors import DeviceError, TableError
 from pkm_rig.errors import StoreError
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.drive_tables import (
     Table,
     WantedTables,
@@ -28,6 +30,7 @@ from pkm_rig.rig.drive_tables import (
     table_of,
     telling_tables,
 )
+from pkm_rig.rig.host_state import HOST, HostState, host_in_use, next_generation, state_of
 from pkm_rig.rig.rig import Rig
 from pkm_rig.store.store import Store
 from pkm_rig.store.stored_rows import StoredTableChange
@@ -35,6 +38,8 @@ from pkm_rig.store.stored_rows import StoredTableChange
 BEGUN, TRIAL, KEPT, DONE, GIVEN_UP = "begun", "trial", "kept", "done", "given up"
 ENDS = (KEPT, DONE, GIVEN_UP)
 VERDICT = "table_change"  # key of the verdict's event: the change that it judges
+
+HOST_OFF = ("off", "home")  # after these the host corrects no more; it never does while a campaign measures
 
 Purpose = Literal["calibrate", "measure", "verify", "home", "off", "rollback", "approve"]
 
@@ -49,9 +54,11 @@ class TableChange:
         self.former: list[dict[str, Any]] = first.data["former"]
         target = first.data["target"]
         self.target = self.before if target is None else WantedTables.of_json(target)
+        self.host_former = state_of(first.data.get("host_former"))
+        self.host_target = state_of(first.data.get("host_target"))
         self.end = steps[-1].kind if steps[-1].kind in ENDS else None
         self.trials = [step.data for step in steps if step.kind == TRIAL]
-        self._rig, self._store = rig, store
+        self._rig, self._store, self._host_generation = rig, store, 0
 
     @property
     def ended(self) -> bool:
@@ -65,7 +72,9 @@ class TableChange:
 
     @property
     def description(self) -> str:
-        """What the drives go back to."""
+        """What the drives, or the host, go back to."""
+        if self.host_target is not None and self.host_target.on:
+            return f"the host's former correction, generation {self.host_target.generation}"
         return "the former tables" if self.target.on else "no compensation, as before"
 
     @property
@@ -97,6 +106,15 @@ class TableChange:
         self.trials.append(trial)
         return self._rig.compensate(images)
 
+    def try_host(self, crc: int) -> None:
+        """Store that the host is to correct by this campaign, on trial: no drive uses a table meanwhile."""
+        number = self._host_generation or next_generation(self._store, self._rig.file.rig)
+        self._host_generation = number
+        state = HostState(number, self.campaign or "", crc)
+        trial: dict[str, Any] = {"images": {}, "tables": {}, HOST: state.as_json()}
+        self._add(TRIAL, trial)
+        self.trials.append(trial)
+
     def require_in_use(self) -> None:
         """Raise TableError unless the tables tried last are what every drive uses: they were measured, no others."""
         for bank in self._rig.banks:
@@ -107,7 +125,15 @@ class TableChange:
                 )  # fmt: skip
 
     def keep(self) -> None:
-        """Use the tables tried last for good: they are verified, and the verdict is stored."""
+        """Use what was tried last for good: it is verified, and the verdict is stored.
+
+        The host's correction is then in force by this step alone; the drives keep what they have, switched off.
+        """
+        host = self.trials[-1].get(HOST)
+        if host is not None:
+            self._rig.switch_compensation(None)
+            self._add(KEPT, {HOST: host})
+            return
         tried = self._tried()
         self._rig.bring_tables_to([tried[bank.drive.name] for bank in self._rig.banks], on=True)
         self._add(KEPT, {})
@@ -123,13 +149,7 @@ class TableChange:
         """Bring all drives to the state that was asked for; that of before, where tables were to be tried."""
         images = self.target.images
         self._rig.bring_tables_to([images[bank.drive.name] for bank in self._rig.banks], on=self.target.on)
-        self._add(DONE, {})
-
-    def leave_off(self) -> None:
-        """End the change with no table in use on any drive: what was verified acts elsewhere. The banks stay."""
-        self._rig.switch_compensation(None)
-        self._rig.enable()
-        self._add(DONE, {})
+        self._add(DONE, {HOST: None if self.host_target is None else self.host_target.as_json()})
 
     def fall_back(self) -> None:
         """After a failure: the same as far as the drives answer; while one is silent, the others use no table.
@@ -159,22 +179,34 @@ class TableChange:
         return {drive: as_image(text) or b"" for drive, text in images.items()}
 
     def _add(self, kind: str, data: dict[str, Any]) -> None:
-        if self._rig.banks:
+        if _keeps_steps(self._rig):
             add_step(self._rig, self._store, self.campaign, self.id, kind, data)
         self.end = kind if kind in ENDS else None
 
 
 def begin(
-    rig: Rig, store: Store, purpose: Purpose, campaign: str | None = None, target: WantedTables | None = None
+    rig: Rig,
+    store: Store,
+    purpose: Purpose,
+    campaign: str | None = None,
+    target: WantedTables | None = None,
+    host: Callable[[HostState | None], HostState | None] = lambda former: former,
 ) -> TableChange:
-    """Store the state of every drive; nothing has been changed when this returns. `target`: None for that state."""
+    """Store the state of every drive and of the host; nothing has been changed when this returns.
+
+    `target`: None for that state; `host`: what the host is brought to, of what it does now.
+    """
+    now = None if uses_tables(rig.file, rig.machine) else host_in_use(store, rig.file.rig, rig.machine.name)
+    wanted = host(now)
     data = {
         "purpose": purpose,
         "former": record_state(rig),
         "target": None if target is None else target.as_json(),
+        "host_former": None if now is None else now.as_json(),
+        "host_target": None if wanted is None else wanted.as_json(),
     }
     change = secrets.token_hex(8)
-    if rig.banks:
+    if _keeps_steps(rig):
         add_step(rig, store, campaign, change, BEGUN, data)
     step = StoredTableChange(0, "", rig.file.rig, rig.machine.name, campaign, change, BEGUN, data)
     return TableChange(rig, store, [step])
@@ -203,7 +235,19 @@ def switch_off(rig: Rig, store: Store | None, purpose: Purpose) -> None:
         rig.switch_compensation(None)
         return
     former = {record["drive"]: as_image(record["image"]) for record in record_state(rig)}
-    begin(rig, store, purpose, target=WantedTables(former, on=False)).bring_to_target()
+    stays = purpose not in HOST_OFF
+    begin(
+        rig,
+        store,
+        purpose,
+        target=WantedTables(former, on=False),
+        host=lambda now: now if stays or now is None else now.off(),
+    ).bring_to_target()
+
+
+def _keeps_steps(rig: Rig) -> bool:
+    """Whether there is something to record: drives with tables, or a host that corrects."""
+    return bool(rig.banks) or not uses_tables(rig.file, rig.machine)
 
 
 def add_step(rig: Rig, store: Store, campaign: str | None, change: str, kind: str, data: dict[str, Any]) -> None:

@@ -90,7 +90,8 @@ def known_tables(change: TableChange, drive: str) -> set[Table]:
     """The tables that a change may have left in a drive's banks."""
     known = {(int(g), int(c)) for record in change.former if record["drive"] == drive for g, c in record["tables"]}
     for trial in change.trials:
-        generation, crc = trial["tables"][drive]
-        known.add((int(generation), int(crc)))
+        if drive in trial["tables"]:  # not where the host corrects
+            generation, crc = trial["tables"][drive]
+            known.add((int(generation), int(crc)))
     image = change.target.images.get(drive)
     return known if image is None else known | {table_of(image)}

@@ -8,6 +8,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from calibration.compensation.tables import build_table, corrected_drives, drive_box
 from calibration.identification.prediction import predict_poses
+from calibration.machine.inverse import nominal_drives
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.visits import Visits
 from calibration.reduction.report_frame import fit_report_frame
@@ -67,6 +68,33 @@ def test_interpolation_between_nodes_is_below_two_microns(known):
     for a in range(2):
         result = RegularGridInterpolator(axes, table.correction_m[a])(visits.drives)
         assert np.sqrt(np.mean((result - exact[:, a]) ** 2)) < 2e-6
+
+
+@pytest.mark.parametrize(("noise_m", "points"), [(2e-4, 9), (7e-6, 33), (1e-12, 64)])
+def test_the_grid_is_as_coarse_as_the_noise_lets_it(known, noise_m, points):
+    """Interpolation adds at most 5 % of the noise, by the predicted tool at poses of the test's own."""
+    rig, report, fit = known
+    load = OperatingConditions(200.0, PLATE_COM_M, TEMPERATURES_C)
+    table = build_table(fit, report, load, noise_m)
+    count = table.correction_m.shape[1]
+    assert count == points
+    target = rig.visits(rig.workspace(300), np.full(300, 200.0)).target_m
+    nominal = nominal_drives(rig.machine, target)
+    axes = [table.start_m[a] + table.step_m[a] * np.arange(count) for a in range(2)]
+    correction = np.stack([RegularGridInterpolator(axes, table.correction_m[a])(nominal) for a in range(2)], axis=1)
+    error, _ = report.tool_error(predict_poses(fit, report, load.at_poses(nominal + correction, target)), target)
+    added_m = np.linalg.norm(error[:, :2], axis=1)
+    assert np.sqrt(np.mean(added_m**2)) == pytest.approx(table.interpolation_rms_m, rel=0.15)
+    assert added_m.max() <= 1.2 * table.interpolation_max_m < 2e-5
+    assert points == 64 or table.interpolation_rms_m <= 0.05 * noise_m
+
+
+def test_no_node_within_the_workspace_is_taken_from_another(known):
+    """A search that begins too far away is begun again from a neighbour: the finest grid has no dent anywhere."""
+    _, report, fit = known
+    table = build_table(fit, report, OperatingConditions(200.0, PLATE_COM_M, TEMPERATURES_C), 1e-12)
+    assert table.correction_m.shape == (2, 64, 64)
+    assert table.interpolation_max_m < 0.3e-6
 
 
 def test_grid_covers_the_workspace_with_a_margin_and_every_node_is_a_number(known):

@@ -24,13 +24,11 @@ from calibration.compensation.error_map import ErrorMap
 from calibration.compensation.limits import (
     FormerCorrection,
     check_change,
-    check_load,
     check_size_and_slope,
 )
 from calibration.compensation.piecewise import Nodes
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
 from calibration.machine.inverse import nominal_drives, platform_poses
-from calibration.model.operating_conditions import OperatingConditions
 from pkm_rig.report.maps import error_fields, error_maps
 from tests.calibration.compensation.drawn_machine import DrawnMachine
 
@@ -151,13 +149,6 @@ def test_size_slope_and_change_are_limited():
         check_change(machine, (good, none), former, accept=False)
     assert check_change(machine, (good, none), former, accept=True) == pytest.approx(1e-3 * drives[:, 0].max())
     assert check_change(machine, (good, none), None, accept=False) is None
-
-
-def test_there_is_no_correction_beyond_the_measured_loads():
-    warm = {"struts": 20.0}
-    check_load(OperatingConditions(200.0, (0.0, 0.0, 0.0), warm), np.array([0.0, 400.0]))
-    with pytest.raises(InputError, match="0 to 400 kg were measured"):
-        check_load(OperatingConditions(401.0, (0.0, 0.0, 0.0), warm), np.array([0.0, 400.0]))
 
 
 def test_the_map_is_hatched_where_the_uncertainty_exceeds_the_error():

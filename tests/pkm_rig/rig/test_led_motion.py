@@ -10,19 +10,19 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.machine.inverse import nominal_drives, nominal_poses
-from calibration.machine.led_path import forward_pose
+from calibration.machine.led_path import forward_pose, tool_coordinates
 from drivers.drives.bus_load import frame_bits, sync_load
 from drivers.drives.homing import HomingParameters
 from drivers.errors import DeviceError, DriveFault, Stopped
 from mock_devices.drives.axis_motion import Dynamics
 from pkm_rig.rig.config import demo_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
-from pkm_rig.rig.led_motion import led_rows, led_sides, side_of
+from pkm_rig.rig.led_motion import led_sides, side_of
+from pkm_rig.rig.led_rows import MOST_FADED, PathOrder, led_rows
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 
 MIDDLE = np.array([0.0, 0.0, 1.1, 0.0, 0.0, 0.0])
 THERE = np.array([0.03, -0.02, 1.12, 0.02, -0.03, 0.04])
-NO_CORRECTION = np.zeros(8)
 
 
 @contextmanager
@@ -54,7 +54,7 @@ def disagreement_m(rig, mock):
 
 def test_a_led_path_ends_where_it_should_and_strains_nothing(led):
     rig, mock = led
-    rig.lead(THERE, NO_CORRECTION, 0.2)
+    rig.lead(THERE, 0.2)
     wanted = nominal_drives(rig.machine, nominal_poses(rig.machine, THERE[None]))[0]
     assert rig.positions_m() == pytest.approx(wanted, abs=2e-6)
     assert disagreement_m(rig, mock) < 2e-6
@@ -64,10 +64,10 @@ def test_a_led_path_ends_where_it_should_and_strains_nothing(led):
 def test_a_correction_is_there_at_the_end_of_the_path(led):
     rig, _ = led
     correction = np.array([1, -1, 2, 0, -2, 1, 0, 1]) * 5e-5
-    rig.lead(MIDDLE, correction, 0.2)
+    rig.lead(MIDDLE, 0.2, correction)
     wanted = nominal_drives(rig.machine, nominal_poses(rig.machine, MIDDLE[None]))[0] + correction
     assert rig.positions_m() == pytest.approx(wanted, abs=2e-6)
-    rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+    rig.lead(MIDDLE, 0.2)
 
 
 def test_profiles_and_homing_that_moves_are_refused_before_anything_is_sent(led):
@@ -83,7 +83,7 @@ def test_profiles_and_homing_that_moves_are_refused_before_anything_is_sent(led)
 
 def test_a_stop_brings_all_to_rest_along_the_path(led):
     rig, mock = led
-    rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+    rig.lead(MIDDLE, 0.2)
     rows = 0
 
     def stop_when_half_way():
@@ -96,7 +96,7 @@ def test_a_stop_brings_all_to_rest_along_the_path(led):
     rig.drives._sampler._sync = lambda: (send(), stop_when_half_way())[0]
     try:
         with pytest.raises(Stopped, match="somebody asks for it"):
-            rig.lead(THERE, NO_CORRECTION, 0.2)
+            rig.lead(THERE, 0.2)
     finally:
         rig.drives._sampler._sync = send
     rig.clock.sleep_s(0.5)  # following errors decay
@@ -108,23 +108,23 @@ def test_a_stop_brings_all_to_rest_along_the_path(led):
     rig.drives.clear_stop()
     rig.drives.disable()
     rig.enable()
-    rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+    rig.lead(MIDDLE, 0.2)
 
 
 def test_ramps_are_scaled_so_that_all_drives_rest_after_the_same_time(led):
     rig, mock = led
-    rig.lead(THERE, NO_CORRECTION, 0.2)
+    rig.lead(THERE, 0.2)
     ramps = np.array([drive.with_axis(lambda axis: axis.limits.quick_stop_deceleration) for drive in mock.drives])
     start, end = (nominal_drives(rig.machine, nominal_poses(rig.machine, at[None]))[0] for at in (MIDDLE, THERE))
     way = np.abs(end - start)
     assert ramps / ramps.max() == pytest.approx(way / way.max(), rel=0.3, abs=0.05)
-    rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+    rig.lead(MIDDLE, 0.2)
 
 
 def test_without_sync_all_drives_stop_together():
     """The line falls silent on the way: the drives' own watch stops them, and they still agree."""
     with gough8() as (rig, mock):
-        rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+        rig.lead(MIDDLE, 0.2)
         count, send = 0, rig.drives._sampler._sync
 
         def lost_after_ten():
@@ -135,7 +135,7 @@ def test_without_sync_all_drives_stop_together():
 
         rig.drives._sampler._sync = lost_after_ten
         with pytest.raises(DeviceError):
-            rig.lead(THERE, NO_CORRECTION, 0.2)
+            rig.lead(THERE, 0.2)
         rig.clock.sleep_s(1.0)
         assert not mock.plant.is_moving()
         assert disagreement_m(rig, mock) < 1e-4
@@ -145,7 +145,7 @@ def test_without_sync_all_drives_stop_together():
 def test_moving_drive_by_drive_trips_the_mock():
     """One leg goes 1 mm by itself: a strut bears more than it may, and all drives fault."""
     with gough8() as (rig, mock):
-        rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+        rig.lead(MIDDLE, 0.2)
 
         def go_alone(axis):
             t_s = rig.clock.now_s()
@@ -160,7 +160,7 @@ def test_moving_drive_by_drive_trips_the_mock():
         assert mock.strained is not None
         assert "N permitted" in mock.strained
         with pytest.raises(DriveFault, match="a strut bears more than it may"):
-            rig.lead(MIDDLE, NO_CORRECTION, 0.2)
+            rig.lead(MIDDLE, 0.2)
 
 
 def rows_of(machine, demand, commanded, **changes):
@@ -168,7 +168,7 @@ def rows_of(machine, demand, commanded, **changes):
         "speed_m_per_s": 0.1, "acceleration_m_per_s2": 0.5, "period_s": 0.004, "payload_kg": 0.0,
         "payload_com_m": (0.0, 0.0, 0.0),
     }  # fmt: skip
-    return led_rows(machine, demand, commanded, np.zeros(len(demand)), **(settings | changes))
+    return led_rows(machine, demand, commanded, PathOrder(**(settings | changes)))
 
 
 @pytest.fixture(scope="module")
@@ -181,9 +181,68 @@ def test_a_path_begins_at_the_demand_and_ends_without_a_step(machine):
     rows = rows_of(machine, demand, THERE)
     steps = np.abs(np.diff(rows, axis=0))
     assert rows[0] == pytest.approx(demand, abs=1e-12)
-    assert steps.max() <= 0.1 * 0.004 * 1.02
+    assert steps.max() <= 0.1 * 0.004 * (1.0 + 2e-6)
     assert steps[0].max() < 0.05 * steps.max()
     assert steps[-1].max() < 0.05 * steps.max()
+
+
+def bow(height):
+    """A correction (n, 8) of the first drive alone: 100 um and more, by the height (n,) of the tool."""
+    return np.outer(1e-4 + 0.4 * (height - 1.11) ** 2, np.eye(8)[0])
+
+
+def bowed(machine):
+    """The same of platform poses."""
+    return lambda pose: bow(tool_coordinates(machine, pose)[:, 2])
+
+
+def test_every_row_is_corrected_for_its_own_pose(machine):
+    """Less the correction for where it is, each row is the nominal machine's on the straight way: no end decides it."""
+    middle = nominal_poses(machine, MIDDLE[None])
+    rows = rows_of(machine, (nominal_drives(machine, middle) + bow(MIDDLE[2:3]))[0], THERE, corrections=bowed(machine))
+    there = nominal_poses(machine, THERE[None])
+    assert rows[-1] == pytest.approx((nominal_drives(machine, there) + bow(THERE[2:3]))[0], abs=1e-9)
+    for row in rows[:: len(rows) // 9]:
+        near = forward_pose(machine, row)[0]
+        pose, apart = forward_pose(machine, row - bow(near[2:3])[0])
+        assert apart == pytest.approx(np.zeros(8), abs=3e-7)
+        share = (pose[2] - MIDDLE[2]) / (THERE[2] - MIDDLE[2])
+        assert pose == pytest.approx(MIDDLE + share * (THERE - MIDDLE), abs=3e-6)
+
+
+def test_a_correction_that_is_switched_on_at_rest_comes_without_a_step(machine):
+    middle = nominal_poses(machine, MIDDLE[None])
+    demand = nominal_drives(machine, middle)[0]
+    rows = rows_of(machine, demand, MIDDLE, corrections=bowed(machine))
+    assert rows[0] == pytest.approx(demand, abs=1e-12)
+    assert rows[-1] == pytest.approx(demand + bow(MIDDLE[2:3])[0], abs=1e-9)
+    steps = np.abs(np.diff(rows, axis=0)).max(axis=1)
+    assert steps.max() <= MOST_FADED
+    assert max(steps[0], steps[-1]) < 0.3 * steps.max()
+
+
+def test_a_corrected_path_keeps_the_speed(machine):
+    """A correction that grows by 10 % of the way makes the first drive faster; the path then takes longer."""
+    middle = nominal_poses(machine, MIDDLE[None])
+
+    def steep(pose):
+        return np.outer(0.1 * (tool_coordinates(machine, pose)[:, 2] - 1.1), np.eye(8)[0])
+
+    demand = nominal_drives(machine, middle)[0]
+    up = np.array([0.0, 0.0, 1.12, 0.0, 0.0, 0.0])
+    rows, plain = rows_of(machine, demand, up, corrections=steep), rows_of(machine, demand, up)
+    assert np.abs(np.diff(rows, axis=0)).max() <= 0.1 * 0.004 * (1.0 + 2e-6)
+    assert len(rows) >= len(plain)
+
+
+def test_a_corrected_path_stays_within_the_software_limits(machine):
+    middle = nominal_poses(machine, MIDDLE[None])
+    demand = nominal_drives(machine, middle)[0]
+    limits = np.stack([demand - 0.2, demand + 0.2], axis=1)
+    limits[0, 1] = demand[0] + 5e-5  # less than its correction of 140 um
+    rows_of(machine, demand, MIDDLE, limits=limits)
+    with pytest.raises(InputError, match=r"corrected, drive leg1 would be at .*software limits \(0x607D\)"):
+        rows_of(machine, demand, MIDDLE, limits=limits, corrections=bowed(machine))
 
 
 def test_every_row_of_a_path_agrees(machine):

@@ -1,0 +1,110 @@
+"""What a campaign has measured: loads, temperatures and poses for which there is a correction. Beyond there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.base.errors import InputError
+from calibration.compensation.correction import measured_box
+from calibration.identification.calibration import Calibration
+from calibration.machine.description import COORDINATES, Machine
+from calibration.machine.inverse import nominal_poses, platform_poses
+from calibration.machine.led_path import tool_coordinates
+from calibration.model.operating_conditions import OperatingConditions
+from calibration.model.visits import Visits
+
+BEYOND_MEASURED_K = 4.0  # of a part, where a calibration is due by default: expansion is known to some 1e-6 / K
+HELD = 0.05  # of the workspace's side beyond the measured poses, where the correction of the nearest one is held
+LOAD_TOLERANCE_KG = 1e-6
+
+
+@dataclass(frozen=True)
+class MeasuredRange:
+    """Limits (k, 2) of the commanded coordinates, of the payload in kg, and of each part's temperature in degC."""
+
+    machine: Machine
+    box: Array
+    payload_kg: tuple[float, float]
+    temperatures_c: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> MeasuredRange:
+        """Of the readings that a calibration was identified from."""
+        return cls.of_visits(calibration.report.machine, calibration.reduction.calibration().visits)
+
+    @classmethod
+    def of_visits(cls, machine: Machine, visits: Visits) -> MeasuredRange:
+        """Of visits."""
+        return cls(
+            machine,
+            measured_box(machine, visits.target_m),
+            (float(np.min(visits.payload_kg)), float(np.max(visits.payload_kg))),
+            {name: (float(np.min(t)), float(np.max(t))) for name, t in visits.temperatures_c.items()},
+        )
+
+    def require(self, conditions: OperatingConditions) -> None:
+        """InputError for a payload or a temperature beyond those that were measured."""
+        low, high = self.payload_kg
+        if not low - LOAD_TOLERANCE_KG <= conditions.payload_kg <= high + LOAD_TOLERANCE_KG:
+            raise InputError(
+                f"payload {conditions.payload_kg:g} kg: {low:g} to {high:g} kg were measured, beyond them there is no "
+                "correction; measure a campaign with it"
+            )
+        for name, (coldest, warmest) in sorted(self.temperatures_c.items()):
+            now = conditions.temperatures_c[name]
+            if not coldest - BEYOND_MEASURED_K <= now <= warmest + BEYOND_MEASURED_K:
+                raise InputError(
+                    f"temperature of {name}: {now:.1f} degC; {coldest:.1f} to {warmest:.1f} degC were measured, more "
+                    f"than {BEYOND_MEASURED_K:g} K beyond there is no correction; wait, or measure a campaign as it is"
+                )
+
+    def held(self, target_m: Array) -> Array:
+        """Platform poses (n, 6) for whose correction to ask at poses (n, 6); see `held_poses`."""
+        return held_poses(self.machine, self.box, target_m)
+
+    def require_workspace(self) -> None:
+        """InputError where a part of the workspace was not measured, for corrections that serve all of it."""
+        self.held(platform_poses(self.machine, np.array(list(product(*self.machine.commanded_limits)))))
+
+    def in_words(self) -> str:
+        """For people."""
+        limits = ", ".join(
+            f"{COORDINATES[c]} {low:.4g} to {high:.4g} {'rad' if c > 2 else 'm'}"
+            for c, (low, high) in zip(self.machine.commanded, self.box, strict=True)
+        )
+        coldest = min((t[0] for t in self.temperatures_c.values()), default=float("nan"))
+        warmest = max((t[1] for t in self.temperatures_c.values()), default=float("nan"))
+        return (
+            f"{limits}; {self.payload_kg[0]:g} to {self.payload_kg[1]:g} kg; parts at {coldest:.1f} to {warmest:.1f} "
+            f"degC and {BEYOND_MEASURED_K:g} K beyond"
+        )
+
+
+def held_poses(machine: Machine, box: Array, target_m: Array) -> Array:
+    """Platform poses (n, 6) for whose correction to ask at poses (n, 6): themselves, or the nearest ones in a
+    box (k, 2) of commanded coordinates that were measured.
+
+    InputError for poses further than HELD from what was measured: there is no correction.
+    """
+    commanded = tool_coordinates(machine, target_m)
+    inside = np.clip(commanded, box[:, 0], box[:, 1])
+    low, high = machine.commanded_limits.T
+    beyond = np.abs(commanded - inside) / (high - low)
+    if np.any(beyond > HELD):
+        row, axis = divmod(int(np.argmax(beyond)), beyond.shape[1])
+        name, unit = COORDINATES[machine.commanded[axis]], "rad" if machine.commanded[axis] > 2 else "m"
+        raise InputError(
+            f"correction: {name} = {commanded[row, axis]:.4f} {unit}; {box[axis, 0]:.4f} to "
+            f"{box[axis, 1]:.4f} {unit} were measured, beyond them there is none; keep off it, or "
+            "measure there"
+        )
+    moved = np.any(inside != commanded, axis=1)
+    out = target_m.copy()
+    if np.any(moved):
+        out[moved] = nominal_poses(machine, inside[moved])
+    return out

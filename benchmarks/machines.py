@@ -1,27 +1,69 @@
 """All shipped machines beside one another: what each command does with them, by the checks that the commands make.
 
 No device is touched. `yes` means that the rig file of the machine's demo passes the check that the command makes before
-it touches any device; anything else is its message.
+it touches any device; anything else is its message. With --twins a campaign of each machine's plant
+is diagnosed as well, its twin made, and served.
 
-    python -m benchmarks.machines
+    python -m benchmarks.machines [--twins]
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.machine.description import shipped_machines
+from calibration.machine.description import shipped_machine, shipped_machines
+from mock_devices.effects import CATALOGUE, GEOMETRY, SPECS, EffectError
+from mock_devices.effects.in_space import IN_SPACE
+from mock_devices.plant.any_plant import parse_effect
+from mock_devices.plant.base_plant import Motion, SetPoint
+from pkm_rig.jobs.diagnose import run_diagnosis
 from pkm_rig.jobs.dry_run import dry_run
 from pkm_rig.rig.capabilities import Need, require_capabilities, uses_tables
+from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.rig.config import RigFile, demo_rig_path, load_rig
 from pkm_rig.rig.expected_error import expected_error
 from pkm_rig.rig.led_motion import is_led
 from pkm_rig.rig.rig_checks import predicted_floor, undecidable
-from pkm_rig.virtual.mock_rig import settings_of
+from pkm_rig.virtual.mock_rig import TwinFiles, settings_of, twin_plant
+from tests.pkm_rig.plant_recording import record as planar_record
+from tests.pkm_rig.spatial_recording import record
 
 COARSE_RANGE_M = 1e-4
+
+
+@dataclass
+class Standing:
+    """A drive that stands."""
+
+    at: float
+
+    def encoder_m(self, t_s: float) -> float:
+        """Where it stands."""
+        del t_s
+        return self.at
+
+    def set_point(self, t_s: float) -> SetPoint:
+        """Where it stands."""
+        del t_s
+        return SetPoint(0, 0)
+
+    def is_moving(self, t_s: float) -> bool:
+        """Never."""
+        del t_s
+        return False
+
+    def motions_after(self, t_s: float) -> list[Motion]:
+        """None."""
+        del t_s
+        return []
 
 
 def tried(act: Callable[[], object]) -> str:
@@ -40,14 +82,57 @@ def with_range(file: RigFile, range_sd_m: float) -> RigFile:
 
 
 def with_effect(file: RigFile) -> RigFile:
-    """The rig with an effect in its mock."""
+    """The rig with an effect and disturbances in its mock."""
     assert file.mock is not None
-    return file.model_copy(update={"mock": file.mock.model_copy(update={"effects": ("backlash=1e-5",)})})
+    nuisance = file.mock.nuisance.model_copy(update={"reversal_m": 1e-6})
+    update = {"effects": ("backlash=1e-5",), "nuisance": nuisance}
+    return file.model_copy(update={"mock": file.mock.model_copy(update=update)})
+
+
+def effects_of(path: Path) -> str:
+    """How many effects of the catalogue the mock has for a machine, at their typical size."""
+    found = 0
+    for name in (*CATALOGUE, *GEOMETRY):
+        try:
+            parse_effect(f"{name}={SPECS[name].size.typical!r}", path)
+        except EffectError:
+            try:  # another variant than the first
+                parse_effect(f"{name}={SPECS[name].size.typical!r},variant={IN_SPACE[name][0]}", path)
+            except (EffectError, KeyError, IndexError):
+                continue
+        found += 1
+    return f"{found} of {len(CATALOGUE) + len(GEOMETRY)}"
+
+
+def twin_of(name: str) -> dict[str, str]:
+    """Whether a campaign of the plant can be diagnosed, its twin be made, and served in place of the mock's machine."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+
+        def add() -> None:
+            recording = planar_record(5) if name == "planar4" else record(name, 5, poses=12)
+            run_diagnosis(recording, folder, add=True)
+
+        def serve() -> None:
+            path = demo_rig_path(name)
+            (twin,) = folder.glob("*/twin")
+            plant = twin_plant(load_rig(path)[0], path, TwinFiles(twin), VirtualClock())
+            drives = tuple(Standing(part.home) for part in plant.parts)
+            plant.attach(drives)
+            places = np.array([sighting.polar.distance_m for sighting in plant.sightings(10.0)])
+            if not np.all(np.isfinite(places)):
+                raise InputError("the twin has no place for a reflector")
+
+        return {"diagnose --add": tried(add), "mock --twin": tried(serve)}
 
 
 def main() -> int:
     """Print the table, then what does not work and why."""
-    commands = ("mock", "check", "measure", "calibrate, verify", "mock --effect, --twin")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--twins", action="store_true", help="also diagnose --add and mock --twin, for minutes")
+    twins = parser.parse_args().twins
+    commands = ("mock", "check", "home", "measure", "calibrate, verify", "health", "mock --effect")
+    commands += ("diagnose --add", "mock --twin") if twins else ()
     print("um, of machines that command rotations /urad; floor: predicted noise of a visit")
     names = ("drives", "coord.", "motion", "correction", "visits", "expected", "floor", "at 0.1 mm", "decidable")
     print(f"{'':10}" + "".join(f"{name:>13}" for name in names))
@@ -80,11 +165,16 @@ def main() -> int:
             "check": tried(lambda f=file, m=machine: undecidable(f, m)),  # type: ignore[misc]
             "measure": tried(lambda: preflight(Need.MOTION)),
             "calibrate, verify": tried(lambda: preflight(Need.MOTION | Need.TABLES)),
-            "mock --effect, --twin": tried(lambda f=file, p=path: settings_of(with_effect(f), p) and None),  # type: ignore[misc]
+            "home": tried(lambda: preflight(Need.HOMING)),
+            "health": tried(lambda: preflight(Need.MOTION)),
+            "mock --effect": tried(lambda f=file, p=path: settings_of(with_effect(f), p) and None),  # type: ignore[misc]
         }
-    print("\n" + " ".join([f"{'':10}", *(f"{command:>22}" for command in commands)]))
+        if twins:
+            answers[name] |= twin_of(name)
+    print("\n" + " ".join([f"{'':10}", *(f"{command:>17}" for command in commands), f"{'effects':>10}"]))
     for name, row in answers.items():
-        print(" ".join([f"{name:10}", *(f"{'yes' if row[c] == 'yes' else 'no':>22}" for c in commands)]))
+        cells = [f"{'yes' if row[c] == 'yes' else 'no':>17}" for c in commands]
+        print(" ".join([f"{name:10}", *cells, f"{effects_of(shipped_machine(name)):>10}"]))
     print()
     for name, row in answers.items():
         for command, answer in row.items():

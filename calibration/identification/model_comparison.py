@@ -45,3 +45,15 @@ def orientation_prediction(calibration: Calibration, reduction: Reduction, phase
     _, rotation = reduction.report.tool_error(reduction.poses.coordinates[rows], predicted)
     _, turns = figure_axes(reduction.recording.machine)
     return float(np.sqrt(np.mean(np.sum(rotation[:, turns] ** 2, axis=1))))
+
+
+def predicted_errors(calibration: Calibration, reduction: Reduction, phase: str, payload: int) -> dict[int, float]:
+    """RMS error (m, rad) of each free coordinate that the model predicts of the visits of a phase, as they were led.
+
+    Of coordinates that the drives do not command too: a correction of the others changes them, by this much. Where
+    tables in the drives correct, the recorded drives are without their correction; there this is of no use.
+    """
+    visits = reduction.observations.visits.take(reduction.rows(phase, payload))
+    predicted = predict_poses(calibration.fit, reduction.report, visits)
+    error = np.concatenate(reduction.report.tool_error(predicted, visits.target_m), axis=1)
+    return {c: float(np.sqrt(np.mean(error[:, c] ** 2))) for c in reduction.recording.machine.dof.tolist()}

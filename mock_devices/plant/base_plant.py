@@ -179,7 +179,7 @@ class BasePlant(ABC):
     def set_effects(self, texts: Sequence[str]) -> None:
         """Have these effects act from now on, and no others. Raises ValueError for those that cannot be."""
         if texts:
-            raise ValueError(f"the mock has effects for planar machines with two sliders only, not {self.machine.name}")
+            raise ValueError(f"this plant of {self.machine.name} has no effects")
 
     def move_station(self, by_m: Vector3, turn_rad: float) -> None:
         """Set the station up elsewhere, at once: moved in the machine's frame, turned clockwise seen from above."""

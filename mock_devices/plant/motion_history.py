@@ -15,16 +15,31 @@ class MotionHistory:
     def __init__(self, positions_m: Sequence[float], effects: Sequence[Effect], start_s: float = 0.0) -> None:
         self._effects = tuple(effects)
         self._legs = [[Leg(start_s, start_s, q, q, 0.0, 0.0)] for q in positions_m]
+        self.last_start_s = [start_s] * len(
+            self._legs
+        )  # of the last motion of each drive, which a leg may have several of
 
     def legs(self, drive: int) -> list[Leg]:
         """The legs of a drive; the first is its rest before any motion."""
         return self._legs[drive]
 
     def add(self, drive: int, start_s: float, end_s: float, to_m: float, speed_m_per_s: float, *,
-            reached_m: float | None = None) -> None:  # fmt: skip
-        """A motion begins. One under way ends there, at `reached_m`, if this one comes before its end."""
+            reached_m: float | None = None, joined_s: float = 0.0) -> None:  # fmt: skip
+        """A motion begins. One under way ends there, at `reached_m`, if this one comes before its end.
+
+        One that goes on in the same direction within `joined_s` of the last one's end belongs to its leg.
+        """
         legs = self._legs[drive]
         last = legs[-1]
+        self.last_start_s[drive] = start_s
+        if (
+            joined_s
+            and len(legs) > 1
+            and start_s - last.end_s < joined_s
+            and (to_m - last.to_m) * last.direction >= 0.0
+        ):
+            last.to_m, last.end_s, last.speed_m_per_s = to_m, end_s, max(last.speed_m_per_s, speed_m_per_s)
+            return
         if start_s < last.end_s and reached_m is not None:
             last.to_m, last.end_s = reached_m, start_s
         last.until_s = start_s

@@ -8,37 +8,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from mock_devices.clock import RigClock
 from mock_devices.effects import parse
-from mock_devices.effects.base import GRAVITY_M_PER_S2, Leg, MotionState
+from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Effect, MotionState
 from mock_devices.lasting_state import Knock
 from mock_devices.machine_file import MachineFile, read_machine_file
-from mock_devices.plant.affected_machine import AffectedMachine, affected_machine, motion_states
+from mock_devices.plant.affected_machine import AffectedMachine, affected_machine
 from mock_devices.plant.base_plant import BasePlant, DriveMotion, DrivePart, Motion, SetPoint, Sighting
-from mock_devices.plant.motion_history import MotionHistory
+from mock_devices.plant.history_plant import HistoryPlant, MotionSource
 from mock_devices.plant.optics import TWO_PI, Polar, StationView
 from mock_devices.plant.true_machine import draw_machine, knocked
 from mock_devices.plant.truth import Truth
 from mock_devices.settings import MockSettings
 
-_DIFFERENCE_S = 1.0e-3
 _TORQUE_PER_N = 0.010 / TWO_PI / 10.0  # of the rated one, as in the drives' object 0x6077
 
 
-@runtime_checkable
-class MotionSource(Protocol):
-    """A drive that reports its motions; effects with history need it."""
-
-    def motions_after(self, t_s: float) -> list[Motion]:
-        """All motions that began after `t_s`."""
-        ...
-
-
-class Plant(BasePlant):
+class Plant(HistoryPlant):
     """The planar machine with two sliders or more, and the effects that may be wrong with it."""
 
     def __init__(self, machine_path: str | Path, settings: MockSettings, clock: RigClock) -> None:
@@ -48,7 +37,6 @@ class Plant(BasePlant):
         self._machine = draw_machine(self.nominal, settings)
         self.truth = Truth(self._machine, self.view, self.thermal)
         self._affected = affected_machine(self._machine, self.view, self.nominal, settings)
-        self._history: MotionHistory | None = None
         self._force_n = [0.0] * len(self.nominal.sliders)
 
     @property
@@ -100,9 +88,15 @@ class Plant(BasePlant):
             for i, (smr, place) in enumerate(zip(self.nominal.smrs, places, strict=True))
         ]
 
-    def weight_torque(self) -> float:
-        """Torque of each drive at rest due to the weight, as a fraction of the rated torque."""
-        return self.moving_mass_kg() / len(self.nominal.sliders) * GRAVITY_M_PER_S2 * _TORQUE_PER_N
+    @property
+    def acting(self) -> Sequence[Effect]:
+        """The effects that act."""
+        return () if self._affected is None else self._affected.effects
+
+    def torque_at_rest(self) -> Array:
+        """Torque (d,) of each drive at rest due to the weight, as a fraction of the rated torque."""
+        drives = len(self.nominal.sliders)
+        return np.full(drives, self.moving_mass_kg() / drives * GRAVITY_M_PER_S2 * _TORQUE_PER_N)
 
     def _affected_sightings(self, affected: AffectedMachine, t_s: float) -> list[Sighting]:
         with self._lock:
@@ -124,43 +118,6 @@ class Plant(BasePlant):
         now = self.motion_state(t_s)
         early_s = float(affected.early_s(now)[0])
         return now if early_s == 0.0 else self.motion_state(t_s, t_s + early_s)
-
-    def motion_state(self, t_s: float, drives_s: float | None = None) -> MotionState:
-        """The machine's state at rig time `t_s`, with the drives as they are at `drives_s` if observed later."""
-        drives_s = t_s if drives_s is None else drives_s
-        history = self._history_until(drives_s)
-        positions = np.array([[drive.encoder_m(drives_s) for drive in self._drives]])
-        before = np.array([[drive.encoder_m(drives_s - _DIFFERENCE_S) for drive in self._drives]])
-        return motion_states(
-            history,
-            np.array([t_s]),
-            positions,
-            (positions - before) / _DIFFERENCE_S,
-            np.array([self.settings.payloads[self._payload].mass_kg]),
-            np.array([float(self._exchanges)]),
-            self.thermal,
-            drives_s=np.array([drives_s]),
-        )
-
-    def legs(self, drive: int) -> list[Leg]:
-        """The legs of a drive until it was last observed."""
-        return [] if self._history is None else self._history.legs(drive)
-
-    def _history_until(self, t_s: float) -> MotionHistory:
-        """The drives' motions until `t_s`, passed on to the effects."""
-        if self._history is None:
-            effects = () if self._affected is None else self._affected.effects
-            self._history = MotionHistory([drive.encoder_m(0.0) for drive in self._drives], effects)
-        for index, drive in enumerate(self._drives):
-            if not isinstance(drive, MotionSource):
-                continue
-            last_s = self._history.legs(index)[-1].start_s
-            for motion in drive.motions_after(last_s):
-                if motion.start_s <= t_s:
-                    self._history.add(
-                        index, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s, reached_m=motion.from_m
-                    )
-        return self._history
 
 
 def home_m(machine: MachineFile, drive: int) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,23 @@ class Load:
 
 
 @dataclass(frozen=True)
+class Departure:
+    """What effects change of a machine at one moment.
+
+    travel (d,) in m or rad, length_m and ln_stiffness (m,) of the rods, smr_m (s, 3) of the reflectors on what carries
+    them; the payload's mass and the place (3,) of its centre beyond its own; force_n (d,) that drives hold besides.
+    """
+
+    travel: Array
+    length_m: Array
+    ln_stiffness: Array
+    smr_m: Array
+    payload_kg: float = 0.0
+    payload_shift_m: Array = field(default_factory=lambda: np.zeros(3))
+    force_n: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
 class TrueSpatialMachine:
     """A machine file's machine with its errors; `scales` are those of the drives, `payloads` by number."""
 
@@ -43,12 +60,19 @@ class TrueSpatialMachine:
     scales: Array
     payloads: tuple[Load, ...]
 
-    def assembly(self, drives: Sequence[float], payload: int, temperatures_c: Mapping[str, float]) -> Assembly:
+    def assembly(
+        self,
+        drives: Sequence[float],
+        payload: int,
+        temperatures_c: Mapping[str, float],
+        departure: Departure | None = None,
+    ) -> Assembly:
         """What holds the platform with the drives at these encoder positions."""
         file, grown = self.file, self._growth(temperatures_c)
-        travel = self.scales * np.asarray(drives, dtype=np.float64)
+        departure = departure or self.as_it_is
+        travel = self.scales * np.asarray(drives, dtype=np.float64) + departure.travel
         parts = self._arrays
-        length = parts["length_m"] * grown["struts"]
+        length = parts["length_m"] * grown["struts"] + departure.length_m
         length[parts["legs"]] += travel[parts["leg_drives"]] * grown["drives"]
         joint = parts["joint_m"] * grown["platform"]
         load = self.payloads[payload]
@@ -56,15 +80,21 @@ class TrueSpatialMachine:
             platform_m=joint,
             base_m=np.array([self._carried(rod.drive, rod.base_joint_m, travel, grown) for rod in file.rods]),
             length_m=length,
-            stiffness=parts["stiffness"],
+            stiffness=parts["stiffness"] * np.exp(departure.ln_stiffness),
             held_m=joint[parts["held"]].reshape(-1, 3),
             point_m=parts["point_m"] * grown["base"],
             normal=parts["normal"],
             plane_stiffness=parts["plane_stiffness"],
-            mass_kg=np.array([file.moving_mass_kg, load.mass_kg]),
-            centre_m=np.array([file.centre_of_mass_m, load.centre_m]) * grown["platform"],
+            mass_kg=np.array([file.moving_mass_kg, load.mass_kg + departure.payload_kg]),
+            centre_m=np.array([file.centre_of_mass_m, load.centre_m + departure.payload_shift_m]) * grown["platform"],
             gravity=file.gravity,
         )
+
+    @cached_property
+    def as_it_is(self) -> Departure:
+        """No departure."""
+        rods, drives, smrs = len(self.file.rods), len(self.file.drives), len(self.file.smrs)
+        return Departure(np.zeros(drives), np.zeros(rods), np.zeros(rods), np.zeros((smrs, 3)))
 
     @cached_property
     def _arrays(self) -> dict[str, NDArray[Any]]:
@@ -89,9 +119,10 @@ class TrueSpatialMachine:
         payload: int,
         t_c: Mapping[str, float],
         start: SpatialPose | None = None,
+        departure: Departure | None = None,
     ) -> SpatialPose:
         """The pose at rest; raises NoEquilibrium, also for one on another assembly branch than the machine's."""
-        assembly = self.assembly(drives, payload, t_c)
+        assembly = self.assembly(drives, payload, t_c, departure)
         pose = equilibrium(assembly, start or middle_pose(self.file), self.file.free, is_near=start is not None)
         reach = assembly.rods(pose)[0]
         for a, drive in enumerate(self.file.drives):
@@ -111,10 +142,15 @@ class TrueSpatialMachine:
         return self.assembly(drives, payload, t_c).rods(pose)[1]
 
     def loads(
-        self, drives: Sequence[float], payload: int, pose: SpatialPose, t_c: Mapping[str, float]
+        self,
+        drives: Sequence[float],
+        payload: int,
+        pose: SpatialPose,
+        t_c: Mapping[str, float],
+        departure: Departure | None = None,
     ) -> tuple[Array, Array]:
         """Forces (m,) of the rods, and what each drive has to hold (d,): N along a slider or leg, N m about a pivot."""
-        assembly = self.assembly(drives, payload, t_c)
+        assembly = self.assembly(drives, payload, t_c, departure)
         reach, force = assembly.rods(pose)
         pull = force[:, None] * reach / np.sqrt((reach**2).sum(axis=1))[:, None]
         out = np.zeros(len(self.file.drives))
@@ -136,21 +172,26 @@ class TrueSpatialMachine:
         return np.concatenate([place, pose.vector()[3:]])
 
     def reflectors(
-        self, pose: SpatialPose, drives: Sequence[float], temperatures_c: Mapping[str, float]
+        self,
+        pose: SpatialPose,
+        drives: Sequence[float],
+        temperatures_c: Mapping[str, float],
+        departure: Departure | None = None,
     ) -> list[tuple[Array, Array | None]]:
         """Where each reflector is (3,) and where it looks to (3,) or None, in the order of the file."""
         grown = self._growth(temperatures_c)
-        travel = self.scales * np.asarray(drives, dtype=np.float64)
+        departure = departure or self.as_it_is
+        travel = self.scales * np.asarray(drives, dtype=np.float64) + departure.travel
         out: list[tuple[Array, Array | None]] = []
-        for smr in self.file.smrs:
+        for smr, shift_m in zip(self.file.smrs, departure.smr_m, strict=True):
             facing = smr.facing
             if smr.on == "platform":
-                place = pose.place(smr.position_m * grown["platform"])
+                place = pose.place(smr.position_m * grown["platform"] + shift_m)
                 facing = None if facing is None else pose.turn @ facing
             elif smr.on == "floor":
-                place = smr.position_m
+                place = smr.position_m + shift_m
             else:
-                place = self._carried(smr.drive, smr.position_m, travel, grown)
+                place = self._carried(smr.drive, smr.position_m + shift_m, travel, grown)
                 drive = self.file.drives[smr.drive]
                 if facing is not None and drive.kind == "crank":
                     facing = _turned(facing, drive.axis, float(travel[smr.drive]))

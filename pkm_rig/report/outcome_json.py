@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.identification.model_comparison import predicted_errors
 from calibration.machine.description import COORDINATES
 from calibration.recording.sessions import repaired_text
 from calibration.reduction.figures import Figures, coordinate_errors
@@ -47,14 +48,23 @@ def campaign_json(source: ReportSource) -> dict[str, Any]:
 
 
 def coordinates_json(outcome: CampaignOutcome, payload: int) -> dict[str, dict[str, float | bool]]:
-    """RMS error (m, rad) by free coordinate, before and after, and whether the drives command it."""
+    """RMS error (m, rad) by free coordinate, before and after, and whether the drives command it.
+
+    Where the host corrects also what the model predicts of both.
+    """
     machine = outcome.reduction.recording.machine
     before, after = (
         coordinate_errors(outcome.reduction, f"verification_{phase}", payload) for phase in ("before", "after")
     )
-    return {
+    found: dict[str, dict[str, float | bool]] = {
         COORDINATES[c]: {"before": before[c], "after": after[c], "commanded": c in machine.commanded} for c in before
     }
+    if outcome.back_end == "host":
+        for phase in ("before", "after"):
+            predicted = predicted_errors(outcome.calibration, outcome.reduction, f"verification_{phase}", payload)
+            for c, value in predicted.items():
+                found[COORDINATES[c]][f"predicted_{phase}"] = value
+    return found
 
 
 def outcome_json(outcome: CampaignOutcome, report: Path | None) -> dict[str, Any]:

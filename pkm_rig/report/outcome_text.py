@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from calibration.base.rounding import round_result
+from calibration.identification.model_comparison import predicted_errors
 from calibration.machine.description import COORDINATES
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures, coordinate_errors
 from pkm_rig.report.diagnosis_text import diagnosis_line
@@ -64,8 +65,11 @@ def coordinate_table(outcome: CampaignOutcome) -> Table:
         for phase in ("before", "after"):
             rms = coordinate_errors(outcome.reduction, f"verification_{phase}", verified.payload)
             table.add_row(f"{phase}, {verified.payload_kg:g} kg", *(f"{value * 1e6:.1f}" for value in rms.values()))
+        if len(machine.commanded) < len(machine.dof):
+            expected = predicted_errors(outcome.calibration, outcome.reduction, "verification_after", verified.payload)
+            table.add_row("  predicted after", *(f"{value * 1e6:.1f}" for value in expected.values()))
     if len(machine.commanded) < len(machine.dof):
-        table.caption = "* not commanded: cannot be corrected"
+        table.caption = "* not commanded: cannot be corrected, and changes as the model predicts"
     return table
 
 

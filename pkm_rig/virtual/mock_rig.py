@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import can
-import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.machine.description import load_machine
 from calibration.recording.header import AccuracyEntry
 from mock_devices.can.faulty_bus import FaultyBus
-from mock_devices.effects import EffectChoice, parse
+from mock_devices.effects import EffectChoice
 from mock_devices.faults import FAULTS, FaultPlan, parse_fault
-from mock_devices.machine_file import read_machine_file
-from mock_devices.plant.any_plant import is_planar_slider_machine
+from mock_devices.plant.any_plant import is_planar_slider_machine, parse_effect
+from mock_devices.plant.history_plant import HistoryPlant
 from mock_devices.plant.plant import Plant, Sighting
+from mock_devices.plant.spatial_plant import SpatialPlant
 from mock_devices.plant.thermal import SENSORS
 from mock_devices.plc.plc_registers import check_readings
 from mock_devices.rig import MockRig
@@ -64,12 +64,6 @@ def settings_of(file: RigFile, rig_path: Path | None = None) -> MockSettings:
     """
     mock = file.mock or MockSection()
     accuracy = file.station.accuracy
-    path = machine_path(file, rig_path or embedded_rig_path())
-    if (mock.effects or any(mock.nuisance.model_dump().values())) and not is_planar_slider_machine(path):
-        raise InputError(
-            f"mock: effects and disturbances are of planar machines with two sliders, not of {path.stem}; leave them "
-            "out"
-        )
     try:
         return _settings(file, mock, accuracy, chosen_effects(file, rig_path))
     except ValueError as error:  # EffectError is one
@@ -81,8 +75,8 @@ def chosen_effects(file: RigFile, rig_path: Path | None) -> tuple[EffectChoice, 
     texts = (file.mock or MockSection()).effects
     if not texts:
         return ()
-    machine = read_machine_file(machine_path(file, rig_path or embedded_rig_path()))
-    return tuple(parse(text, machine) for text in texts)
+    machine = machine_path(file, rig_path or embedded_rig_path())
+    return tuple(parse_effect(text, machine) for text in texts)
 
 
 def _settings(
@@ -184,23 +178,21 @@ class TwinFiles:
     effects: tuple[Path, ...] = ()
 
 
-class TwinPlant(Plant):
+class TwinSight(HistoryPlant):
     """A plant whose reflectors are where a twin places them; the rest is the mock rig's.
 
     Its `truth` is that of the mock machine, not the twin's: it must not be used for scoring.
     """
 
-    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: ReflectorModel) -> None:
-        super().__init__(machine, settings, clock)
-        self._twin = RunningTwin(twin, SENSORS, self.thermal.sensor_series_c)
+    twin: RunningTwin
 
     def sightings(self, t_s: float) -> list[Sighting]:
         """All reflectors as the station sees them at rig time `t_s`, in the order of the machine file."""
         with self._lock:
-            places = self._twin.places_m(self._instant_state(t_s))
+            places = self.twin.places_m(self._instant_state(t_s))
         return [
             Sighting(i, smr.name, self.view.polar((float(x), float(y), float(z)), t_s))
-            for i, (smr, (x, y, z)) in enumerate(zip(self.nominal.smrs, places, strict=True))
+            for i, (smr, (x, y, z)) in enumerate(zip(self.machine.smrs, places, strict=True))
         ]
 
     def _instant_state(self, t_s: float) -> InstantState:
@@ -211,7 +203,7 @@ class TwinPlant(Plant):
             drives_m=now.q_m[0],
             velocity_m_per_s=now.velocity_m_per_s[0],
             direction=now.direction[0],
-            torque=np.full(len(self.nominal.sliders), self.weight_torque()),
+            torque=self.torque_at_rest(),
             highest_speed_since=self._highest_speed_since,
             arrived_s=float(now.leg_end_s.max()),
             moving=self.is_moving(),
@@ -221,15 +213,34 @@ class TwinPlant(Plant):
         )
 
     def _highest_speed_since(self, t_s: float) -> float:
-        legs = [leg for a in range(len(self.nominal.sliders)) for leg in self.legs(a) if leg.start_s > t_s]
+        legs = [leg for a in range(len(self.parts)) for leg in self.legs(a) if leg.start_s > t_s]
         return max((leg.speed_m_per_s for leg in legs), default=0.0)
 
 
-def twin_plant(file: RigFile, rig_path: Path, files: TwinFiles, clock: RigClock) -> TwinPlant:
+class TwinPlant(TwinSight, Plant):
+    """That of a planar machine with two sliders."""
+
+    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: ReflectorModel) -> None:
+        super().__init__(machine, settings, clock)
+        self.twin = RunningTwin(twin, SENSORS, self.thermal.sensor_series_c)
+
+
+class SpatialTwinPlant(TwinSight, SpatialPlant):
+    """That of any other machine; its reflectors are seen from everywhere, and cranks keep their unit, the radian."""
+
+    def __init__(self, machine: Path, settings: MockSettings, clock: RigClock, twin: ReflectorModel) -> None:
+        super().__init__(machine, settings, clock)
+        self.twin = RunningTwin(twin, SENSORS, self.thermal.sensor_series_c)
+
+    @property
+    def metres(self) -> float:
+        """Drives in their own units: a twin asks for these."""
+        return 1.0
+
+
+def twin_plant(file: RigFile, rig_path: Path, files: TwinFiles, clock: RigClock) -> TwinSight:
     """The plant of a twin's folder in place of the rig file's mock machine; InputError if it is of another machine."""
     folder = files.folder
-    if not is_planar_slider_machine(machine_path(file, rig_path)):
-        raise InputError(f"{folder}: the mock serves twins of planar machines with two sliders only")
     twin, machine = read_twin(folder, files.effects), machine_path(file, rig_path)
     ours, theirs = load_machine(machine), load_machine(folder / MACHINE_NAME)
     for what, here, there in (
@@ -242,7 +253,8 @@ def twin_plant(file: RigFile, rig_path: Path, files: TwinFiles, clock: RigClock)
             )
     if (file.mock or MockSection()).effects:
         raise InputError(f"{folder}: a twin has its own effects; leave out --effect and [mock] effects")
-    return TwinPlant(machine, settings_of(file, rig_path), clock, twin)
+    kind = TwinPlant if is_planar_slider_machine(machine) else SpatialTwinPlant
+    return kind(machine, settings_of(file, rig_path), clock, twin)
 
 
 def fault_plan(faults: Sequence[str]) -> FaultPlan:

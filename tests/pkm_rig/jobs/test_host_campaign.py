@@ -14,6 +14,7 @@ from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.former_correction import SAMPLES, former_correction, verified_correction
 from pkm_rig.jobs.health import PHASE, health
 from pkm_rig.jobs.tables import change_to_off, last_change, roll_back, show_tables
+from pkm_rig.report.outcome_json import coordinates_json
 from pkm_rig.rig.config import demo_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.drive_tables import tables_line
@@ -72,6 +73,15 @@ def test_the_machine_was_led_to_corrected_places(calibrated):
         rows = recording.rows(f"verification_{phase}")
         drives = wanted(rig.machine, rows.targets_m())
         assert rows.drives("commanded_m") == pytest.approx(drives, abs=3e-8)
+
+
+def test_what_the_model_predicts_of_each_coordinate_is_told(calibrated):
+    """Before, what was measured but for noise; after, nothing of what the drives command."""
+    _, _, outcome = calibrated
+    for figures in coordinates_json(outcome, 0).values():
+        assert figures["commanded"]
+        assert figures["predicted_before"] == pytest.approx(figures["before"], rel=0.6)
+        assert figures["predicted_after"] < 0.2 * figures["predicted_before"]
 
 
 def test_a_correction_that_changes_much_needs_to_be_accepted(calibrated):

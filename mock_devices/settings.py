@@ -80,7 +80,8 @@ class MockSettings:
     `effects` are what a calibrated model does not contain, `nuisance` the ordinary disturbances. `noise_tails`: degrees
     of freedom of Student's t of the readings' noise, of the same variance (0: normal). `rest_friction`: whether every
     drive keeps friction in its torque after a stop, as one whose screw it winds up does. `temperature_programme`:
-    corners (rig time, kelvin) of a change of the shop's temperature. `clock_jitter_s` is the noise of time stamps in
+    corners (rig time, kelvin) of a change of the shop's temperature. `steady_temperatures`: nothing warms up, nothing
+    wanders with time, air and sensors neither. `clock_jitter_s` is the noise of time stamps in
     recordings. Without `absolute_encoders` the drives have no reference after power-on. `plc_readings` are further
     registers of the PLC, for example the temperature of a coolant. `known_tables` are on record for the machine and
     stated in its recordings, whatever the drives use. `start_s`: rig time at which this mock begins as a
@@ -107,6 +108,7 @@ class MockSettings:
     temperature_sensor_bias_k: float = 0.0
     clock_jitter_s: float = 0.0
     temperature_programme: tuple[tuple[float, float], ...] = ()
+    steady_temperatures: bool = False
     absolute_encoders: bool = True
     plc_readings: tuple[PlcReading, ...] = ()
     known_tables: tuple[KnownTable, ...] = ()

@@ -48,18 +48,19 @@ class Thermal:
 
     def __init__(self, settings: MockSettings) -> None:
         rng = generator(settings.seed, "thermal")
+        varies = 0.0 if settings.steady_temperatures else 1.0
         self._tau_s = settings.warm_up_time_constant_s
         self._steady_c = {name: float(rng.uniform(20.5, 23.0)) for name in SENSORS}
-        self._gap_k = {name: float(rng.uniform(0.6, 1.2)) for name in SENSORS}
-        self._wander = {name: SlowSignal(rng, 0.05, 3600.0, 14400.0) for name in SENSORS}
+        self._gap_k = {name: varies * float(rng.uniform(0.6, 1.2)) for name in SENSORS}
+        self._wander = {name: SlowSignal(rng, varies * 0.05, 3600.0, 14400.0) for name in SENSORS}
         self._air_c = settings.air_temperature_c
-        self._air_wander = SlowSignal(rng, 0.3, 1800.0, 10800.0)
+        self._air_wander = SlowSignal(rng, varies * 0.3, 1800.0, 10800.0)
         self._pressure_hpa = float(rng.uniform(960.0, 1015.0))
-        self._pressure_wander = SlowSignal(rng, 0.4, 7200.0, 21600.0)
+        self._pressure_wander = SlowSignal(rng, varies * 0.4, 7200.0, 21600.0)
         self._humidity = float(rng.uniform(0.35, 0.55))
         noise = generator(settings.seed, "temperature sensors")
         # A sine of random phase with amplitude a has the standard deviation a / sqrt(2); three of them add up.
-        amplitude = settings.temperature_sensor_sd_k * math.sqrt(2.0 * 3.0)
+        amplitude = varies * settings.temperature_sensor_sd_k * math.sqrt(2.0 * 3.0)
         self._sensor_noise = {name: SlowSignal(noise, amplitude, 40.0, 400.0) for name in (*SENSORS, "air")}
         bias = generator(settings.seed, "temperature sensor bias")
         self._bias_k = {

@@ -52,6 +52,9 @@ class MockSection(Section):
     temperature_programme: tuple[tuple[float, float], ...] = Field(
         default=(), max_length=100, description="Corners of a swing of the shop's temperature: rig time in s, kelvin."
     )
+    steady_temperatures: bool = Field(
+        default=False, description="Nothing of machine and air warms up or wanders: what is measured knows no time."
+    )
     encoders: Literal["absolute", "incremental"] = Field(
         default="absolute", description="Drives with incremental encoders have to be homed first."
     )

@@ -88,6 +88,7 @@ def _settings(
         noise_tails=mock.noise_tails,
         temperature_sensor_bias_k=mock.temperature_sensor_bias_k,
         temperature_programme=mock.temperature_programme,
+        steady_temperatures=mock.steady_temperatures,
         plc_readings=_plc_readings(file.plc.readings),
         absolute_encoders=mock.encoders == "absolute",
         seed=mock.seed,

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study fleet bench host-rows faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study fleet bench host-rows faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -73,6 +73,20 @@ panel-guide: $(VENV)/dev.stamp
 demo-check: $(VENV)/run.stamp
 	$(BIN)/python $(if $(MACHINE),-m benchmarks.machine_check $(MACHINE),-m benchmarks.demo_check) \
 		$(if $(SEEDS),--seeds $(SEEDS))
+
+# Mock and calibration in two processes, over a pseudo-terminal, socketcand and TCP, against one process: the same
+# parameters, and equal ones without drift and warmth. In scaled host time, for half an hour on free cores. MACHINE=planar4;
+# SCALE=10 rig seconds a second, less on a busy computer; POSES=12 for a first look. Stopped, it goes on.
+two-processes: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.two_processes $(or $(MACHINE),gough8) $(if $(SCALE),--scale $(SCALE)) \
+		$(if $(POSES),--poses $(POSES))
+
+# Campaigns in which somebody has made a mistake, straight from the mock plant: none may end with tables that are worse than
+# none (docs/explanation/mistakes.md). EACH=5 of each kind and GOOD=20 for a first look; WIRE=5 of each kind over the real
+# protocols. Stopped, it goes on.
+bad-cases: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.bad_cases.run $(if $(EACH),--each $(EACH)) $(if $(GOOD),--good $(GOOD)) \
+		$(if $(WIRE),--wire $(WIRE))
 
 # The shipped machines beside one another: motion, correction, noise floors, and what each command does with them.
 machines: $(VENV)/run.stamp

@@ -15,6 +15,7 @@ __all__ = [
     "known_tables",
     "lasting_state",
     "machine_file",
+    "nc",
     "plant",
     "plc",
     "pty_link",

@@ -29,6 +29,7 @@ USAGE = {
     "release": "release on|off",
     "acknowledge": "acknowledge",
     "automatic": "automatic on|off",
+    "program": "program start [NUMBER]|stop",
     "status": "status",
 }
 _FARTHEST_M = 100.0
@@ -174,6 +175,19 @@ def _automatic(mock: MockRig, words: list[str]) -> str:
     return f"the automatic mode is {'granted' if words == ['on'] else 'not granted'}"
 
 
+def _program(mock: MockRig, words: list[str]) -> str:
+    if mock.player is None:
+        raise ValueError("the mock has no program: it was started without --program")
+    number = words[1].removeprefix("N") if len(words) == 2 else "0"
+    if words[:1] not in (["start"], ["stop"]) or len(words) > 2 or not (number.isascii() and number.isdigit()):
+        raise ValueError(USAGE["program"])
+    if words[0] == "stop":
+        mock.player.stop()
+    else:
+        mock.player.start(int(number[:9]) if len(words) == 2 else None)
+    return f"program: {mock.player.state}, N{mock.player.visit}"
+
+
 def _status(mock: MockRig, words: list[str]) -> str:
     if words:
         raise ValueError(USAGE["status"])
@@ -194,6 +208,8 @@ def _status(mock: MockRig, words: list[str]) -> str:
         for drive in mock.drives
     }
     told = {"effects": list(mock.effects), "faults": list(mock.faults.armed), "struck": list(mock.faults.struck)}
+    if mock.player is not None:
+        told["program"] = [mock.player.state, f"N{mock.player.visit}"]
     return json.dumps({"t_rig_s": t_s, "payload": mock.plant.payload, "drives": drives, **told})
 
 
@@ -212,5 +228,6 @@ _ACTIONS: dict[str, Callable[[MockRig, list[str]], str]] = {
     "release": _release,
     "acknowledge": _acknowledge,
     "automatic": _automatic,
+    "program": _program,
     "status": _status,
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +22,9 @@ from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from mock_devices.drives.table_bank import machine_id_of
 from mock_devices.faults import NO_FAULTS, FaultPlan
 from mock_devices.lasting_state import StateFile
+from mock_devices.nc.correction import Correction
+from mock_devices.nc.player import ProgramPlayer
+from mock_devices.nc.program import Program
 from mock_devices.plant.any_plant import make_plant
 from mock_devices.plant.base_plant import BasePlant
 from mock_devices.plc.plc_server import PlcServer
@@ -84,6 +87,8 @@ class MockRig:
         self.effects = effects
         self._without_blocks = without_blocks
         self.strained: str | None = None  # what the machine did not bear, last
+        self.player: ProgramPlayer | None = None  # of a control that leads the machine by itself
+        self._machine_path = machine_path
         self.drives: tuple[DriveServer, ...] = ()
         self.plant = plant or make_plant(machine_path, settings, clock)
         nodes = node_ids or tuple(range(1, len(self.plant.parts) + 1))
@@ -142,6 +147,21 @@ class MockRig:
         if self.socketcand is None:
             raise ValueError("this mock rig serves no socketcand")
         return self.socketcand.address
+
+    def load_program(
+        self, program: Program, corrections: Mapping[int, Correction] | None = None, operator_s: float | None = None
+    ) -> ProgramPlayer:
+        """Have a control lead the machine by a program (`ProgramPlayer`). Raises ValueError for one that cannot be."""
+        self.player = ProgramPlayer(
+            self._machine_path,
+            self.plant,
+            self.drives,
+            self.plant.clock,
+            program,
+            corrections=corrections,
+            operator_s=operator_s,
+        )
+        return self.player
 
     def close(self) -> None:
         """Stop all servers, the last one first. May be called again."""

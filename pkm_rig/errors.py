@@ -11,6 +11,10 @@ class StationMoved(CampaignRefused):
     """The station does not stand any more where it stood: the campaign goes on in a new set-up."""
 
 
+class CorrectionGrows(CampaignRefused):
+    """A control's correction makes the errors larger: nothing is gone on with before it is mended."""
+
+
 class NotChecked(Exception):
     """The machine could not be checked now, so nothing is known of it; one line with the reason."""
 

@@ -189,6 +189,11 @@ class RecordingFile(Section):
     payloads: tuple[PayloadEntry, ...] = Field(min_length=1, description="What was mounted, by number from 0 (none).")
     nuisance: DeclaredLevels = Field(default=DeclaredLevels(), description="Declared levels of disturbances.")
     simulated: bool = Field(default=False, description="Whether a device that it was measured with was simulated.")
+    drive_positions: Literal["read", "commanded"] = Field(
+        default="read",
+        description="Whether the drives' columns were read from them, or are what a program commands of a control that "
+        "moved the machine, whose drives nobody read.",
+    )
     extra_columns: dict[str, str] = Field(
         default_factory=dict,
         description="Further columns of the readings and what they are: part sensors, registers of the PLC. "
@@ -217,6 +222,8 @@ class RecordingFile(Section):
         for key in ("rotary_drives", "extra_columns", "simulated", "sessions", "known_tables"):
             if not data.get(key):
                 data.pop(key, None)
+        if self.drive_positions == "read":
+            data.pop("drive_positions", None)
         return data
 
     @model_validator(mode="after")

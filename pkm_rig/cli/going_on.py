@@ -9,7 +9,7 @@ from pathlib import Path
 
 from calibration.base.errors import InputError
 from drivers.errors import DeviceError
-from pkm_rig.errors import CAMPAIGN_NOTE, CampaignRefused, StationMoved, StoreError, campaign_of
+from pkm_rig.errors import CAMPAIGN_NOTE, CampaignRefused, CorrectionGrows, StationMoved, StoreError, campaign_of
 
 GO_ON = "go on with: "
 ANEW = "nothing of it can be tied to a new set-up, measure anew with: "
@@ -32,6 +32,8 @@ def resumable(
             if campaign_of(error) is None and campaign is not None:
                 error.add_note(CAMPAIGN_NOTE + campaign)
             ended = campaign_of(error)
+            if isinstance(error, CorrectionGrows):
+                raise
             is_moved = isinstance(error, StationMoved)
             if ended is not None and is_moved and not _can_be_tied(out, ended):
                 error.add_note(ANEW + _line(command, rig, out, options))

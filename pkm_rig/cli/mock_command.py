@@ -52,6 +52,18 @@ def mock(
     control: Annotated[
         int | None, typer.Option(help="port on which programs of this computer change the running mock; 0: a free one")
     ] = None,
+    program: Annotated[
+        Path | None, typer.Option(help="NC program by which a control of the mock leads the machine, past our drives")
+    ] = None,
+    correction: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="PAYLOAD=FOLDER: that control's own correction, of `compensate --format csv`; again for more"
+        ),
+    ] = None,
+    operator: Annotated[
+        float | None, typer.Option(help="rig seconds after which somebody presses start at M0; else `program start`")
+    ] = None,
     out: OutOption = Path("runs"),
 ) -> None:
     """Serve the three mock devices on real transports until interrupted; lines on stdin change the running rig."""
@@ -59,7 +71,7 @@ def mock(
     from pkm_rig.rig.config import load_rig, mock_rig_path
     from pkm_rig.virtual import mock_rig
     from pkm_rig.virtual.new_rig import write_new_rig
-    from pkm_rig.virtual.served_rig import control_port, how_to_connect, serve_mock_rig, tell, what_it_is
+    from pkm_rig.virtual.served_rig import control_port, how_to_connect, load_program, serve_mock_rig, tell, what_it_is
     from pkm_rig.virtual.twin_files import find_twin
 
     if list_faults:
@@ -74,8 +86,12 @@ def mock(
     twin_files = None if twin is None else mock_rig.TwinFiles(find_twin(twin, out), tuple(effects or ()))
     if control is not None and not 0 <= control <= MOST_PORT:
         raise InputError(f"--control {control}: no port; choose 0 to {MOST_PORT}")
+    if program is None and (correction or operator is not None):
+        raise InputError("mock: --correction and --operator are for --program; give it")
     with ExitStack() as stack:
         devices = stack.enter_context(serve_mock_rig(file, path, fault or (), twin_files, state))
+        if program is not None:
+            load_program(devices, program, correction or (), operator)
         lines = [*what_it_is(file, devices, twin_files), *how_to_connect(file, path, devices)]
         if control is not None:
             token = os.environ.get(TOKEN) or secrets.token_hex(16)

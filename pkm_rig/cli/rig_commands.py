@@ -145,8 +145,32 @@ def measure(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="touch no device: print and draw poses, way and duration")
     ] = False,
+    moved_by_control: Annotated[
+        bool,
+        typer.Option(
+            "--moved-by-control",
+            help="the machine's control visits the poses by the program of `poses --nc`: the station sees when it "
+            "stands, no drive is read",
+        ),
+    ] = False,
+    first: Annotated[
+        str | None,
+        typer.Option(
+            help="with --moved-by-control, as with `poses --nc`: the campaign without correction, whose largest errors "
+            "are visited first and must have become smaller",
+            autocompletion=campaigns,
+        ),
+    ] = None,
 ) -> None:
     """Measure a calibration campaign into the store, and stop there."""
+    if moved_by_control or first is not None:
+        if not moved_by_control or campaign_file is not None or new_setup or dry_run:
+            raise InputError(
+                "measure: --first is for --moved-by-control, which takes neither --campaign nor --new-setup nor "
+                "--dry-run"
+            )
+        _measure_watched(rig, out, json, resume, first)
+        return
     _require_capabilities(rig, tables=False)
     if dry_run:
         _dry_run(rig, campaign_file, out, json)
@@ -192,6 +216,14 @@ def measure(
         f"campaign {campaign}",
         f"next: {next_command}",
     )
+
+
+def _measure_watched(rig: Path, out: Path, json: bool, resume: str | None, first: str | None) -> None:
+    """Measure what the machine's control visits."""
+    from pkm_rig.cli.watched_command import measure_by_station
+
+    _require_campaign(resume, out, new_setup=False)
+    measure_by_station(rig, out, json=json, resume=resume, first=first)
 
 
 def _dry_run(rig: Path, campaign_file: Path | None, out: Path, json: bool) -> None:

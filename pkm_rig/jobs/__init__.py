@@ -26,6 +26,7 @@ __all__ = [
     "life_record",
     "many_campaigns",
     "measure",
+    "measure_watched",
     "measured_machine",
     "nc_program",
     "next_command",

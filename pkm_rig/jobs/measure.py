@@ -60,9 +60,12 @@ def measure(
 
 
 def open_campaign(
-    rig: Rig, store: Store, notify: Notify, *, verify: bool
+    rig: Rig, store: Store, notify: Notify, *, verify: bool, first: Sequence[int] = ()
 ) -> tuple[str, tuple[Block, ...], PlannedReadings]:
-    """Start a campaign in the store: its id, what it measures and the number of readings, with `verify` to the end."""
+    """Start a campaign in the store: its id, what it measures and the number of readings, with `verify` to the end.
+
+    first: poses that a control's program visits before all others.
+    """
     problems = check_rig(rig)
     if problems:
         raise CampaignRefused("; ".join(problems))
@@ -74,7 +77,7 @@ def open_campaign(
     store.work_on(campaign)  # so that nobody sees it as one that was given up
     header = describe_campaign(rig, campaign, now_text(), kept_tables(rig, store))
     store.add_campaign(header, rig.machine.text)
-    store.add_event(campaign, "settings", settings_event(rig))
+    store.add_event(campaign, "settings", settings_event(rig) | ({"first_poses": list(first)} if first else {}))
     notify(f"campaign {campaign}: {total.total} readings planned")
     return campaign, blocks, total
 
@@ -92,6 +95,9 @@ def reopen_campaign(
     settings = store.events(campaign, "settings")
     if not settings:
         raise InputError(f"campaign {campaign}: it was not measured here; `pkm-rig list` shows what is there")
+    if bool(settings[0].data.get("moved_by_control")) != rig.moved_by_control:
+        how = "without --moved-by-control" if rig.moved_by_control else "with --moved-by-control"
+        raise InputError(f"campaign {campaign}: it was begun {how}; go on with it in the same way")
     stored_rig_file, current_rig_file = (data["rig_file"] for data in (settings[0].data, settings_event(rig)))
     adds = adds_visits(stored_rig_file, current_rig_file)
     if not is_same_rig(stored_rig_file, current_rig_file, adds=adds):

@@ -27,6 +27,7 @@ TOOL_AXES = ("X", "Y", "Z", "A", "B", "C")
 DRIVE_AXES = ("X", "Y", "Z", "A", "B", "C", "U", "V")
 DECIMALS = 6
 LONGEST_DWELL_S = 3600.0
+SEEN_APART_S = 10.0  # at the approach point, where a pose is visited twice running: else nobody sees it leave
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def write_program(
             "coordinates: led drive by drive it would be strained; use --coordinates tool"
         )
     names = axis_words(machine, choice)
-    blocks = with_first_poses(calibration_blocks(machine, file.campaign), first)
+    blocks = with_first_poses(calibration_blocks(machine, file.campaign, file.station.position_m), first)
     stops = list(_stops(machine, file, blocks, choice.coordinates))
     if path.suffix.lower() == ".csv":
         raise InputError(f"{path}: the CSV is written beside the program; name the program, for example visits.ngc")
@@ -163,15 +164,19 @@ def g_code(
         "(each visit: approach, place, stop; the station measures while it stands)",
         "G21 G90 G94",
     ]
-    done = iter(stops)
+    done, former = iter(stops), -1
     for block in blocks:
         lines.append(f"({_ascii(payload_text(file.payloads, block.payload))})")
         lines.append("M0 (put it on)")
         for stop in (next(done) for _ in block.visits):
             feed = f"F{stop.visit.speed_m_per_s * 6e4:.0f}"
             lines.append(f"N{stop.number} (pose {stop.visit.pose}, pass {stop.visit.pass_})")
-            lines += [f"G1 {_words(names, place)} {feed}" for place in (stop.approach, stop.place)]
+            lines.append(f"G1 {_words(names, stop.approach)} {feed}")
+            if stop.visit.pose == former:
+                lines.append(f"G4 P{SEEN_APART_S:g} (the same pose again: the station must see it leave)")
+            lines.append(f"G1 {_words(names, stop.place)} {feed}")
             lines.append(held)
+            former = stop.visit.pose
     return "\n".join([*lines, "M2", ""])
 
 

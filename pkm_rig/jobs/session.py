@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from calibration.base.errors import InputError
 from pkm_rig.rig.capabilities import Need, require_capabilities
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
-from pkm_rig.rig.connection import connect_rig
+from pkm_rig.rig.connection import connect_rig, connect_watched_rig
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.rig_lock import rig_lock
 from pkm_rig.store.place import has_store
@@ -47,6 +48,7 @@ def open_rig(
     seed: int | None = None,
     homing: bool = False,
     after: Moment | None = None,
+    moved_by_control: bool = False,
 ) -> Iterator[Rig]:
     """The connected, supervised rig of a rig file; one on the `embedded` bus is a mock rig over its real protocols.
 
@@ -54,10 +56,15 @@ def open_rig(
     InputError, before any device is touched, if its file shows that it cannot do what it `needs` to.
     `seed` chooses another embedded mock machine. For `homing` drives may have lost their reference. Rig time begins
     where the campaign that goes on ended (`after`), later by the time that has passed meanwhile; on the embedded rig,
-    whose time is not the computer's, none has.
+    whose time is not the computer's, none has. A machine that is `moved_by_control` has station and PLC connected only.
     """
     file, machine = load_rig(path)
     require_capabilities(file, machine, path, needs)
+    if moved_by_control and file.can.interface == "embedded":
+        raise InputError(
+            f"{path.name}: no control moves the embedded mock machine; serve one in another process with "
+            "`pkm-rig mock --program FILE`"
+        )
     if file.can.interface == "embedded":
         if seed is not None and file.mock is not None:
             file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
@@ -73,7 +80,12 @@ def open_rig(
     scale = file.time_scale or 1.0
     clock = ScaledClock(scale, 0.0 if after is None else after.t_rig_s + after.gap_s(time.time()) * scale)
     try:
-        with rig_lock(file), connect_rig(file, machine, clock, rig_path=path, homing=homing) as rig:
+        connected = (
+            connect_watched_rig(file, machine, clock, rig_path=path)
+            if moved_by_control
+            else connect_rig(file, machine, clock, rig_path=path, homing=homing)
+        )
+        with rig_lock(file), connected as rig:
             rig.path = path
             yield rig
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from pkm_rig.rig.config import TABLE_DRIVES, RigFile, drive_profile
 from pkm_rig.rig.plc_connection import plc_line, register_map
 from pkm_rig.rig.rig import PLC_POLL_S, Rig
 from pkm_rig.rig.supervision import BEAT_PERIOD_S
+from pkm_rig.rig.unread_drives import UnreadDrives
 
 POLL_PERIOD_S = 0.05
 LEAST_HOST_POLL_S = 0.002
@@ -52,29 +53,10 @@ def connect_rig(
     `rig_path`; `guard_s` is the host time in which every answer has to come (default: by the kind of rig).
     For `homing` drives may have lost their reference; they are then refused any other motion.
     """
+    given_guard_s, guard_s = guard_s, _guard_s(file, guard_s)
     slow = file.time_scale or 1.0
-    station, real = file.station, guard_s is None and file.can.interface != "embedded"
-    if guard_s is not None:
-        station = station.model_copy(update={"reply_timeout_s": guard_s, "motion_timeout_s": guard_s})
-    elif file.can.interface == "embedded":
-        guard_s = EMBEDDED_GUARD_S
-    else:
-        guard_s = GUARD_S
     with ExitStack() as stack:
-        plc = Plc(
-            plc_line(file.plc, rig_path),
-            file.plc.unit,
-            register_map(file.plc),
-            clock,
-            timing=PlcTiming(
-                heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
-                poll_period_s=PLC_POLL_S,
-                reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if real else guard_s,
-                beat_period_s=BEAT_PERIOD_S * slow,
-            ),
-        )
-        stack.callback(plc.close)
-        plc.connect()
+        plc = _connect_plc(stack, file, clock, rig_path, given_guard_s)
         bus = bus_factory() if bus_factory else open_bus(
             file.can.interface, file.can.channel, file.can.host, file.can.port, file.can.bitrate
         )  # fmt: skip
@@ -92,31 +74,95 @@ def connect_rig(
             timing=GroupTiming(poll_period_s=max(POLL_PERIOD_S, LEAST_HOST_POLL_S * slow), pdo_timeout_s=guard_s),
         )
         banks = [TableBank(drive) for drive in drives if drive.profile.compensation is not None]
-        tracker = LaserTracker(
-            station.port,
-            clock,
-            name=station.name,
-            settings=StationSettings(
-                edm_mode=EDMModeV2[station.edm_mode.upper()],
-                prism_type=Prism[station.prism_type.upper()],
-                prism_constant_m=station.prism_constant_m,
-            ),
-            line=StationLine(
-                baudrate=station.baudrate,
-                reply_timeout_s=station.reply_timeout_s,
-                motion_timeout_s=station.motion_timeout_s,
-            ),
-        )
-        stack.callback(tracker.close)
-        tracker.connect()
-        real_time = isinstance(clock, ScaledClock) and clock.time_scale == 1.0
-        period_s = file.limits.poll_period_s if real_time else None
-        if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
-            sys.setswitchinterval(SWITCH_S)
-        rig = Rig(file, machine, clock, station=tracker, drives=group, banks=banks, plc=plc, poll_period_s=period_s)
-        stack.callback(_shut_down_safely, rig)
-        rig.supervisor.start()
-        yield rig
+        tracker = _connect_station(stack, file, clock, given_guard_s)
+        yield _supervised(stack, file, machine, clock, station=tracker, drives=group, banks=banks, plc=plc)
+
+
+@contextmanager
+def connect_watched_rig(
+    file: RigFile, machine: Machine, clock: RigClock, *, rig_path: Path = Path("rig.toml"), guard_s: float | None = None
+) -> Iterator[Rig]:
+    """Connect station and PLC of a machine that its own control moves: the CAN line is not opened, no drive is read."""
+    with ExitStack() as stack:
+        plc = _connect_plc(stack, file, clock, rig_path, guard_s)
+        tracker = _connect_station(stack, file, clock, guard_s)
+        drives = UnreadDrives(clock)
+        yield _supervised(stack, file, machine, clock, station=tracker, drives=drives, banks=[], plc=plc)
+
+
+def _is_real(file: RigFile, given_guard_s: float | None) -> bool:
+    """Whether the answers of real devices, or of a mock in another process, are waited for."""
+    return given_guard_s is None and file.can.interface != "embedded"
+
+
+def _guard_s(file: RigFile, given_guard_s: float | None) -> float:
+    if given_guard_s is not None:
+        return given_guard_s
+    return EMBEDDED_GUARD_S if file.can.interface == "embedded" else GUARD_S
+
+
+def _connect_plc(stack: ExitStack, file: RigFile, clock: RigClock, rig_path: Path, given_guard_s: float | None) -> Plc:
+    slow, guard_s = file.time_scale or 1.0, _guard_s(file, given_guard_s)
+    plc = Plc(
+        plc_line(file.plc, rig_path),
+        file.plc.unit,
+        register_map(file.plc),
+        clock,
+        timing=PlcTiming(
+            heartbeat_limit_s=file.limits.plc_heartbeat_s * slow,
+            poll_period_s=PLC_POLL_S,
+            reply_timeout_s=min(guard_s, file.plc.reply_timeout_s) if _is_real(file, given_guard_s) else guard_s,
+            beat_period_s=BEAT_PERIOD_S * slow,
+        ),
+    )
+    stack.callback(plc.close)
+    plc.connect()
+    return plc
+
+
+def _connect_station(stack: ExitStack, file: RigFile, clock: RigClock, given_guard_s: float | None) -> LaserTracker:
+    station = file.station
+    if given_guard_s is not None:
+        station = station.model_copy(update={"reply_timeout_s": given_guard_s, "motion_timeout_s": given_guard_s})
+    tracker = LaserTracker(
+        station.port,
+        clock,
+        name=station.name,
+        settings=StationSettings(
+            edm_mode=EDMModeV2[station.edm_mode.upper()],
+            prism_type=Prism[station.prism_type.upper()],
+            prism_constant_m=station.prism_constant_m,
+        ),
+        line=StationLine(
+            baudrate=station.baudrate,
+            reply_timeout_s=station.reply_timeout_s,
+            motion_timeout_s=station.motion_timeout_s,
+        ),
+    )
+    stack.callback(tracker.close)
+    tracker.connect()
+    return tracker
+
+
+def _supervised(
+    stack: ExitStack,
+    file: RigFile,
+    machine: Machine,
+    clock: RigClock,
+    *,
+    station: LaserTracker,
+    drives: DriveGroup,
+    banks: Sequence[TableBank],
+    plc: Plc,
+) -> Rig:
+    real_time = isinstance(clock, ScaledClock) and clock.time_scale == 1.0
+    period_s = file.limits.poll_period_s if real_time else None
+    if real_time:  # a thread that computes must not keep supervision from its turn for the usual 5 ms
+        sys.setswitchinterval(SWITCH_S)
+    rig = Rig(file, machine, clock, station=station, drives=drives, banks=banks, plc=plc, poll_period_s=period_s)
+    stack.callback(_shut_down_safely, rig)
+    rig.supervisor.start()
+    return rig
 
 
 def _shut_down_safely(rig: Rig) -> None:

@@ -251,7 +251,7 @@ class StationDevice:
         drives = rig.drives.sample()
         self.moved = (
             None
-            if on_floor or tags.visit is None
+            if on_floor or tags.visit is None or rig.moved_by_control
             else self._standstill.check(tags.visit_number, tags.visit.drives_m, drives)
         )
         if self.moved is not None:

@@ -17,6 +17,7 @@ from calibration.instruments.station_geometry import across_line_of_sight
 from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DrivesMoved
 from pkm_rig.errors import CampaignRefused, StationMoved
+from pkm_rig.rig.control_watch import WatchedMachine
 from pkm_rig.rig.devices import MachineDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.operator_devices import PayloadDevice, WaitingDevice
 from pkm_rig.rig.rig import Rig
@@ -34,12 +35,13 @@ class CampaignDevices:
 
     `note` keeps an event in the store. `nest_shift_m` says how far the last nest check there is off the first of its
     set-up, by the rule of every later analysis. `stored` holds (phase, pose, pass, SMR) of readings of an earlier run
-    of the campaign, which are not taken again.
+    of the campaign, which are not taken again. `in_doubt`: visits, by pose and pass, of which nobody has seen that the
+    machine stood until their end; they are measured anew.
     """
 
     rig: Rig
     tags: ReadingTags
-    machine: MachineDevice
+    machine: MachineDevice | WatchedMachine
     payload: PayloadDevice
     station: StationDevice
     wait: WaitDevice
@@ -48,6 +50,7 @@ class CampaignDevices:
     waiting: WaitingDevice
     nest_shift_m: Callable[[], float]
     stored: set[tuple[str, int, int, str]] = field(default_factory=set)
+    in_doubt: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def missing(self, visit: PlannedVisit, phase: str, smrs: Sequence[str]) -> list[str]:
         """Reflectors that a visit has no stored reading of."""
@@ -78,6 +81,11 @@ def calibration(devices: CampaignDevices, blocks: Sequence[Block]) -> Plan:
     for block in devices.missing_of(blocks):
         yield from put_on(devices, block.payload)
         yield from visits(devices, block, CALIBRATION, devices.smrs("platform", "slider"))
+
+
+def steady_temperatures(devices: CampaignDevices) -> Plan:
+    """Wait until no part's temperature changes faster than the limit; nobody moves meanwhile."""
+    yield from _until_done(devices, lambda: _warm_up(devices, ()))
 
 
 def warm_up(devices: CampaignDevices, between: Sequence[PlannedVisit]) -> Plan:
@@ -194,7 +202,7 @@ def _visit(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: Sequ
     if not missing:
         return
     tags = devices.tags
-    replaced, has_moved = -1, False
+    replaced, has_moved = devices.in_doubt.pop((visit.pose, visit.pass_), -1), False
     while True:
         sequence, tags.replaces_visit = tags.sequence, replaced
         try:
@@ -218,6 +226,8 @@ def _read_all(devices: CampaignDevices, visit: PlannedVisit, phase: str, smrs: S
     yield from _set(devices, devices.machine, visit)
     for smr in smrs:
         yield from _read(devices, phase, smr)
+    if isinstance(devices.machine, WatchedMachine):
+        yield from _set(devices, devices.machine.leaving, visit)
 
 
 def _read(devices: CampaignDevices, phase: str, smr: str) -> Plan:

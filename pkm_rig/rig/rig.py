@@ -28,6 +28,7 @@ from pkm_rig.rig.observer import Observer, Unobserved
 from pkm_rig.rig.operator import Nobody, Operator
 from pkm_rig.rig.station_air import StationAir
 from pkm_rig.rig.supervision import Supervisor
+from pkm_rig.rig.unread_drives import UnreadDrives
 
 PLC_POLL_S = 1.0
 
@@ -118,6 +119,11 @@ class Rig:
             yield self.supervisor.state().payload
 
     # --- motion
+
+    @property
+    def moved_by_control(self) -> bool:
+        """Whether the machine's own control moves it: nothing is commanded then, and no drive is read."""
+        return isinstance(self.drives, UnreadDrives)
 
     @property
     def led(self) -> bool:

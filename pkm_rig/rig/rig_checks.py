@@ -34,6 +34,8 @@ def check_rig(rig: Rig) -> list[str]:
             f"place it {where} or average more readings"
         )
     problems += undecidable(rig.file, rig.machine)
+    if rig.moved_by_control:
+        return problems
     for drive, (low, high) in zip(rig.drives.drives, rig.machine.travel, strict=True):
         if drive.limits_m[0] > low or drive.limits_m[1] < high:
             problems.append(

@@ -25,10 +25,12 @@ from calibration.reduction.reduction import CALIBRATION
 from drivers.errors import DeviceError, NoAnswer, SettingsChanged
 from pkm_rig.errors import CampaignRefused, StoreError
 from pkm_rig.rig.config import EMBEDDED, embedded_rig_path
+from pkm_rig.rig.control_watch import WatchedMachine
 from pkm_rig.rig.devices import MachineDevice, ReadingTags, StationDevice, WaitDevice
 from pkm_rig.rig.operator_devices import PayloadDevice, WaitingDevice
 from pkm_rig.rig.plans import CampaignDevices, Plan
 from pkm_rig.rig.rig import Rig
+from pkm_rig.rig.schedule import Block
 from pkm_rig.rig.session_record import session
 from pkm_rig.rig.waiting import Waiting
 from pkm_rig.rig.worker import Worker
@@ -68,6 +70,7 @@ class Runner:
         campaign: str,
         progress: Callable[[int, str], None],
         notify: Callable[[str], None] = lambda _line: None,
+        order: Sequence[Block] = (),
     ) -> None:
         self.rig, self.store, self.campaign = rig, store, campaign
 
@@ -80,7 +83,9 @@ class Runner:
         self.devices = CampaignDevices(
             rig=rig,
             tags=tags,
-            machine=MachineDevice(rig, self._worker, tags),
+            machine=WatchedMachine(rig, self._worker, tags, order, notify)
+            if rig.moved_by_control
+            else MachineDevice(rig, self._worker, tags),
             payload=PayloadDevice(rig, self._worker, notify, note, progress, self._waiting.hold),
             station=StationDevice(rig, self._worker, tags),
             wait=WaitDevice(rig, self._worker),
@@ -127,6 +132,18 @@ class Runner:
         measured = usable & (np.asarray(recording["phase"]) == CALIBRATION)
         for pose, pass_, smr in zip(*(recording[name][measured] for name in ("pose", "pass", "smr")), strict=True):
             self.devices.stored.add((CALIBRATION, int(pose), int(pass_), str(smr)))
+        if self.rig.moved_by_control:
+            self._doubt_last_visit(recording)
+
+    def _doubt_last_visit(self, recording: Recording) -> None:
+        """Measure the last visit anew if the session ended in it: nobody saw that the machine stood until its end."""
+        last = int(np.argmax(recording["sequence"]))
+        if str(recording["phase"][last]) != CALIBRATION:
+            return
+        pose, pass_, visit = (int(recording[name][last]) for name in ("pose", "pass", "visit"))
+        stored = self.devices.stored
+        stored.difference_update([key for key in stored if key[:3] == (CALIBRATION, pose, pass_)])
+        self.devices.in_doubt[pose, pass_] = visit
 
     def begin_setup(self, recording: Recording) -> None:
         """Have the campaign go on in a new set-up of the station, at the rig file's place of it: before `resume`."""
@@ -224,10 +241,11 @@ def open_runner(
     progress: Callable[[int, str], None],
     command: str = "measure",
     notify: Callable[[str], None] = lambda _line: None,
+    order: Sequence[Block] = (),
 ) -> Iterator[Runner]:
-    """A runner that is closed in the end: one session of the campaign."""
+    """A runner that is closed in the end: one session of the campaign. order: of a program by which a control moves."""
     with session(rig, store, campaign, command, notify):
-        runner = Runner(rig, store, campaign, progress, notify)
+        runner = Runner(rig, store, campaign, progress, notify, order)
         rig.observer.campaign(campaign)
         try:
             yield runner
@@ -247,7 +265,8 @@ def emergency_log(rig: Rig) -> list[dict[str, Any]]:
 def settings_event(rig: Rig) -> dict[str, Any]:
     """The rig file as it was used, seeds included, and who answered on each line: for traceability."""
     station = rig.station.identity
-    return {
+    control = {"moved_by_control": True} if rig.moved_by_control else {}
+    return control | {
         "rig_file": rig.file.model_dump(mode="json", exclude={"mock"}),
         "rig_path": _path_word(rig.path),
         "station": None if station is None else {"name": station.name, "serial": station.serial},
@@ -288,6 +307,7 @@ def describe_campaign(rig: Rig, campaign: str, created: str, known_tables: Seque
         nest_limit_m=file.campaign.nest_limit_m,
         payloads=file.payloads,
         nuisance=file.nuisance,
+        drive_positions="commanded" if rig.moved_by_control else "read",
         simulated=bool(rig.simulated_devices),
         known_tables=tuple(known_tables),
     )

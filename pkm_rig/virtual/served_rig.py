@@ -8,7 +8,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import can
 
@@ -17,6 +19,8 @@ from mock_devices.can.faulty_bus import FaultyBus
 from mock_devices.commands import execute
 from mock_devices.control_port import ControlPort
 from mock_devices.lasting_state import LastingStateError, RigState, StateFile, read_state
+from mock_devices.nc.correction import Correction, read_correction
+from mock_devices.nc.program import read_program
 from mock_devices.rig import MockPorts, MockRig
 from mock_devices.stepped_clock import SteppedClock
 from pkm_rig.rig.clock import ScaledClock
@@ -26,8 +30,10 @@ from pkm_rig.virtual.embedded_bus import EmbeddedBus
 from pkm_rig.virtual.mock_rig import TwinFiles, fault_plan, settings_of, twin_plant
 from pkm_rig.virtual.ownership import owned, require_free_port
 
+MOST_OPERATOR_S = 3600.0
 KEEP_S = 0.25  # host time between two writes of the state file, beside those at once for what must not be lost
 _channels = itertools.count()
+T = TypeVar("T")
 
 
 @contextmanager
@@ -103,6 +109,30 @@ def tell(mock: MockRig, line: str) -> str:
         return execute(mock, line)
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def load_program(mock: MockRig, program: Path, corrections: Sequence[str], operator_s: float | None) -> None:
+    """Have the mock's own control lead its machine by a program, with corrections PAYLOAD=FOLDER; InputError."""
+    if operator_s is not None and not 0.0 <= operator_s <= MOST_OPERATOR_S:
+        raise InputError(f"--operator {operator_s:g}: give a time up to {MOST_OPERATOR_S:g} s")
+    names = [part.name for part in mock.plant.parts]
+    loaded: dict[int, Correction] = {}
+    for text in corrections:
+        number, _, folder = text.partition("=")
+        if not (number.isascii() and number.isdigit() and folder):
+            raise InputError(f"--correction {text}: give the payload's number and a folder, as 0=FOLDER")
+        loaded[int(number[:9])] = _read_or_refuse("--correction", partial(read_correction, folder, names))
+    read = _read_or_refuse("--program", lambda: read_program(program))
+    _read_or_refuse(f"--program {program}:", lambda: mock.load_program(read, loaded, operator_s))
+
+
+def _read_or_refuse(option: str, read: Callable[[], T]) -> T:
+    try:
+        return read()
+    except OSError as error:
+        raise InputError(f"{option} {error.filename}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{option} {error}") from error
 
 
 def _former_state(stack: ExitStack, file: RigFile, path: Path | None) -> RigState:

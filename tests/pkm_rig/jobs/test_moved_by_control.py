@@ -66,7 +66,7 @@ def test_a_correction_that_helps_is_accepted_at_every_payload(before, with_corre
     for entry in result["payloads"]:
         assert entry["after"]["position_rms_m"] < 0.6 * entry["before"]["position_rms_m"]
         assert entry["rule"].endswith("the correction stays")
-    assert result["frame"].startswith("one frame for both")
+    assert result["frame"].startswith("a frame each")
 
 
 @pytest.mark.parametrize(("factor", "hint"), [(-1.0, "about twice: the sign"), (10.0, "not twice: the unit")])

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from calibration.identification.calibration import identify_recording
+from mock_devices.lasting_state import RigState
 from pkm_rig.rig.config import demo_rig_path, load_rig
 from pkm_rig.store.store import open_existing_store
 from pkm_rig.virtual.new_rig import with_values, write_new_rig
@@ -32,6 +33,7 @@ from tests.kept_results import until_stopped
 PARTS = ("steady", "drifting")
 MOST_OF_U = 0.3
 READY_S = 120.0
+NO_DRIFT = "1e-18"  # zero is refused; this is below what an angle resolves
 DRIFTS = ("drift_rad_per_sqrt_h", "drift_of_level_rad_per_sqrt_h", "drift_m_per_sqrt_h")
 
 
@@ -42,7 +44,7 @@ def rig_files(machine: str, part: str, folder: Path, scale: float, poses: int | 
         folder.mkdir(parents=True, exist_ok=True)
         values: dict[tuple[str, str], str] = {}
         if part == "steady":
-            values |= {("station.accuracy", name): "0.0" for name in DRIFTS}
+            values |= {("station.accuracy", name): NO_DRIFT for name in DRIFTS}
             values["mock", "steady_temperatures"] = "true"
         if poses is not None:
             values["campaign", "calibration_poses"] = str(poses)
@@ -60,16 +62,12 @@ def rig_files(machine: str, part: str, folder: Path, scale: float, poses: int | 
 @contextlib.contextmanager
 def served(rig: Path) -> Iterator[None]:
     """A mock in a process of its own, until it has said how to connect; ended by its own id."""
-    command = [
-        sys.executable,
-        "-m",
-        "pkm_rig.cli",
-        "mock",
-        "--rig",
-        str(rig),
-        "--state",
-        str(rig.with_suffix(".state")),
-    ]
+    state = rig.with_suffix(".state")
+    if not state.exists():  # without one a served mock is as old as Unix time, and has been warm for ever
+        file = load_rig(rig)[0]
+        new = RigState(machine=file.machine, seed=file.mock.seed if file.mock else 1, t_utc_s=time.time())
+        state.write_text(new.model_dump_json(), encoding="utf-8")
+    command = [sys.executable, "-m", "pkm_rig.cli", "mock", "--rig", str(rig), "--state", str(state)]
     with rig.with_suffix(".mock.log").open("a+", encoding="utf-8") as log:
         begin = log.tell()
         mock = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)

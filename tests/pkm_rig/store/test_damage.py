@@ -124,6 +124,26 @@ def test_a_list_names_the_damaged_campaign_and_shows_the_others(path, column, va
     assert listed["second"] == ""
 
 
+@pytest.mark.parametrize(
+    ("statement", "what"),
+    [
+        ("UPDATE events SET kind = 'accepted' WHERE campaign = 'first' AND position = 10", r"\(row 10\): damaged"),
+        ("UPDATE events SET data = '{\"plan\":\"set-up\"}' WHERE campaign = 'first' AND position = 10", "row 10"),
+        ("UPDATE events SET data = '{}' WHERE campaign = 'first' AND position = 8", "row 8"),
+        ("DELETE FROM events WHERE campaign = 'first' AND position = 10", "rows are missing or were added"),
+        ("DELETE FROM readings WHERE campaign = 'first' AND position = 3", "rows are missing or were added"),
+        ("UPDATE heads SET chain = 'x' WHERE campaign = 'first'", "rows are missing or were added"),
+    ],
+)
+def test_a_list_computes_nothing_from_rows_that_are_not_as_they_were_written(path, statement, what):
+    change(path, statement)
+    with closing(Store(path, read_only=True)) as store:
+        first, second = store.campaigns()
+    assert re.search(what, first.damage)
+    assert (first.campaign, first.state) == ("first", "")
+    assert (second.damage, second.state) == ("", "measured")
+
+
 @pytest.mark.parametrize("command", ["show", "export", "identify", "diagnose", "audit", "report"])
 def test_every_command_on_a_damaged_campaign_ends_with_one_line(path, command, run):
     change(path, f"UPDATE readings SET data = {NOT_UTF_8} WHERE campaign = 'first' AND position = 2")

@@ -188,6 +188,7 @@ def test_another_drive_in_its_place_has_another_serial_number_and_no_tables(star
     for _ in range(2):
         assert rig.drives[0]._node.get_data(0x1018, 4) == (0x53494D11).to_bytes(4, "little")
         assert rig.drives[0].compensation.table is None
+        assert [bank.image for bank in rig.drives[0].compensation.banks.values()] == [b"", b""]
         assert rig.drives[0].encoder_m(clock.now_s()) == pytest.approx(stood, abs=1e-12)
         assert rig.drives[0].axis.encoder_inc(clock.now_s()) == pytest.approx(count + 2e4)
         assert rig.drives[1].serial == 0x53494D02

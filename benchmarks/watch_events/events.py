@@ -13,6 +13,7 @@ from calibration.machine.description import shipped_machine
 Line = dict[str, Any]
 Tables = Literal["new", "former"]
 SLIGHT_RAD, HARD_RAD, LOST_M = 2.0e-5, 6.0e-4, 3.0e-5
+WIDER = "[recalibration.envelope]\ntable_m = 3e-4\n"  # 7 K are 0.13 mm at the ends of the drives' travel
 EXPIRED = '[[certificates]]\ninstrument = "station"\nnumber = "T-17"\ndue = %s\n'
 
 
@@ -164,7 +165,7 @@ def events() -> tuple[Event, ...]:
         Event("reference lost", _reference, ("calibration",), "drive offset", "new"),
         Event("power lost in a partial one", _power_partial, ("failed", "calibration"), "drive offset", "new"),
         Event("station set up anew", _reseated, ("check",), "fit", "former"),
-        Event("7 K warmer", _warmer, ("calibration",), "expansion", "new"),
+        Event("7 K warmer", _warmer, ("calibration",), "expansion", "new", WIDER),
         Event("another machine file", _other_machine, ("skipped",), "begins anew", "former"),
         Event("clock set back", _clock, ("failed",), "the clock was set back", "former"),
         Event("computer lost in a calibration", _computer, ("calibration",), "", "new"),

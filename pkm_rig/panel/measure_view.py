@@ -22,6 +22,7 @@ TREND = "geometric mean over the parameters of standard uncertainty now / before
 RESIDUAL = "residual: from the nominal machine, the mean of the reflector's readings taken off"
 ENDED = "The campaign has ended before its time: put right what is said below, then go on"
 GO_ON = "press Go on"
+LAST_SEEN = "as they were seen last: nothing is connected now"
 SIGNS = {"good": "●", "bad": "▲", "unknown": "○"}
 
 
@@ -47,6 +48,7 @@ class MeasureView:
                 self._field_note = ui.label().classes("note")
             with ui.element("div").classes("card"):
                 title("Guards")
+                self._guard_note = ui.label(LAST_SEEN).classes("note")
                 self._guard_list = ui.element("div")
             with ui.element("div").classes("card"):
                 title("Last readings")
@@ -87,6 +89,7 @@ class MeasureView:
         self._show_progress(seen)
         self._show_request(seen)
         self._show_guards(seen.guards)
+        self._guard_note.set_visibility(bool(seen.guards) and math.isnan(seen.t_rig_s))
         self._machine.show(scene_of(self._page.work.machine, self._page.work.file, seen))
         self._place.set_text(_place(seen))
         self._readings.rows = [_row(reading) for reading in reversed(seen.readings)]

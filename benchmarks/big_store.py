@@ -59,7 +59,7 @@ def fill(path: Path, count: int) -> None:
 
 
 def _campaign(rows: dict[Any, list[dict[str, Any]]], number: int, recording: Recording, found: dict[str, Any]) -> None:
-    name, rig = f"campaign-{number:05d}", f"rig {number % RIGS:02d}"
+    name, rig = f"campaign-{number:05d}", f"rig-{number % RIGS:02d}"
     begun = FIRST + timedelta(hours=8 * number)
     created = begun.isoformat(timespec="milliseconds")
     file = recording.file.model_copy(update={"campaign": name, "rig": rig, "created": created})

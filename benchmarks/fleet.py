@@ -121,7 +121,7 @@ def _stored(place: Path, campaigns: int) -> None:
             if name not in there:
                 recording = record(number + 1, calibration_poses=POSES)
                 begun = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=number)
-                head = {"campaign": name, "rig": f"rig {number % 4}", "created": begun.isoformat()}
+                head = {"campaign": name, "rig": f"rig-{number % 4}", "created": begun.isoformat()}
                 store.add_recording(replace(recording, file=recording.file.model_copy(update=head)))
 
 

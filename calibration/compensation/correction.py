@@ -15,10 +15,9 @@ from scipy.stats import qmc
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.base.rotation import rotation_matrix
 from calibration.identification.fit import Fit
 from calibration.identification.prediction import predict_poses
-from calibration.machine.description import COORDINATES, Machine
+from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_closure, nominal_drives, platform_poses, pseudo_inverses
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.reduction.report_frame import ReportFrame
@@ -35,7 +34,6 @@ ITERATIONS = 8
 CONVERGED = 1e-10  # last step of a drive, m or rad
 ACCEPTED = 1e-8  # the same, where it converges no further
 MIN_SOLVED_SHARE = 0.99
-BEYOND_MEASURED = 0.02
 
 
 @dataclass(frozen=True)
@@ -135,22 +133,3 @@ def correct_drives(machine: Machine, error: ToolError, target_m: Array) -> Array
             break
     drives[~(size < ACCEPTED)] = np.nan
     return drives
-
-
-def measured_box(machine: Machine, target_m: Array) -> Array:
-    """Limits (k, 2) of the commanded tool coordinates over measured platform poses (n, 6), within the workspace.
-
-    They reach BEYOND_MEASURED of the workspace's side beyond the outermost pose: drawn poses seldom lie on its edge.
-    """
-    tool = target_m.copy()
-    tool[:, :3] += rotation_matrix(target_m[:, 3:]) @ machine.tool_point_m
-    values = tool[:, machine.commanded]
-    low, high = machine.commanded_limits.T
-    flat = np.flatnonzero(~(np.ptp(values, axis=0) > BEYOND_MEASURED * (high - low)))
-    if flat.size:
-        name = COORDINATES[machine.commanded[flat[0]]]
-        raise InputError(f"compensation: all measured poses have the same {name}; measure where the machine works")
-    margin = BEYOND_MEASURED * (high - low)
-    return np.stack(
-        [np.maximum(values.min(axis=0) - margin, low), np.minimum(values.max(axis=0) + margin, high)], axis=1
-    )

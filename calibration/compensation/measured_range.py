@@ -10,16 +10,14 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.compensation.correction import measured_box
 from calibration.identification.calibration import Calibration
 from calibration.machine.description import COORDINATES, Machine
-from calibration.machine.inverse import nominal_poses, platform_poses
-from calibration.machine.led_path import tool_coordinates
+from calibration.machine.inverse import platform_poses
+from calibration.machine.measured_poses import held_poses, measured_box
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.model.visits import Visits
 
 BEYOND_MEASURED_K = 4.0  # of a part, where a calibration is due by default: expansion is known to some 1e-6 / K
-HELD = 0.05  # of the workspace's side beyond the measured poses, where the correction of the nearest one is held
 LOAD_TOLERANCE_KG = 1e-6
 
 
@@ -83,28 +81,3 @@ class MeasuredRange:
             f"{limits}; {self.payload_kg[0]:g} to {self.payload_kg[1]:g} kg; parts at {coldest:.1f} to {warmest:.1f} "
             f"degC and {BEYOND_MEASURED_K:g} K beyond"
         )
-
-
-def held_poses(machine: Machine, box: Array, target_m: Array) -> Array:
-    """Platform poses (n, 6) for whose correction to ask at poses (n, 6): themselves, or the nearest ones in a
-    box (k, 2) of commanded coordinates that were measured.
-
-    InputError for poses further than HELD from what was measured: there is no correction.
-    """
-    commanded = tool_coordinates(machine, target_m)
-    inside = np.clip(commanded, box[:, 0], box[:, 1])
-    low, high = machine.commanded_limits.T
-    beyond = np.abs(commanded - inside) / (high - low)
-    if np.any(beyond > HELD):
-        row, axis = divmod(int(np.argmax(beyond)), beyond.shape[1])
-        name, unit = COORDINATES[machine.commanded[axis]], "rad" if machine.commanded[axis] > 2 else "m"
-        raise InputError(
-            f"correction: {name} = {commanded[row, axis]:.4f} {unit}; {box[axis, 0]:.4f} to "
-            f"{box[axis, 1]:.4f} {unit} were measured, beyond them there is none; keep off it, or "
-            "measure there"
-        )
-    moved = np.any(inside != commanded, axis=1)
-    out = target_m.copy()
-    if np.any(moved):
-        out[moved] = nominal_poses(machine, inside[moved])
-    return out

@@ -13,7 +13,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError, printable
 from calibration.base.plain_file import read_text
-from calibration.compensation.correction import Correction, ToolError, measured_box, model_error
+from calibration.compensation.correction import Correction, ToolError, model_error
 from calibration.compensation.decomposition import DriveTables, Loss, corrections_at
 from calibration.compensation.error_map import predicted_errors
 from calibration.compensation.formats.catalogue import FORMATS, table_format
@@ -28,6 +28,7 @@ from calibration.compensation.limits import (
 from calibration.compensation.measured_range import MeasuredRange
 from calibration.identification.calibration import Calibration, identify_recording, pose_u
 from calibration.machine.description import COORDINATES, Machine
+from calibration.machine.measured_poses import measured_box
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import COVERAGE_FACTOR

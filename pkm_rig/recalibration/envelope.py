@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
+from calibration.base.arrays import Array
 from calibration.intervals.envelope import judge
 from calibration.intervals.facts import CalibrationFact, ErrorFigure, MachineHistory
 from calibration.intervals.settings import IntervalSettings
 from calibration.model.parameters import ParameterSet
-from drivers.drives.table_image import decode_table
+from drivers.drives.table_image import TableImage, decode_table
 from pkm_rig.jobs.reference import DRIFT_SHARE
 from pkm_rig.jobs.tables_in_force import stored_images
 from pkm_rig.rig.drive_tables import as_image
@@ -20,21 +22,38 @@ from pkm_rig.store.store import Store
 
 
 def table_change_m(rig: Rig, former: Mapping[str, bytes], change: TableChange) -> float:
-    """Largest change of a correction between the former tables and those that were tried; infinite without former ones.
-
-    Tables of one machine share their grid; of two grids nothing can be said, which counts as infinite.
-    """
+    """Largest change of a correction from the former tables to those that were tried; infinite without former ones."""
     largest = 0.0
     tried = change.trials[-1]["images"]
     for bank in rig.banks:
         before, new = former.get(bank.drive.name), as_image(tried[bank.drive.name])
         if before is None or new is None:
             return float("inf")
-        old, now = (decode_table(image, bank.drive.metres_per_increment).corrections_m for image in (before, new))
-        if old.shape != now.shape:
-            return float("inf")
-        largest = max(largest, float(np.max(np.abs(now - old))))
+        old, now = (decode_table(image, bank.drive.metres_per_increment) for image in (before, new))
+        largest = max(largest, largest_difference_m(old, now))
     return largest
+
+
+def largest_difference_m(a: TableImage, b: TableImage) -> float:
+    """Largest difference of the corrections of two tables of one drive, each held at its edges.
+
+    Both are bilinear in every cell of the grid that has the nodes of both: it is largest at one of that grid's nodes.
+    """
+    nodes = [_nodes_m(table) for table in (a, b)]
+    points = np.stack(np.meshgrid(*map(np.union1d, *nodes), indexing="ij"), axis=-1)
+    at_a, at_b = (
+        RegularGridInterpolator(axes, table.corrections_m)(np.clip(points, [x[0] for x in axes], [x[-1] for x in axes]))
+        for table, axes in zip((a, b), nodes, strict=True)
+    )
+    return float(np.max(np.abs(at_a - at_b)))
+
+
+def _nodes_m(table: TableImage) -> tuple[Array, Array]:
+    own, partner = table.corrections_m.shape
+    return (
+        table.own_start_m + table.own_step_m * np.arange(own),
+        table.partner_start_m + table.partner_step_m * np.arange(partner),
+    )
 
 
 def reasons_beyond(

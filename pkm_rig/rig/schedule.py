@@ -9,11 +9,10 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
-from calibration.compensation.correction import measured_box
-from calibration.compensation.measured_range import held_poses
 from calibration.instruments.visibility import hides_reflectors, visible
 from calibration.machine.description import Machine
 from calibration.machine.inverse import nominal_drives, nominal_poses
+from calibration.machine.measured_poses import held_poses, measured_box
 from calibration.model.payload import PayloadEntry
 from pkm_rig.rig.campaign_sections import CampaignSettings
 from pkm_rig.rig.led_motion import is_led, led_sides, require_clear_campaign

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from calibration.base.errors import InputError
-from calibration.compensation.correction import Correction, correct_drives, measured_box
+from calibration.compensation.correction import Correction, correct_drives
 from calibration.compensation.decomposition import (
     Curve,
     DriveTables,
@@ -29,6 +29,7 @@ from calibration.compensation.limits import (
 from calibration.compensation.piecewise import Nodes
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
 from calibration.machine.inverse import nominal_drives, platform_poses
+from calibration.machine.measured_poses import measured_box
 from pkm_rig.report.maps import error_fields, error_maps
 from tests.calibration.compensation.drawn_machine import DrawnMachine
 

@@ -88,8 +88,8 @@ def test_further_visits_rest_and_last_as_long_as_those_of_the_campaign(small):
     assert duration_min(linear, same) == pytest.approx(expected_s / 60.0)
 
 
-def test_basis_sets_are_built_over_the_visits_of_the_campaign_and_the_planned_ones(small, likelihood):
-    hypotheses = _Hypotheses(likelihood, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
+def test_basis_sets_are_built_over_the_visits_of_the_campaign_and_the_planned_ones(small):
+    hypotheses = _Hypotheses(small, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
     planned, pose = hypotheses._planned_context(next(proposals(small)))
     observed = hypotheses._observed_model(planned, pose, np.array([0]))
     together = hypotheses._with_campaign(append_context(small.context, planned), observed)
@@ -100,9 +100,9 @@ def test_basis_sets_are_built_over_the_visits_of_the_campaign_and_the_planned_on
     assert poses[len(small.visit) :] == pytest.approx(observed.poses.equilibrium.coordinates(), abs=1e-8)
 
 
-def test_only_what_differs_from_the_nearest_measured_visit_tells_anything(small, likelihood):
+def test_only_what_differs_from_the_nearest_measured_visit_tells_anything(small):
     """A shift of 10 um that is the same at all visits predicts nothing new; alone it is 10 um over the noise."""
-    hypotheses = _Hypotheses(likelihood, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
+    hypotheses = _Hypotheses(small, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
     observed = hypotheses._observed_model(*hypotheses._planned_context(next(proposals(small))), np.array([0]))
     rows = len(small.visit) + np.arange(len(observed.smr))
     response = _ChannelResponse(small, observed, rows, np.zeros(len(rows), dtype=np.intp))

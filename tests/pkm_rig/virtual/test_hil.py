@@ -136,8 +136,9 @@ def test_a_machine_without_a_mock_rig_is_refused_and_no_file_stays(tmp_path):
 def test_another_machine_has_its_own_drives(mock_rig):
     rig = mock_rig("gough8", time_scale=5.0)
     assert len(rig.node_ids) == 8
-    with pytest.raises(InputError, match="planar machines"):
-        rig.effect("backlash=2e-5,place=leg1")
+    rig.effect("backlash=2e-5,place=leg1")
+    with pytest.raises(InputError, match="guide_straightness"):
+        rig.effect("guide_straightness=2e-5,place=leg1")
 
 
 # --- the control port

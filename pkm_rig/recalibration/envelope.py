@@ -49,11 +49,8 @@ def largest_difference_m(a: TableImage, b: TableImage) -> float:
 
 
 def _nodes_m(table: TableImage) -> tuple[Array, Array]:
-    own, partner = table.corrections_m.shape
-    return (
-        table.own_start_m + table.own_step_m * np.arange(own),
-        table.partner_start_m + table.partner_step_m * np.arange(partner),
-    )
+    own, partner = (np.arange(count, dtype=np.float64) for count in table.corrections_m.shape)
+    return table.own_start_m + table.own_step_m * own, table.partner_start_m + table.partner_step_m * partner
 
 
 def reasons_beyond(

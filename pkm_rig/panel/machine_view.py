@@ -36,38 +36,49 @@ class MachineView(Element, component="machine_view.js"):
         self.run_method("field", mesh)
 
 
-def scene_of(machine: Machine, file: RigFile, seen: Snapshot) -> dict[str, Any]:
-    """Lines and balls of the machine as its drives say it stands, of its target, of the station and its line of sight.
+class Scenes:
+    """Scenes of one rig. What stays is computed once: pages are drawn in the process that supervises the rig."""
 
-    Without a place yet it stands in the middle of its workspace.
-    """
-    pose = workspace_middle(machine) if seen.pose is None else seen.pose
-    drives = nominal_drives(machine, pose[None])[0] if seen.drives is None else seen.drives
-    parts = places(machine, drives, pose)
-    station = np.array(file.station.position_m)
-    lines = [[_at(upper), _at(lower), "strut", 4] for upper, lower in parts.struts]
-    lines += _guides(machine, parts.carriages, drives)
-    lines += _loop(_around(parts.struts[:, 1]), "platform", 3)
-    lines += _loop(_workspace(machine), "frame", 1)
-    names = [smr.name for smr in machine.smrs]
-    balls = [
-        [_at(point), "aimed" if name == seen.aim else "reflector", 0.022, name if name == seen.aim else ""]
-        for name, point in zip(names, parts.reflectors, strict=True)
-    ]
-    balls += [[_at(carriage), "slider", 0.05, ""] for carriage in parts.carriages]
-    balls += [[_at(station), "station", 0.07, "station"], [_at(parts.tool), "tool", 0.02, "tool"]]
-    if seen.target is not None:
-        balls.append([_at(seen.target[:3]), "target", 0.035, f"target {seen.target_number}"])
-    if seen.aim in names:
-        lines.append([_at(station), _at(parts.reflectors[names.index(seen.aim)]), "sight", 1.5])
-    span = np.vstack([_travelled(machine), parts.reflectors, station])
-    centre = (span.min(axis=0) + span.max(axis=0)) / 2.0
-    return {
-        "lines": lines,
-        "balls": balls,
-        "centre": _at(centre),
-        "radius": round(float(np.max(np.linalg.norm(span - centre, axis=1))), 2),
-    }
+    def __init__(self, machine: Machine, file: RigFile) -> None:
+        self._machine = machine
+        self._station = np.array(file.station.position_m)
+        self._middle = workspace_middle(machine)
+        self._middle_drives = nominal_drives(machine, self._middle[None])[0]
+        self._reach = _travelled(machine, self._middle, self._middle_drives)
+        self._workspace = _loop(_workspace(machine), "frame", 1)
+
+    def of(self, seen: Snapshot) -> dict[str, Any]:
+        """Lines and balls of the machine as its drives say it stands, of its target, of the station and its sight.
+
+        Without a place yet it stands in the middle of its workspace.
+        """
+        machine, station = self._machine, self._station
+        pose = self._middle if seen.pose is None else seen.pose
+        drives = self._middle_drives if seen.drives is None else seen.drives
+        parts = places(machine, drives, pose)
+        lines = [[_at(upper), _at(lower), "strut", 4] for upper, lower in parts.struts]
+        lines += _guides(machine, parts.carriages, drives)
+        lines += _loop(_around(parts.struts[:, 1]), "platform", 3)
+        lines += self._workspace
+        names = [smr.name for smr in machine.smrs]
+        balls = [
+            [_at(point), "aimed" if name == seen.aim else "reflector", 0.022, name if name == seen.aim else ""]
+            for name, point in zip(names, parts.reflectors, strict=True)
+        ]
+        balls += [[_at(carriage), "slider", 0.05, ""] for carriage in parts.carriages]
+        balls += [[_at(station), "station", 0.07, "station"], [_at(parts.tool), "tool", 0.02, "tool"]]
+        if seen.target is not None:
+            balls.append([_at(seen.target[:3]), "target", 0.035, f"target {seen.target_number}"])
+        if seen.aim in names:
+            lines.append([_at(station), _at(parts.reflectors[names.index(seen.aim)]), "sight", 1.5])
+        span = np.vstack([self._reach, parts.reflectors, station])
+        centre = (span.min(axis=0) + span.max(axis=0)) / 2.0
+        return {
+            "lines": lines,
+            "balls": balls,
+            "centre": _at(centre),
+            "radius": round(float(np.max(np.linalg.norm(span - centre, axis=1))), 2),
+        }
 
 
 def mesh_of(points_m: Array, errors_m: Array, columns: int) -> dict[str, Any]:
@@ -113,10 +124,8 @@ def _guides(machine: Machine, carriages: Array, drives: Array) -> list[list[Any]
     return out
 
 
-def _travelled(machine: Machine) -> Array:
-    """Points that the struts' upper ends may reach, to have all of them in sight."""
-    pose = workspace_middle(machine)
-    drives = nominal_drives(machine, pose[None])[0]
+def _travelled(machine: Machine, pose: Array, drives: Array) -> Array:
+    """Points that the struts' upper ends may reach from one place of the machine, to have all of them in sight."""
     parts = places(machine, drives, pose)
     ends = [
         carriage + machine.nominal.axis[drive] * (limit - drives[drive])

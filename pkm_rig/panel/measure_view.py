@@ -8,7 +8,7 @@ from nicegui import ui
 
 from pkm_rig.panel.actions import Action
 from pkm_rig.panel.files import report_of, report_url
-from pkm_rig.panel.machine_view import MachineView, mesh_of, scene_of
+from pkm_rig.panel.machine_view import MachineView, Scenes, mesh_of
 from pkm_rig.panel.page_parts import PageOfWork
 from pkm_rig.panel.page_words import on_page
 from pkm_rig.panel.titles import title
@@ -32,6 +32,7 @@ class MeasureView:
     def __init__(self, page: PageOfWork) -> None:
         self._page = page
         self._guards: dict[str, tuple[Guard, ui.label, ui.label]] = {}
+        self._scenes = Scenes(page.work.machine, page.work.file)
         self._estimate_version = -1
         with ui.element("div").classes("panes"):
             with ui.element("div").classes("card whole asked") as self._asked:
@@ -90,9 +91,11 @@ class MeasureView:
         self._show_request(seen)
         self._show_guards(seen.guards)
         self._guard_note.set_visibility(bool(seen.guards) and math.isnan(seen.t_rig_s))
-        self._machine.show(scene_of(self._page.work.machine, self._page.work.file, seen))
+        self._machine.show(self._scenes.of(seen))
         self._place.set_text(_place(seen))
-        self._readings.rows = [_row(reading) for reading in reversed(seen.readings)]
+        rows = [_row(reading) for reading in reversed(seen.readings)]
+        if rows != self._readings.rows:  # NiceGUI sends a table whole each time that it is given its rows
+            self._readings.rows = rows
         self._lines.set_text(with_symbols("\n".join(on_page(line) for line in reversed(seen.lines))))
         self._show_estimate()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 AT_COMPUTER = "at the panel's computer"
 PRESSED = tuple(
@@ -39,6 +40,7 @@ PRESSED = tuple(
 _OPTION = re.compile(r"(?<![\w-])--[a-z]")
 
 
+@lru_cache(maxsize=200)  # the same lines are shown again several times a second
 def on_page(line: str) -> str:
     """A message with what to press on the page in place of what to type at a terminal.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -12,16 +13,32 @@ from calibration.identification.calibration import identify_recording
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives, platform_poses
 from pkm_rig.jobs.running_estimate import Estimate, estimate_so_far
+from pkm_rig.jobs.session import open_rig
 from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, Action, read_visits, what_moves
 from pkm_rig.panel.files import next_measurements, picture_of, pictures_of, report_of, report_url
-from pkm_rig.panel.server import LOOPBACK, Place, require_place
+from pkm_rig.panel.server import LOOPBACK, Place, require_nicegui, require_place
 from pkm_rig.panel.trend import trend_svg
+from pkm_rig.panel.work import Work
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.live import Live
 from pkm_rig.rig.tool_place import places, platform_pose
 from pkm_rig.rig.visits_file import with_visits
 from pkm_rig.store.store import open_store
 from tests.pkm_rig.plant_recording import record
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A page that only looks on."""
+
+    work: Work
+    has_control: bool = False
+
+    def press(self, action):
+        raise AssertionError(action)
+
+    say = pause = press
+
 
 VISITS = "[campaign]\n[[campaign.visits]]\ntarget = [0.1, 0.2]\n[[campaign.visits]]\ntarget = [0.2, 0.1]\n"
 
@@ -53,13 +70,40 @@ def test_the_picture_has_less_than_a_hundred_objects():
     live = Live()
     live.aiming_at("P1")
     live.going_to(np.array([0.1, 0.1, 0.0, 0.0, 0.0, 0.0]), 7)
-    scene = view.scene_of(machine, file, live.snapshot())
+    scene = view.Scenes(machine, file).of(live.snapshot())
     assert 10 < len(scene["lines"]) + len(scene["balls"]) + 1 < 100
     assert [ball[3] for ball in scene["balls"] if ball[1] == "target"] == ["target 7"]
     assert sum(line[2] == "sight" for line in scene["lines"]) == 1
     assert sum(line[2] == "strut" for line in scene["lines"]) == 4
     mesh = view.mesh_of(np.zeros((4, 3)), np.array([0.0, 1e-5, 2e-5, 4e-5]), 2)
     assert mesh["shares"] == [0.0, 0.25, 0.5, 1.0]
+
+
+def test_what_is_shown_already_is_neither_computed_nor_sent_again(tmp_path, monkeypatch):
+    """A page is drawn in the process that supervises the rig."""
+    pytest.importorskip("nicegui", reason="NiceGUI, the extra [ui], is not installed")
+    require_nicegui()
+    from nicegui import Client, ui  # noqa: PLC0415
+    from nicegui.page import page  # noqa: PLC0415
+
+    from pkm_rig.panel import machine_view  # noqa: PLC0415
+    from pkm_rig.panel.measure_view import MeasureView  # noqa: PLC0415
+
+    work = Work(embedded_rig_path(), tmp_path, open_rig)
+    row = {"sequence": 0, "phase": "calibration", "smr": "P1", "pose": 0, "slope_distance_m": 3.0, "t_rig_s": 0.0}
+    with Client(page("/"), request=None) as client:
+        view = MeasureView(Shown(work))
+        monkeypatch.delattr(machine_view, "nominal_drives")  # what does not move has been solved for
+        sent = client.outbox.updates
+        for sequence in (1, 2):
+            work.live.reading({**row, "sequence": sequence}, np.zeros(3))
+            work.live.notify("see `pkm-rig tables`")
+            view.refresh(work.live.snapshot())
+            assert {ui.table, ui.label} <= {type(element) for element in sent.values()}
+            sent.clear()
+            view.refresh(work.live.snapshot())
+            assert not dict(sent)
+    work.close()
 
 
 PLANAR = load_machine(shipped_machine("planar4"))

@@ -73,7 +73,10 @@ export default {
         things.push([a[2] - 0.01, () => {
           g.fillStyle = COLOURS[kind]; g.beginPath(); g.arc(a[0], a[1], Math.max(2.5, radius * a[3]), 0, 7);
           if (kind === "target") { g.strokeStyle = COLOURS[kind]; g.lineWidth = 2.5; g.stroke(); } else g.fill();
-          if (name) { g.fillStyle = "#1d2733"; g.font = "12px system-ui, sans-serif"; g.fillText(name, a[0] + 8, a[1] - 8); }
+          if (!name) return;
+          g.fillStyle = "#1d2733"; g.font = "12px system-ui, sans-serif";
+          const left = Math.min(a[0] + 8, wide - g.measureText(name).width - 2);  // whole, at the edge too
+          g.fillText(name, Math.max(2, left), Math.max(12, a[1] - 8));
         }]);
       }
       if (this.mesh) {

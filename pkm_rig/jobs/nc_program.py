@@ -167,7 +167,7 @@ def g_code(
     done, former = iter(stops), -1
     for block in blocks:
         lines.append(f"({_ascii(payload_text(file.payloads, block.payload))})")
-        lines.append("M0 (put it on)")
+        lines.append("M0 (put it on)" if file.payloads[block.payload].mass_kg else "M0 (no payload may be on)")
         for stop in (next(done) for _ in block.visits):
             feed = f"F{stop.visit.speed_m_per_s * 6e4:.0f}"
             lines.append(f"N{stop.number} (pose {stop.visit.pose}, pass {stop.visit.pass_})")

@@ -30,7 +30,8 @@ def asked_of(seen: Snapshot, press: str) -> Asked | None:
     if request is None:
         return None
     if request.kind == "payload":
-        return Asked(f"Exchange the payload: put {request.of} on", request.text, goes_on=False)
+        action = f"Exchange the payload: put {request.of} on" if request.of else "Take the payload off"
+        return Asked(action, request.text, goes_on=False)
     missing = [guard.name for guard in seen.guards if guard.light == "bad" and guard.value in ("open", "off")]
     if missing:
         action = PUT_RIGHT.get(missing[0], f"Put right at the machine: {missing[0]}")

@@ -11,7 +11,10 @@ from calibration.base.arrays import Array
 
 @dataclass(frozen=True)
 class Request:
-    """What a campaign waits for somebody to do: one thing. `of`: the payload in words, or the reflector's name."""
+    """What a campaign waits for somebody to do: one thing.
+
+    `of`: the payload in words, empty where none is to be on, or the reflector's name.
+    """
 
     kind: Literal["payload", "reflector", "go on"]
     text: str

@@ -34,15 +34,13 @@ class PayloadDevice:
         self._hold = hold
 
     def set(self, number: int) -> WorkStatus:
-        """Have a payload put on; the PLC is told, and whoever stands at the terminal or reads the log."""
+        """Have a payload put on, or taken off; the PLC is told, and whoever stands at the terminal or reads the log."""
         job = f"payload {number}"
         state = self._rig.supervisor.state()
         if state.payload == number:
             return self._worker.submit(job, lambda: self._rig.change_payload(number))
         load = self._rig.file.payloads[number]
-        who = "the simulated PLC has it put on" if state.simulated else "put it on and acknowledge at the PLC"
-        what = f"'{load.name}' ({load.mass_kg:g} kg)"
-        text = f"payload needed: {what}; {who}"
+        what, text = _asked_for(load.name, load.mass_kg, simulated=state.simulated)
         self._say(text)
         self._rig.observer.asks(Request("payload", text, what))
         self._note(PAYLOAD_ASKED, {"payload": number, "name": load.name, "mass_kg": load.mass_kg})
@@ -59,7 +57,18 @@ class PayloadDevice:
         by = {"acknowledged_by": f"{plc.name} ({plc.where})", "simulated": simulated}
         self._note(PAYLOAD_ON, {"payload": number, "name": self._rig.file.payloads[number].name, **by})
         if self._rig.needs_release:  # a guard that closes behind the payload must set nothing going
-            self._hold(Request("go on", "the payload is on"))
+            load = self._rig.file.payloads[number]
+            self._hold(Request("go on", f"the payload is {'on' if load.mass_kg else 'off'}"))
+
+
+def _asked_for(name: str, mass_kg: float, *, simulated: bool) -> tuple[str, str]:
+    """The payload in words, empty where none is to be on, and what is asked for."""
+    if mass_kg == 0.0:
+        who = "the simulated PLC has it taken off" if simulated else "take it off and acknowledge at the PLC"
+        return "", f"no payload needed: {who}"
+    who = "the simulated PLC has it put on" if simulated else "put it on and acknowledge at the PLC"
+    what = f"'{name}' ({mass_kg:g} kg)"
+    return what, f"payload needed: {what}; {who}"
 
 
 class WaitingDevice:

@@ -76,8 +76,10 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
             if what == "calibration" and next(left, None) is None:
                 mock.drives[0].inject_fault()
 
+        asked = []
         with pytest.raises(DeviceError, match="0x2310"):
-            measure(rig, store, silent, breaks)
+            measure(rig, store, asked.append, breaks)
+        assert "no payload needed: the simulated PLC has it taken off" in asked
         campaign = store.campaigns()[0][0]
         said = store.events(campaign, "failed")[0].data["emergencies"][0]
         assert (said["drive"], said["code"]) == ("left", 0x2310)

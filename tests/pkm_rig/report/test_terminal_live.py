@@ -48,6 +48,7 @@ GOOD = (Guard("guard closed", "good", "good"), Guard("nest shift", "good", "21 o
     ("kind", "of", "guards", "what"),
     [
         ("payload", "'plate [bold]200' (200 kg)", (), "Exchange the payload: put 'plate [bold]200' (200 kg) on"),
+        ("payload", "", (), "Take the payload off"),
         ("go on", "", GOOD, "See that nobody is at the machine, then press Enter"),
         ("go on", "", None, "Close the door of the guard"),
         ("go on", "", (Guard("gate 7 shut", "bad", "open"),), "Put right at the machine: gate 7 shut"),
@@ -60,7 +61,7 @@ def test_one_thing_to_do_comes_first(kind, of, guards, what):
     text = drawn(snapshot(request=Request(kind, "why [bold]it waits", of), **shown_guards))
     assert what in text
     assert text.index(what) < text.index("why [bold]it waits") < text.index("readings")
-    others = ("Exchange", "Clean", "Close the door", "See that nobody", "Put right")
+    others = ("Exchange", "Take", "Clean", "Close the door", "See that nobody", "Put right")
     assert sum(text.count(other) for other in others) == 1
 
 

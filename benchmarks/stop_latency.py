@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from drivers.drives.cia402 import QUICK_STOP
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, DriveFault
 from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
@@ -200,8 +200,16 @@ def start_again(rig: Rig) -> None:
     rig.drives.clear_stop()
     rig.supervisor = rig.new_supervisor()
     rig.supervisor.start()
-    rig.drives.fault_reset()
-    rig.enable()
+    end_s = time.monotonic() + 5.0
+    while True:  # a fault can be reset only when the drive's reaction to it has ended
+        try:
+            rig.drives.fault_reset()
+            rig.enable()
+            return
+        except DriveFault:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.05)
 
 
 def move(rig: Rig) -> None:

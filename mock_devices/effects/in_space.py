@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, EffectChoice
-from mock_devices.effects.catalogue import EffectError, check
+from mock_devices.effects.catalogue import EffectError, check, spec_of
 from mock_devices.machine_file import MachineFile, Slider, Smr, Strut, Tolerances
 from mock_devices.spatial_file import GROUND, SpatialMachine
 
 ALL: tuple[str, ...] = ()  # every variant of an effect
+# `power_law`: its floor lies across the second axis of the frame, which points up in planar machines only.
+NOT_OF_SPACE = ("power_law",)
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
     "screw_cumulative_error": ALL,
@@ -29,16 +31,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "link_stiffness": ("softer", "softens_with_load"),
     "payload": ALL,
     "tracker_drift": ALL,
-    "refraction": (
-        "uniform",
-        "stratified",
-        "warming",
-        "sideways",
-        "plume",
-        "index_offset",
-        "index_fixed",
-        "index_late",
-    ),
+    "refraction": tuple(v for v in spec_of("refraction").variants if v not in NOT_OF_SPACE),
     "smr_reseat": ALL,
     "smr_offset": ALL,
 }

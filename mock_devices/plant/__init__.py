@@ -12,6 +12,7 @@ __all__ = [
     "optics",
     "plant",
     "sight_lines",
+    "spatial_draw",
     "spatial_effects",
     "spatial_equilibrium",
     "spatial_machine",

@@ -22,13 +22,13 @@ from mock_devices.plant.base_plant import DrivePart, Sighting
 from mock_devices.plant.history_plant import HistoryPlant
 from mock_devices.plant.optics import TWO_PI, Polar, StationView
 from mock_devices.plant.sight_lines import hides, looks_here
+from mock_devices.plant.spatial_draw import draw_spatial_machine
 from mock_devices.plant.spatial_effects import SpatialEffects
 from mock_devices.plant.spatial_equilibrium import SpatialPose
 from mock_devices.plant.spatial_machine import (
     Departure,
     TrueSpatialMachine,
     closed_drive,
-    draw_spatial_machine,
     middle_pose,
 )
 from mock_devices.plant.structure import NoEquilibrium

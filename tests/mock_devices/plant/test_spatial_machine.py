@@ -10,12 +10,12 @@ from calibration.machine import equilibrium as other
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
 from calibration.machine.inverse import drives_for
 from mock_devices.machine_file import MachineFileError
+from mock_devices.plant.spatial_draw import draw_spatial_machine
 from mock_devices.plant.spatial_equilibrium import pose_of
 from mock_devices.plant.spatial_machine import (
     Load,
     TrueSpatialMachine,
     closed_drive,
-    draw_spatial_machine,
     middle_pose,
 )
 from mock_devices.plant.structure import NoEquilibrium

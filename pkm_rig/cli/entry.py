@@ -136,7 +136,9 @@ def main() -> None:
     except typer.Abort:  # the input ended where an answer was asked for
         _exit_with_line(BAD_INPUT, "no answer, so nothing was done; answer, or say it with an option")
     except Interrupted as error:
-        _exit_with_line(DEVICE, _with_notes("interrupted; the drives were stopped, what was read is kept", error))
+        has_drives = {"demo", *CONNECTING}.intersection(sys.argv[1:2])  # of other commands none was connected
+        line = "interrupted; the drives were stopped, what was read is kept" if has_drives else "interrupted"
+        _exit_with_line(DEVICE, _with_notes(line, error))
     except InputError as error:
         _exit_with_line(BAD_INPUT, _with_notes(str(error), error))
     except CampaignRefused as error:

@@ -65,7 +65,7 @@ def verify_folders(before: Recording, after: Recording) -> dict[str, Any]:
     first = require_smaller_errors(before, after)
     few = len(_poses(after)) <= FIRST_POSES
     without, having = _in_one_frame(before, after) if few else (Measured(reduce(before)), Measured(reduce(after)))
-    payloads = [_payload(without, having, n) for n in _common_payloads(without, having)]
+    payloads = [_payload(without, having, n) for n in _payloads(without, having, common=few)]
     return {
         "before_campaign": before.file.campaign,
         "after_campaign": after.file.campaign,
@@ -151,7 +151,7 @@ def _require_smaller(without: Measured, having: Measured, largest: Sequence[int]
 def _payload(without: Measured, having: Measured, payload: int) -> dict[str, Any]:
     before, after = (visit_figures(part.reduction, part.phase, payload) for part in (without, having))
     if before is None or after is None:
-        raise InputError(f"payload {payload} was not measured without and with the correction; measure both")
+        raise InputError(f"verify: payload {payload} was not measured without and with the correction; measure both")
     machine = without.reduction.recording.machine
     decision = decide(before, after, rotation=bool(np.any(machine.commanded > 2)))
     return {
@@ -166,18 +166,18 @@ def _payload(without: Measured, having: Measured, payload: int) -> dict[str, Any
     }
 
 
-def _common_payloads(without: Measured, having: Measured) -> list[int]:
-    """Payloads of both, and those of one alone named as an error: a correction is decided for what was measured."""
+def _payloads(without: Measured, having: Measured, *, common: bool) -> list[int]:
+    """Payloads of both campaigns, or of any; InputError if they have none in common."""
     numbers = [set(part.reduction.info.payload[part.rows()].tolist()) for part in (without, having)]
-    common = sorted(numbers[0] & numbers[1])
-    if not common:
+    both = numbers[0] & numbers[1]
+    if not both:
         raise InputError("verify: the two campaigns have no payload in common; measure the same visits")
-    return [int(n) for n in common]
+    return [int(n) for n in sorted(both if common else numbers[0] | numbers[1])]
 
 
 def _first_poses(without: Measured, having: Measured, largest: Sequence[int]) -> dict[str, Any]:
     """The errors at the poses that were largest before, or of those of both campaigns if they are not all there."""
-    payload = _common_payloads(without, having)[0]
+    payload = _payloads(without, having, common=True)[0]
     before, after = pose_errors(without, payload), pose_errors(having, payload)
     both = set(before) & set(after)
     common = list(largest) if both >= set(largest) else sorted(both, key=lambda p: -before[p])[:FIRST_POSES]

@@ -107,6 +107,10 @@ def test_a_station_that_was_moved_gives_each_campaign_a_frame_of_its_own(before,
 def test_campaigns_that_cannot_be_compared_are_refused(before, with_correction):
     with pytest.raises(InputError, match="twice"):
         verify_folders(before, before)
+    light = with_correction()
+    light = light.take((np.asarray(light["phase"]) == "nests") | (light["payload"] == 0.0))
+    with pytest.raises(InputError, match="payload 2 was not measured without and with the correction"):
+        verify_folders(before, light)
     other = with_correction()
     other.columns["target_x_m"][:] = other.columns["target_x_m"] + 1e-3
     with pytest.raises(InputError, match="is another one in the second campaign"):

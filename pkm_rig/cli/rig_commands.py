@@ -169,7 +169,10 @@ def measure(
                 "measure: --first is for --moved-by-control, which takes neither --campaign nor --new-setup nor "
                 "--dry-run"
             )
-        _measure_watched(rig, out, json, resume, first)
+        from pkm_rig.cli.watched_command import measure_by_station
+
+        _require_campaign(resume, out, new_setup=False)
+        measure_by_station(rig, out, json=json, resume=resume, first=first)
         return
     _require_capabilities(rig, tables=False)
     if dry_run:
@@ -218,14 +221,6 @@ def measure(
     )
 
 
-def _measure_watched(rig: Path, out: Path, json: bool, resume: str | None, first: str | None) -> None:
-    """Measure what the machine's control visits."""
-    from pkm_rig.cli.watched_command import measure_by_station
-
-    _require_campaign(resume, out, new_setup=False)
-    measure_by_station(rig, out, json=json, resume=resume, first=first)
-
-
 def _dry_run(rig: Path, campaign_file: Path | None, out: Path, json: bool) -> None:
     from calibration.base.errors import InputError
     from pkm_rig.jobs.dry_run import dry_run
@@ -267,7 +262,9 @@ def verify(
 ) -> None:
     """Write the tables of a measured campaign, verify them by measuring, keep them or restore the previous ones."""
     if before is not None or after is not None:
-        _verify_folders(campaign, rig, before, after, out, json)
+        from pkm_rig.cli.watched_command import verify_by_campaigns
+
+        verify_by_campaigns(campaign, rig, before, after, out, json=json)
         return
     if campaign is None or rig is None:
         raise InputError(
@@ -302,26 +299,6 @@ def verify(
             accept_change=accept_change,
         )
     _report_outcome(outcome, out, json)
-
-
-def _verify_folders(
-    campaign: str | None, rig: Path | None, before: str | None, after: str | None, out: Path, json: bool
-) -> None:
-    """Decide by two campaigns whether a control's correction helps."""
-    from pkm_rig.jobs.verify_folders import verify_folders
-    from pkm_rig.report.control_text import print_comparison
-    from pkm_rig.report.terminal import print_either, say_repaired
-    from pkm_rig.store.store import find_recording
-
-    if before is None or after is None or campaign is not None or rig is not None:
-        raise InputError("verify: give --before and --after, and neither CAMPAIGN nor --rig: nothing is connected")
-    recordings = [find_recording(name, out) for name in (before, after)]
-    for recording in recordings:
-        say_repaired(recording)
-    result = verify_folders(*recordings)
-    print_either(json, result, print_comparison)
-    if not result["accepted"]:
-        raise CampaignRefused("the error did not fall by more than its U at every payload; switch the correction off")
 
 
 def _require_campaign(resume: str | None, out: Path, *, new_setup: bool) -> None:

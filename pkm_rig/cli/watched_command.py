@@ -1,11 +1,13 @@
-"""`measure --moved-by-control`: a campaign of a machine that its own control moves."""
+"""A machine that its own control moves: `measure --moved-by-control`, and `verify --before ... --after ...`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from calibration.base.errors import InputError
 from pkm_rig.cli.going_on import resumable
 from pkm_rig.cli.terminal_operator import operated_from_terminal
+from pkm_rig.errors import CampaignRefused
 
 
 def measure_by_station(rig: Path, out: Path, *, json: bool, resume: str | None, first: str | None) -> None:
@@ -36,3 +38,23 @@ def measure_by_station(rig: Path, out: Path, *, json: bool, resume: str | None, 
     else:
         next_command = command_line("verify", "--before", first, "--after", campaign, "--out", out)
     print_result(json, {"campaign": campaign, "simulated": simulated}, f"campaign {campaign}", f"next: {next_command}")
+
+
+def verify_by_campaigns(
+    campaign: str | None, rig: Path | None, before: str | None, after: str | None, out: Path, *, json: bool
+) -> None:
+    """Decide by two campaigns whether a control's correction helps; CampaignRefused if it does not."""
+    from pkm_rig.jobs.verify_folders import verify_folders
+    from pkm_rig.report.control_text import print_comparison
+    from pkm_rig.report.terminal import print_either, say_repaired
+    from pkm_rig.store.store import find_recording
+
+    if before is None or after is None or campaign is not None or rig is not None:
+        raise InputError("verify: give --before and --after, and neither CAMPAIGN nor --rig: nothing is connected")
+    recordings = [find_recording(name, out) for name in (before, after)]
+    for recording in recordings:
+        say_repaired(recording)
+    result = verify_folders(*recordings)
+    print_either(json, result, print_comparison)
+    if not result["accepted"]:
+        raise CampaignRefused("the error did not fall by more than its U at every payload; switch the correction off")

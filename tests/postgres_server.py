@@ -29,6 +29,7 @@ SETTINGS = {
     "autovacuum": "off",
     "max_connections": "60",
 }
+LIMIT_S = 120  # of every wait: no test run hangs on a server
 _numbers = count(1)
 
 
@@ -91,10 +92,19 @@ class PostgresServer:
     def run(self, name: str, *words: object) -> None:
         """Run one of the server's programs as its user."""
         command = [str(program(name)), *map(str, words)]
-        done = subprocess.run(
-            command, cwd=self.folder, capture_output=True, text=True, timeout=120, check=False, **self._as
-        )
-        assert done.returncode == 0, done.stderr
+        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:  # at a pipe that a server that
+            done = subprocess.run(  # it has started holds open, one would wait beyond the limit
+                command,
+                cwd=self.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                timeout=LIMIT_S,
+                check=False,
+                **self._as,
+            )
+            said.seek(0)
+            assert done.returncode == 0, said.read()
 
     def address(self, database: str = "postgres", user: str | None = None) -> str:
         """Of a database of it."""
@@ -104,7 +114,9 @@ class PostgresServer:
         """What a statement gives, asked of the server directly."""
         import psycopg  # noqa: PLC0415
 
-        with psycopg.connect(self.address(database), autocommit=True) as connection:
+        limit = f"-c statement_timeout={LIMIT_S}s"
+        address = self.address(database)
+        with psycopg.connect(address, autocommit=True, connect_timeout=LIMIT_S, options=limit) as connection:
             cursor = connection.execute(statement)
             return cursor.fetchall() if cursor.description else []
 
@@ -134,7 +146,7 @@ def running_server() -> Iterator[PostgresServer]:
         try:
             yield server
         finally:
-            with suppress(AssertionError):  # a test may have stopped it
+            with suppress(AssertionError, subprocess.TimeoutExpired):  # a test may have stopped it
                 server.stop()
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -24,6 +24,7 @@ from pkm_rig.store.sessions import BEGUN
 from pkm_rig.store.store import Store
 from tests.either import either
 from tests.pkm_rig.store.stores import small_recording
+from tests.postgres_server import LIMIT_S
 
 TOP = "2026-01-01T00:00:00+00:00"
 
@@ -149,11 +150,12 @@ def test_a_chain_does_not_fork_whoever_writes_at_once(store, place):
             failures.extend([] if line is None else [line])
 
     with closing(Store(place)) as other:
-        threads = [threading.Thread(target=write, args=(one,)) for one in (store, other, store, other)]
+        threads = [threading.Thread(target=write, args=(one,), daemon=True) for one in (store, other, store, other)]
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join()
+            thread.join(LIMIT_S)
+    assert not any(thread.is_alive() for thread in threads)
     assert failures == []
     (found,) = audit(store)
     assert (found.state, found.rows) == ("whole", 28)

@@ -21,7 +21,7 @@ from pkm_rig.store.server_lock import rig_locks
 from pkm_rig.store.store import Store, hold_existing_store, open_store
 from tests.either import either
 from tests.pkm_rig.store.stores import small_recording
-from tests.postgres_server import running_server
+from tests.postgres_server import LIMIT_S, running_server
 
 SECRET = "xyzzy-plugh-2026"
 
@@ -148,11 +148,12 @@ def test_processes_that_open_an_empty_database_at_once_make_one_store(server):
     def make():
         lines.append(either(lambda: Store(address).close(), InputError, StoreError)[1])
 
-    threads = [threading.Thread(target=make) for _ in range(3)]
+    threads = [threading.Thread(target=make, daemon=True) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join()
+        thread.join(LIMIT_S)
+    assert not any(thread.is_alive() for thread in threads)
     assert lines == [None] * 3
 
 

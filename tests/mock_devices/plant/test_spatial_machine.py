@@ -146,3 +146,14 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, message):
     with pytest.raises(MachineFileError, match=message) as error:
         read_spatial_machine(path)
     assert "\n" not in str(error.value)
+
+
+def test_the_nests_are_as_far_apart_as_their_certificate_says():
+    file, settings = read_spatial_machine(shipped_machine("delta8")), MockSettings(seed=4)
+
+    def apart_m(machine):
+        first, second = [smr.position_m for smr in machine.smrs if smr.on == "floor"][:2]
+        return float(np.linalg.norm(second - first))
+
+    error_m = apart_m(draw_spatial_machine(file, settings).file) - apart_m(file)
+    assert 0.0 < abs(error_m) < 5.0 * settings.certificate_sd_m

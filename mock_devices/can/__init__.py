@@ -5,6 +5,7 @@ __all__ = [
     "node_services",
     "node_watch",
     "pdo",
+    "pdo_traffic",
     "sdo_abort",
     "sdo_server",
     "slcan_adapter",

@@ -13,7 +13,6 @@ import logging
 import threading
 from collections.abc import Callable
 from copy import deepcopy
-from functools import partial
 from typing import Any, TypeVar
 
 import can
@@ -22,7 +21,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from mock_devices.can.node_services import Heartbeat, NmtSlave, NmtState
 from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, Watchdog, error_register
-from mock_devices.can.pdo import Mapping, read_mapping
+from mock_devices.can.pdo_traffic import PdoTraffic
 from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.can.sdo_server import SdoServer
 from mock_devices.clock import RigClock
@@ -107,12 +106,17 @@ class DriveServer:
             blocks=axis.block_transfer,
         )
         self._nmt = NmtSlave(node_id, send=self._send_heartbeat, changed=self._nmt_changed, reset=self._nmt_reset)
-        self._tpdos: list[Mapping] = []
-        self._timers: list[Heartbeat] = []
-        self._rpdos: list[Mapping] = []
-        self._syncs = 0
         self._network = canopen.Network(bus)
         self._network.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
+        self._pdos = PdoTraffic(
+            self._node,
+            self._network,
+            clock,
+            self._lock,
+            is_operational=lambda: self._nmt.state is NmtState.OPERATIONAL,
+            send=self.send_frame,
+            length_error=lambda: self._send_emergency(_RPDO_LENGTH_ERROR),
+        )
         self._connect()
 
     # Interface to the plant.
@@ -211,7 +215,7 @@ class DriveServer:
         self._watch.close()
         self._trial.stop()
         self._sync_watch.set_limit(0.0)
-        self._stop_timers()
+        self._pdos.stop_timers()
         self._network.disconnect()
 
     def _connect(self) -> None:
@@ -224,7 +228,7 @@ class DriveServer:
         for node_id in range(1, 128):
             if node_id != self.node_id:
                 self._network.subscribe(0x700 + node_id, self._on_heartbeat)
-        self._describe_pdos()
+        self._pdos.describe()
         self._nmt.boot_up()
 
     # Frames from the bus.
@@ -263,63 +267,12 @@ class DriveServer:
             if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
                 self._sync_watch.set_limit(self.axis.cyclic.patience_s)
             self._sync_watch.on_message()
-            self._syncs += 1
-            if self._nmt.state is not NmtState.OPERATIONAL:
-                return
-            due = [m for m in self._tpdos if m.on_sync and self._syncs % m.transmission_type == 0]
-            frames = [(m.cob_id, m.pack(self._node.get_data)) for m in due]
+            frames = self._pdos.on_sync()
+            is_operational = self._nmt.state is NmtState.OPERATIONAL
         for cob_id, data in frames:
             self.send_frame(cob_id, data)
-        self._watch_machine()
-
-    def _on_rpdo(self, cob_id: int, data: bytearray, _timestamp: float) -> None:
-        with self._lock:
-            if self._nmt.state is not NmtState.OPERATIONAL:
-                return
-            for mapping in (m for m in self._rpdos if m.enabled and m.cob_id == cob_id):
-                try:
-                    objects = mapping.unpack(bytes(data))
-                except ValueError:
-                    self._send_emergency(_RPDO_LENGTH_ERROR)
-                    continue
-                for index, sub, value in objects:
-                    try:
-                        self._node.set_data(index, sub, value)
-                    except SdoAbortedError as error:
-                        _log.info("%s: RPDO value refused: %s", self.axis_name, error)
-
-    def _describe_pdos(self) -> None:
-        """Read the PDO mappings from the dictionary and listen for what they name."""
-        read = self._node.get_data
-        for mapping in self._rpdos:
-            if self._on_rpdo in self._network.subscribers.get(mapping.cob_id, []):
-                self._network.unsubscribe(mapping.cob_id, self._on_rpdo)
-        self._rpdos = [read_mapping(read, 0x1400 + i, 0x1600 + i) for i in range(3)]
-        self._tpdos = [read_mapping(read, 0x1800 + i, 0x1A00 + i) for i in range(2)]
-        for mapping in self._rpdos:
-            if mapping.enabled:
-                self._network.subscribe(mapping.cob_id, self._on_rpdo)
-
-        self._set_timers()
-
-    def _set_timers(self) -> None:
-        """Event timers run while the node is operational."""
-        self._stop_timers()
-        if self._nmt.state is NmtState.OPERATIONAL:
-            for mapping in (m for m in self._tpdos if m.on_timer):
-                timer = Heartbeat(self._clock, partial(self._send_tpdo, mapping))
-                self._timers.append(timer)
-                timer.start(mapping.event_timer_s)
-
-    def _stop_timers(self) -> None:
-        timers, self._timers = self._timers, []
-        for timer in timers:
-            timer.stop()
-
-    def _send_tpdo(self, mapping: Mapping) -> None:
-        with self._lock:
-            data = mapping.pack(self._node.get_data)
-        self.send_frame(mapping.cob_id, data)
+        if is_operational:
+            self._watch_machine()
 
     # Frames to the bus.
 
@@ -349,15 +302,15 @@ class DriveServer:
     def _nmt_changed(self, before: NmtState) -> None:
         if before is NmtState.OPERATIONAL:
             self.axis.quick_stop()
-        self._set_timers()
+        self._pdos.set_timers()
 
     def _nmt_reset(self, whole_node: bool) -> None:
         self._heartbeat.stop()
         self._watch.configure(0)
         self._sdo.reset()
         self._node.data_store = deepcopy(self._saved)
-        self._describe_pdos()
-        self._stop_timers()
+        self._pdos.describe()
+        self._pdos.stop_timers()
         if whole_node:
             self._trial.stop()
             self.axis.boot()
@@ -372,7 +325,7 @@ class DriveServer:
             self._saved = deepcopy(self._defaults)
         if 0x1400 <= index < 0x1C00:
             with self._lock:
-                self._describe_pdos()
+                self._pdos.describe()
 
     def _read(self, *, index: int, subindex: int, od: Any) -> int | bytes | None:
         with self._lock:

@@ -183,7 +183,7 @@ def measure(
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result
     from pkm_rig.report.terminal_live import live_progress
-    from pkm_rig.rig.capabilities import Need
+    from pkm_rig.rig.capabilities import Need, can_verify
     from pkm_rig.rig.config import load_rig
     from pkm_rig.rig.schedule import calibration_blocks
     from pkm_rig.rig.session_record import last_moment
@@ -205,11 +205,12 @@ def measure(
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file, connected_rig.machine)
         campaign = measure(connected_rig, store, print_message, progress, resume, new_setup=new_setup)
-        simulated, stores_tables = store.header(campaign).simulated, bool(connected_rig.banks)
+        simulated = store.header(campaign).simulated
+        corrects = can_verify(connected_rig.file, connected_rig.machine, rig)
         made_for = connected_rig.file.campaign.made_for
     if made_for is not None:
         next_command = command_line("report", campaign, "--out", out)
-    elif stores_tables:
+    elif corrects:
         next_command = command_line("verify", campaign, "--rig", rig_word(rig), "--out", out)
     else:
         next_command = command_line("identify", campaign, "--out", out)

@@ -9,6 +9,7 @@ from calibration.base.errors import InputError
 from calibration.machine.description import Machine
 from pkm_rig.jobs.measure import planned_readings
 from pkm_rig.rig.campaign_sections import CampaignFile
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.config import RigFile, with_visits_of
 from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.rig.visits_file import parse_visits
@@ -90,9 +91,16 @@ def what_moves(action: Action, file: RigFile, machine: Machine) -> str:
         f"Drives {drives} of {file.rig} move its tool through the workspace, x {left * 1e3:.0f} mm to "
         f"{right * 1e3:.0f} mm, y {low * 1e3:.0f} mm to {high * 1e3:.0f} mm, at up to {speed:g} m/s, and the telescope "
         f"of {file.station.name} turns. Up to {count} readings. Payloads, one after the other: "
-        f"{', '.join(file.payloads[n].name for n in payloads)}."
-        + (" Compensation tables are written to all drives." if verifies else " Compensation is switched off.")
+        f"{', '.join(file.payloads[n].name for n in payloads)}." + _corrected(file, machine, verifies=verifies)
     )
+
+
+def _corrected(file: RigFile, machine: Machine, *, verifies: bool) -> str:
+    if not verifies:
+        return " Compensation is switched off."
+    if uses_tables(file, machine):
+        return " Compensation tables are written to all drives."
+    return " This computer corrects the targets of its paths."
 
 
 def planned_readings_of(file: RigFile, machine: Machine, *, verify: bool, measure: bool) -> int:

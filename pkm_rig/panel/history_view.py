@@ -78,7 +78,7 @@ class HistoryView:
                     ui.link("Report", report_url(campaign), new_tab=True)
                 elif summary.state != "running":
                     self._button("Write the report", Action("report", campaign))
-                kind: Kind = "calibrate" if self._page.work.stores_tables else "measure"
+                kind: Kind = "calibrate" if self._page.work.can_verify else "measure"
                 if summary.state == "measured" and kind == "calibrate":
                     self._button("Verify", Action("verify", campaign))
                 if summary.state in GOES_ON or (summary.state == "refused" and summary.step):  # before a verdict

@@ -120,7 +120,7 @@ class MeasureView:
         left = seen.left_s if work.is_busy else None
         self._left.set_text("" if left is None else f"about {left_in_words(left)} left")
         busy, control = work.is_busy, self._page.has_control
-        self._calibrate.set_enabled(control and not busy and work.stores_tables)
+        self._calibrate.set_enabled(control and not busy and work.can_verify)
         self._measure.set_enabled(control and not busy)
         self._pause.set_enabled(control and busy)
 

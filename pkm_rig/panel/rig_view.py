@@ -71,7 +71,7 @@ class RigView:
 
     def _described(self) -> list[str]:
         file, machine = self._page.work.rig_file
-        readings = planned_readings_of(file, machine, verify=self._page.work.stores_tables, measure=True)
+        readings = planned_readings_of(file, machine, verify=self._page.work.can_verify, measure=True)
         position = ", ".join(f"{x:g}" for x in file.station.position_m)
         return [
             f"machine: {machine.name}; drives: {', '.join(machine.drive_names)}",

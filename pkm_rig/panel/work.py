@@ -22,7 +22,8 @@ from pkm_rig.panel.actions import NEED_RELEASE, WITH_SECOND_PRESS, Action, what_
 from pkm_rig.panel.control import Control, Prepared, Presses
 from pkm_rig.panel.follower import Follower
 from pkm_rig.panel.tasks import Connect, Result, Workplace, run
-from pkm_rig.rig.config import RigFile, drive_profile, load_rig
+from pkm_rig.rig.capabilities import can_verify
+from pkm_rig.rig.config import RigFile, load_rig
 from pkm_rig.rig.live import Live, Snapshot
 from pkm_rig.rig.rig import Rig
 
@@ -98,7 +99,7 @@ class Work:
     ) -> None:
         """Raises InputError if the rig file is not valid."""
         self.file, self.machine = load_rig(rig_path)
-        self.stores_tables = all(drive_profile(d, rig_path).compensation is not None for d in self.file.drives)
+        self.can_verify = can_verify(self.file, self.machine, rig_path)
         self.out = out
         self.live, self.control, self.operator = Live(), Control(), PageOperator()
         self.presses: Presses[Action] = Presses(self.control, host_s)

@@ -76,6 +76,13 @@ def uses_tables(file: RigFile, machine: Machine) -> bool:
     return has_table_drives(machine) if chosen is None else chosen == "drive-tables"
 
 
+def can_verify(file: RigFile, machine: Machine, rig_path: Path) -> bool:
+    """Whether a correction can act: by this computer, or by tables that all drives store."""
+    return not uses_tables(file, machine) or all(
+        drive_profile(drive, rig_path).capabilities.table_bank for drive in file.drives
+    )
+
+
 def require_tables_for_life(file: RigFile, machine: Machine) -> None:
     """Refuse what compares a machine with the tables in its drives where this computer corrects instead."""
     if not uses_tables(file, machine):

@@ -19,7 +19,7 @@ from pkm_rig.panel.files import next_measurements, picture_of, pictures_of, repo
 from pkm_rig.panel.server import LOOPBACK, Place, require_nicegui, require_place
 from pkm_rig.panel.trend import trend_svg
 from pkm_rig.panel.work import Work
-from pkm_rig.rig.config import embedded_rig_path, load_rig
+from pkm_rig.rig.config import demo_rig_path, embedded_rig_path, load_rig
 from pkm_rig.rig.live import Live
 from pkm_rig.rig.tool_place import places, platform_pose
 from pkm_rig.rig.visits_file import with_visits
@@ -125,6 +125,15 @@ def test_an_upload_is_read_as_the_command_reads_it(tmp_path):
         "payloads, one after the other: none, plates 400 kg"
         in what_moves(Action("measure", visits=read_visits("t.csv", TABLE.encode(), machine)), file, machine).lower()
     )
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [(embedded_rig_path(), "Compensation tables are written"), (demo_rig_path("rrr4"), "This computer corrects")],
+)
+def test_the_second_press_says_what_corrects(path, said):
+    assert said in what_moves(Action("calibrate"), *load_rig(path))
+    assert "Compensation is switched off" in what_moves(Action("measure"), *load_rig(path))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import pytest
 import pkm_rig.virtual.mock_rig
 from calibration.machine.description import shipped_machine
 from pkm_rig.cli import main
-from pkm_rig.rig.config import demo_rig_path, embedded_rig_path
+from pkm_rig.rig.capabilities import can_verify
+from pkm_rig.rig.config import demo_rig_path, embedded_rig_path, load_rig
 
 NO_TABLES = ("metres_per_increment = 1.0e-8", 'metres_per_increment = 1.0e-8\nprofile = "plain-402"')
 HOMING = "\n[drives.homing]\nmethod = 33\nposition_m = 1.1\n"
@@ -164,3 +165,12 @@ def test_a_workspace_below_the_travel(refused):
 def test_a_workspace_out_of_reach(refused):
     line = refused("measure", rig=[OWN_MACHINE], machine=("length_m = 1.5", "length_m = 0.7"))
     assert "do not reach the workspace's" in line
+
+
+@pytest.mark.parametrize(("machine", "possible"), [("planar4", False), ("rrr4", True)])
+def test_drives_without_tables_can_be_corrected_by_this_computer_alone(machine, possible, tmp_path):
+    source = embedded_rig_path() if machine == "planar4" else demo_rig_path(machine)
+    assert can_verify(*load_rig(source), source)
+    path, text = tmp_path / "rig.toml", source.read_text(encoding="utf-8")
+    path.write_text(re.sub(r"(\w+_per_increment = \S+)", r'\1\nprofile = "plain-402"', text), encoding="utf-8")
+    assert can_verify(*load_rig(path), path) is possible

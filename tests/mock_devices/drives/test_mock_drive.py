@@ -227,6 +227,18 @@ def test_the_partners_command_arrives_by_pdo_at_the_next_sync_and_corrects_the_m
         assert drive.axis.actual_inc() == pytest.approx(own, abs=1e-3)
 
 
+def test_a_tpdo_of_transmission_type_three_comes_with_every_third_sync(master, sdo):
+    sdo[0x1800][1].raw = 0x80000181
+    sdo[0x1800][2].raw = 3
+    sdo[0x1800][1].raw = 0x181
+    master.start()
+    for _ in range(6):
+        master.network.send_message(0x080, b"")
+    with master.arrived:  # a drive sends its second TPDO, of type 1, after its first
+        assert master.arrived.wait_for(lambda: sum(f[0] == 0x281 for f in master.frames) == 6, timeout=10.0)
+        assert sum(f[0] == 0x181 for f in master.frames) == 2
+
+
 def test_a_changed_mapping_is_honoured(master, sdo):
     sdo[0x1800][1].raw = 0x80000181
     sdo[0x1A00][0].raw = 0

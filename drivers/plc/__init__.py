@@ -1,3 +1,3 @@
 """The PLC on Modbus: its registers and the way to them."""
 
-__all__ = ["modbus_line", "own_words", "plc", "plc_registers"]
+__all__ = ["modbus_connection", "modbus_line", "own_words", "plc", "plc_registers"]

@@ -31,7 +31,7 @@ def memory() -> MemoryPlc:
 def opened(
     request: pytest.FixtureRequest, memory: MemoryPlc, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Callable[[float], Plc]]:
-    monkeypatch.setattr("drivers.plc.plc.make_client", memory.client)
+    monkeypatch.setattr("drivers.plc.modbus_connection.make_client", memory.client)
     made: list[Plc] = []
 
     def connect(guard_s: float) -> Plc:

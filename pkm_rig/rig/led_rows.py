@@ -15,7 +15,8 @@ from calibration.machine.led_path import forward_pose, require_clear_ways, strai
 
 MOST_APART = 3e-3  # of a drive, in m or rad, from where the nominal machine has it: corrections are below it
 MOST_FADED = 1e-5  # m or rad by which what fades along a path may change from one SYNC to the next
-MOST_SLOWED = 4  # times that a path is planned anew because corrections make a drive too fast
+MOST_SLOWED = 6  # times that a path is planned anew because corrections make a drive too fast
+SLOWER = 1.001  # than would just do: rows are whole, and the fastest may be another one then
 ROUND_OFF = 1e-6  # share of a speed
 
 
@@ -61,7 +62,7 @@ def led_rows(machine: Machine, demand: Array, commanded: Array, order: PathOrder
         if too_fast <= 1.0 + ROUND_OFF:
             _require_within(machine, rows, order)
             return rows
-        speed /= too_fast
+        speed /= too_fast * SLOWER
     raise InputError(
         f"path: with its correction a drive would be {too_fast:.2f} times as fast as {order.speed_m_per_s:g} m/s; "
         "choose another way, or a lower speed"
@@ -79,7 +80,7 @@ def _rows_at(
     _require_near(machine, corrections[-1] + at_end, "would stand")
     change = float(np.max(np.abs(at_end - at_start)))
     if change * float(np.max(np.diff(share))) > MOST_FADED:  # hardly any way, but another correction: slower
-        share = _smooth(int(np.ceil(1.5 * change / MOST_FADED)) + 2)
+        share = _smooth(int(np.ceil(1.5 * change / MOST_FADED * order.speed_m_per_s / speed_m_per_s)) + 2)
         pose = nominal_poses(machine, start + share[:, None] * (commanded - start))
         drives, corrections = nominal_drives(machine, pose), order.at(pose, drives.shape[1])
     return np.asarray(drives + corrections + (1.0 - share)[:, None] * at_start + share[:, None] * at_end)

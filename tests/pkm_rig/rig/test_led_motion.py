@@ -235,6 +235,19 @@ def test_a_corrected_path_keeps_the_speed(machine):
     assert len(rows) >= len(plain)
 
 
+def test_a_short_path_on_which_a_correction_fades_keeps_the_speed():
+    """Ways of a few millimetres on which up to 0.7 mm fade: the fading decides how long some of them take."""
+    machine = load_rig(demo_rig_path("delta8"))[1]
+    middle = machine.commanded_limits.mean(axis=1)
+    start = nominal_drives(machine, nominal_poses(machine, middle[None]))[0]
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        way, apart = rng.normal(size=3), rng.normal(size=4) * rng.uniform(2e-5, 4e-4)
+        there = middle + way / np.linalg.norm(way) * rng.uniform(0.002, 0.03)
+        rows = rows_of(machine, start + apart, there, speed_m_per_s=0.08)
+        assert np.abs(np.diff(rows, axis=0)).max() <= 0.08 * 0.004 * (1.0 + 2e-6)
+
+
 def test_a_corrected_path_stays_within_the_software_limits(machine):
     middle = nominal_poses(machine, MIDDLE[None])
     demand = nominal_drives(machine, middle)[0]

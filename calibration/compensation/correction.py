@@ -108,21 +108,28 @@ def check_targets(machine: Machine, box: Array) -> Array:
     return platform_poses(machine, np.concatenate([np.array(list(product(*box))), inside]))
 
 
-def correct_drives(machine: Machine, error: ToolError, target_m: Array) -> Array:
+def drive_jacobian(error: ToolError, drives: Array, target_m: Array) -> Array:
+    """Derivatives (n, 6, d) of tool errors with the drives, by differences."""
+    now = error(drives, target_m)
+    ahead = STEP * np.eye(drives.shape[1])
+    return np.stack([(error(drives + step, target_m) - now) / STEP for step in ahead], axis=2)
+
+
+def correct_drives(machine: Machine, error: ToolError, target_m: Array, shift: Array | None = None) -> Array:
     """Drive coordinates (n, d) that bring the tool onto targets (n, 6); NaN where none is found.
 
     Newton's method with the nominal machine's Jacobian (the chord method: one evaluation of `error` an iteration), on
     the coordinates that the drives command. The identified machine's own differs from it by its errors' share of its
     dimensions, so that each iteration leaves less than a hundredth. With more drives than coordinates the span of the
     Jacobian's rows depends on stiffness, which is known less well: there it is taken from differences of `error`, once.
-    All steps lie in that span, so that the solution is the one nearest to the nominal drives.
+    All steps lie in that span, so that the solution is the one nearest to the nominal drives, or to these plus `shift`
+    (n, d).
     """
     commanded = machine.commanded
     drives, jac = nominal_closure(machine, target_m)
+    drives = drives if shift is None else drives + shift
     if drives.shape[1] > commanded.size:
-        now = error(drives, target_m)
-        ahead = STEP * np.eye(drives.shape[1])
-        jac = np.stack([(error(drives + step, target_m) - now) / STEP for step in ahead], axis=2)
+        jac = drive_jacobian(error, drives, target_m)
     inverse = pseudo_inverses(jac[:, commanded])
     size = np.full(len(drives), np.inf)
     for _ in range(ITERATIONS):

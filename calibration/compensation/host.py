@@ -12,9 +12,10 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.compensation.correction import correct_drives, model_error
+from calibration.compensation.free_part import FreePart, find_free_part, force_u, strut_forces
 from calibration.compensation.limits import LARGEST
 from calibration.compensation.measured_range import MeasuredRange
-from calibration.compensation.tables import corrected_drives
 from calibration.identification.calibration import Calibration
 from calibration.identification.fit import Fit
 from calibration.machine.inverse import nominal_drives
@@ -26,14 +27,15 @@ from calibration.reduction.report_frame import ReportFrame
 class HostCorrection:
     """Corrections predicted by an identified model for one payload and one set of temperatures.
 
-    Only for poses that were measured (`MeasuredRange.held`). With more drives than commanded coordinates the smallest
-    corrections are taken. Internal force is not taken away: readings of the pose say too little of it.
+    Only for poses that were measured (`MeasuredRange.held`). With more drives than commanded coordinates it is the
+    smallest correction with the given free part (`free_part`), which takes away internal force as far as it is known.
     """
 
     fit: Fit
     report: ReportFrame
     conditions: OperatingConditions
     measured: MeasuredRange
+    free: FreePart | None = None
 
     @property
     def temperature_c(self) -> float:
@@ -48,7 +50,9 @@ class HostCorrection:
         """
         machine = self.report.machine
         asked = self.measured.held(target_m)
-        corrections = corrected_drives(self.fit, self.report, asked, self.conditions) - nominal_drives(machine, asked)
+        shift = None if self.free is None else self.free.at(asked)
+        error = model_error(self.fit, self.report, self.conditions)
+        corrections = correct_drives(machine, error, asked, shift) - nominal_drives(machine, asked)
         lost = np.flatnonzero(~np.all(np.isfinite(corrections), axis=1))
         if lost.size:
             raise InputError(
@@ -79,8 +83,11 @@ class HostCorrection:
 
     def forces_n(self, drives: Array, target_m: Array) -> Array:
         """Predicted forces (n, s) of the struts with the drives at (n, d), tension positive."""
-        poses = self.fit.predict(self.conditions.at_poses(drives, target_m))
-        return poses.equilibrium.force_n[:, : len(self.report.machine.strut_names)]
+        return strut_forces(self.fit, self.conditions, drives, target_m)
+
+    def force_u_n(self, drives: Array, target_m: Array) -> Array:
+        """Their standard uncertainties (n, s)."""
+        return force_u(self.fit, self.conditions, drives, target_m)
 
 
 def host_correction(calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> HostCorrection:
@@ -88,7 +95,10 @@ def host_correction(calibration: Calibration, payload: int, temperatures_c: dict
     conditions = calibration.operating_conditions(payload, temperatures_c)
     measured = MeasuredRange.of(calibration)
     measured.require(conditions)
-    return HostCorrection(calibration.fit, calibration.report, conditions, measured)
+    fit, report = calibration.fit, calibration.report
+    is_free = report.machine.redundantly_actuated
+    free = find_free_part(fit, report, conditions, measured.box) if is_free else None
+    return HostCorrection(fit, report, conditions, measured, free)
 
 
 def _pose(target_m: Array) -> str:

@@ -18,7 +18,7 @@ from calibration.base.rotation import rotation_vector, skew
 from calibration.identification.fit import Fit
 from calibration.identification.problem import Layout, LeastSquaresProblem
 from calibration.instruments.readings import Readings
-from calibration.model.model import Model
+from calibration.model.model import Model, Poses
 from calibration.model.visits import Visits
 from calibration.reduction.report_frame import ReportFrame
 
@@ -48,23 +48,37 @@ def tool_derivatives(
     they should cover the workspace.
     """
     poses = model.predict(values[: len(model)], visits)
-    by_point = poses.platform_point_derivatives(model.machine.tool_point_m)
-    position = np.zeros((len(visits), 3, layout.size))
-    orientation = np.zeros((len(visits), 3, layout.size))
-    position[:, :, : len(model)] = by_point
-    orientation[:, :, : len(model)] = poses.jacobian[:, 3:]
+    free = unprojected_derivatives(model, layout, poses)
     if any(part.free_rigid_motion for part in readings):
-        return _without_rigid_motions(position, orientation, poses.tool_m(), poses.equilibrium.rotation)
+        return _without_rigid_motions(free.position, free.orientation, poses.tool_m(), poses.equilibrium.rotation)
+    return free
+
+
+def unprojected_derivatives(model: Model, layout: Layout, poses: Poses) -> ToolDerivatives:
+    """The same of predicted poses, rigid motions of machine and tool included."""
+    n = len(poses.visits)
+    position, orientation = np.zeros((n, 3, layout.size)), np.zeros((n, 3, layout.size))
+    position[:, :, : len(model)] = poses.platform_point_derivatives(model.machine.tool_point_m)
+    orientation[:, :, : len(model)] = poses.jacobian[:, 3:]
     return ToolDerivatives(position, orientation)
 
 
-def _without_rigid_motions(position: Array, orientation: Array, tool_m: Array, rotation: Array) -> ToolDerivatives:
-    """Remove the best fit by a motion of the machine (on the left) and one of the tool (on the right)."""
+def rigid_motions(tool_m: Array, rotation: Array) -> Array:
+    """What motions of the machine (on the left) and of the tool (on the right) do to tool poses, (6 n, 12).
+
+    tool_m (n, 3), rotation (n, 3, 3). Rows: three shifts, three rotations times ROTATION_LEVER_M, pose by pose.
+    """
     n, eye = len(tool_m), np.broadcast_to(np.eye(3), (len(tool_m), 3, 3))
     none = np.zeros((n, 3, 3))
     moved = np.concatenate([eye, -skew(tool_m), rotation, none], axis=2)
     turned = np.concatenate([none, eye, none, rotation], axis=2)
-    gauge = np.concatenate([moved, ROTATION_LEVER_M * turned], axis=1).reshape(6 * n, 12)
+    return np.concatenate([moved, ROTATION_LEVER_M * turned], axis=1).reshape(6 * n, 12)
+
+
+def _without_rigid_motions(position: Array, orientation: Array, tool_m: Array, rotation: Array) -> ToolDerivatives:
+    """Remove the best fit by such motions."""
+    n = len(tool_m)
+    gauge = rigid_motions(tool_m, rotation)
     both = np.concatenate([position, ROTATION_LEVER_M * orientation], axis=1).reshape(6 * n, -1)
     remaining = (both - gauge @ (np.linalg.pinv(gauge) @ both)).reshape(n, 6, -1)
     return ToolDerivatives(remaining[:, :3], remaining[:, 3:] / ROTATION_LEVER_M)

@@ -27,6 +27,7 @@ from pkm_rig.rig.schedule import Block
 from pkm_rig.rig.table_change import TableChange
 
 Correction = CompensationTable | HostCorrection
+U_POSES = 8  # at which the forces' uncertainty is looked at
 
 
 class BackEnd(ABC):
@@ -188,14 +189,16 @@ class Host(BackEnd):
         if not isinstance(correction, HostCorrection) or not self.rig.machine.redundantly_actuated:
             return None
         target_m = np.array([visit.target_m for visit in block.visits])
-        forces = [
-            correction.forces_n(drives, target_m)
-            for drives in (np.array([visit.drives_m for visit in block.visits]), correction.drives(target_m))
-        ]
-        rms, most = ([float(f(force)) for force in forces] for f in (_rms, lambda force: np.max(np.abs(force))))
+        before, after = np.array([visit.drives_m for visit in block.visits]), correction.drives(target_m)
+        rms, most = (
+            [float(f(correction.forces_n(drives, target_m))) for drives in (before, after)]
+            for f in (_rms, lambda force: np.max(np.abs(force)))
+        )
+        u = _rms(correction.force_u_n(after[:U_POSES], target_m[:U_POSES]))
+        free = "" if correction.free is None else f"; that adds {correction.free.u_growth:.1%} to the tool's U"
         return (
-            f"predicted strut forces: {rms[0]:.0f} N RMS, {most[0]:.0f} N at most; corrected {rms[1]:.0f} N, "
-            f"{most[1]:.0f} N"
+            f"predicted strut forces: {rms[0]:.0f} N RMS, {most[0]:.0f} N at most; corrected {rms[1]:.0f} N (u "
+            f"{u:.0f} N), {most[1]:.0f} N{free}"
         )
 
     def require_in_use(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from calibration.base.frame import station_frame
@@ -20,16 +22,21 @@ TEMPERATURES_C = {"struts": 21.0, "columns": 21.5, "base": 20.7, "platform": 21.
 REST = {"air_temperature_c": 20.0, "pressure_hpa": 980.0, "humidity_percent": 45.0, "samples": 1.0, "dwell_s": 3.0}
 
 
-def plant_of(machine: str, seed: int) -> tuple[SpatialPlant, RecordingFile]:
-    """The plant of a demo rig and the header of a recording of it."""
-    path = demo_rig_path(machine)
+def rig_path_of(machine: str | Path) -> Path:
+    """The rig file of a shipped machine's demo, or one of the test's own."""
+    return machine if isinstance(machine, Path) else demo_rig_path(machine)
+
+
+def plant_of(machine: str | Path, seed: int) -> tuple[SpatialPlant, RecordingFile]:
+    """The plant of a rig and the header of a recording of it."""
+    path = rig_path_of(machine)
     file, described = load_rig(path)
     file = file.model_copy(update={"mock": file.mock.model_copy(update={"seed": seed})})
     plant = SpatialPlant(machine_path(file, path), settings_of(file, path), VirtualClock())
     station = file.station
     header = RecordingFile(
         format=1,
-        campaign=f"{machine}-{seed}",
+        campaign=f"{described.name}-{seed}",
         rig="plant",
         created="2026-01-01T00:00:00+00:00",
         software="test",
@@ -46,10 +53,10 @@ def plant_of(machine: str, seed: int) -> tuple[SpatialPlant, RecordingFile]:
     return plant, header
 
 
-def record(machine: str, seed: int, *, poses: int, noise: float = 1.0) -> Recording:
-    """A calibration campaign of a demo rig; `noise` is a factor on the station's stated one."""
+def record(machine: str | Path, seed: int, *, poses: int, noise: float = 1.0) -> Recording:
+    """A calibration campaign of a rig; `noise` is a factor on the station's stated one."""
     plant, header = plant_of(machine, seed)
-    file, described = load_rig(demo_rig_path(machine))
+    file, described = load_rig(rig_path_of(machine))
     settings = file.campaign.model_copy(update={"calibration_poses": poses})
     rng = np.random.default_rng([seed, 77])
     accuracy = file.station.accuracy.to_station_accuracy()
@@ -109,6 +116,11 @@ def record(machine: str, seed: int, *, poses: int, noise: float = 1.0) -> Record
                     read("calibration", smr.name, visit.drives_m, block.payload, visit)
         nests(block.visits[-1].drives_m, block.payload)
     return make_recording(header, described, rows)
+
+
+def true_forces_n(plant: SpatialPlant, drives, payload: int) -> np.ndarray:
+    """Forces (n, s) of the plant's own struts at drive coordinates (n, d), tension positive."""
+    return np.array([plant.truth.forces_n(row, payload, temperatures_c=TEMPERATURES_C) for row in drives])
 
 
 def true_errors(plant: SpatialPlant, report, drives, target_m, payload: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,8 @@
 """Mocks and drivers against other people's programs. `make peers`; `make test` does not need it.
 
 Fetches what the registries give into a folder (npm: canopen, modbus-serial; PyPI: pygeocom; Debian: mbpoll, libmodbus),
-leaves out what is absent and says so. Exit status 1 if a check failed.
+leaves out what is absent and says so. A LinuxCNC that is installed is run, as an ordinary user and without real time.
+Exit status 1 if a check failed.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from benchmarks.peers.linuxcnc_running import MOST_COMP_MM, MOST_M
 from drivers.can.bus import open_bus
 from drivers.can.can_line import CanLine
 from drivers.can.drive_object import DriveObject
@@ -37,9 +39,6 @@ HERE = Path(__file__).parent
 DEBIAN = ("mbpoll", "libmodbus5", "libmodbus-dev")
 PEER_NODE = 5
 LINUXCNC_MODULES = Path("usr/lib/linuxcnc/modules")
-LINUXCNC = (
-    "not tried: it takes a running LinuxCNC (apt-get install linuxcnc-uspace) and a check that is not written yet"
-)
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def main() -> int:
             for is_available, peer, what, work in tries
             for check in (work() if is_available else [Check(peer, what, None, "could not be fetched")])
         ]
-    checks.append(Check("LinuxCNC, running", "joints moved by our .comp", None, LINUXCNC))
+    checks += running_linuxcnc()
     for check in checks:
         verdict = {True: "ok", False: "FAILED", None: "absent"}[check.ok]
         print(f"{verdict:7} {check.peer:24} {check.what:44} {check.detail}".rstrip())
@@ -159,6 +158,30 @@ def linuxcnc_kinematics(folder: Path) -> list[Check]:
             f"within {delta['drives_m'] * 1e9:.2f} nm",
         ),
     ]
+
+
+def running_linuxcnc() -> list[Check]:
+    """A running LinuxCNC with our files: its joints, its pins and where they put a rigid hexapod."""
+    peer = "LinuxCNC, running"
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.peers.linuxcnc_running"], check=False, capture_output=True, text=True
+    )
+    if done.returncode != 0:
+        return [Check(peer, "our files", False, done.stderr.strip().splitlines()[-1])]
+    found = json.loads(done.stdout)
+    if "absent" in found:
+        return [Check(peer, "our files", None, found["absent"])]
+    checks = [
+        Check(peer, f".comp of type {kind} moves joints, both ways", mm <= MOST_COMP_MM, f"within {mm:.1e} mm")
+        for kind, mm in found["comp"].items()
+    ]
+    for form in ("genhexkins", "lineardeltakins"):
+        off = found[form]
+        same = off["pins"] == 0.0 and off["drives_m"] <= MOST_M
+        checks.append(Check(peer, f"{form} has our pins and drives", same, f"within {off['drives_m'] * 1e9:.2f} nm"))
+    hexapod = found["genhexkins"]
+    detail = f"tool within {hexapod['position_m'] * 1e9:.2f} nm, {hexapod['rotation_rad'] * 1e9:.2f} nrad"
+    return [*checks, Check(peer, "genhexkins leads a rigid hexapod", hexapod["position_m"] <= MOST_M, detail)]
 
 
 @contextmanager

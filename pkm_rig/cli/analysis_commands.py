@@ -265,8 +265,8 @@ def compensate(
         typer.Option(
             "--format",
             help="files for a control: csv, linuxcnc-comp, linuxcnc-comp-0, siemens-cec, beckhoff-plane, "
-            "heidenhain-com; calibrated geometry: genhexkins, lineardeltakins, klipper-delta. No vendor's software has "
-            "read a file of ours yet, csv has no vendor",
+            "heidenhain-com; calibrated geometry: genhexkins, lineardeltakins, klipper-delta. Of vendors only "
+            "LinuxCNC's software has read files of ours; csv has no vendor",
         ),
     ] = None,
     control: Annotated[

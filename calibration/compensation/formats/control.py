@@ -14,6 +14,7 @@ from calibration.compensation.correction import Correction
 from calibration.compensation.decomposition import DriveTables
 from calibration.machine.description import Machine
 
+READ_BY_LINUXCNC = "LinuxCNC 2.9 of Debian 12, not in real time and without a machine: try it with the axes held"
 NODES_OF_TWO, NODES_OF_MORE = 65, 17  # along a drive; more drives leave fewer samples for a node
 
 

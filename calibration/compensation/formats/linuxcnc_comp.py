@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.compensation.decomposition import Curve, DriveTables, fit_curves
 from calibration.compensation.formats.control import (
+    READ_BY_LINUXCNC,
     Control,
     ControlFiles,
     Order,
@@ -81,7 +82,7 @@ def _format(file_type: int, sign: str) -> TableFormat:
         holds="one table an axis, over its own position",
         sign=sign,
         interpolation="linear, end values held, the same in both directions",
-        read_by=None,
+        read_by=READ_BY_LINUXCNC,
         build=lambda order: build(order, file_type),
         default_axes=lambda machine: tuple(str(n) for n in range(len(machine.drive_names))),
     )

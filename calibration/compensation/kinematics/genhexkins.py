@@ -13,7 +13,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
 from calibration.compensation.correction import Correction, Samples
-from calibration.compensation.formats.control import fixed
+from calibration.compensation.formats.control import READ_BY_LINUXCNC, fixed
 from calibration.compensation.kinematics.fit import (
     Kinematics,
     KinematicsFiles,
@@ -101,7 +101,7 @@ FORMAT = KinematicsFormat(
     title="LinuxCNC genhexkins",
     control="LinuxCNC",
     parameters="both joints of six struts, their lengths and scales",
-    read_by=None,
+    read_by=READ_BY_LINUXCNC,
     refusal=refusal,
     build=build,
 )

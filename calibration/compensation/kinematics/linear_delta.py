@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.compensation.correction import Correction
-from calibration.compensation.formats.control import fixed
+from calibration.compensation.formats.control import READ_BY_LINUXCNC, fixed
 from calibration.compensation.kinematics.fit import (
     Kinematics,
     KinematicsFiles,
@@ -149,7 +149,7 @@ LINUXCNC = KinematicsFormat(
     title="LinuxCNC lineardeltakins",
     control="LinuxCNC",
     parameters="one radius, one arm's length, zeros and scales of three joints",
-    read_by=None,
+    read_by=READ_BY_LINUXCNC,
     refusal=refusal,
     build=build_lineardeltakins,
 )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,30 @@ class MeasuredRange:
             {name: (float(np.min(t)), float(np.max(t))) for name, t in visits.temperatures_c.items()},
         )
 
+    def widened(self, visits: Visits) -> MeasuredRange:
+        """With the loads and temperatures of further visits; the poses stay."""
+        more = self.of_visits(self.machine, visits)
+        return replace(
+            self,
+            payload_kg=_both(self.payload_kg, more.payload_kg),
+            temperatures_c={name: _both(t, more.temperatures_c[name]) for name, t in self.temperatures_c.items()},
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """For the store."""
+        return {
+            "box": self.box.tolist(),
+            "payload_kg": list(self.payload_kg),
+            "temperatures_c": {name: list(t) for name, t in self.temperatures_c.items()},
+        }
+
+    @classmethod
+    def of_json(cls, machine: Machine, data: Mapping[str, Any]) -> MeasuredRange:
+        """From the store."""
+        low, high = data["payload_kg"]
+        temperatures = {str(name): (float(t[0]), float(t[1])) for name, t in data["temperatures_c"].items()}
+        return cls(machine, np.array(data["box"], dtype=np.float64), (float(low), float(high)), temperatures)
+
     def require(self, conditions: OperatingConditions) -> None:
         """InputError for a payload or a temperature beyond those that were measured."""
         low, high = self.payload_kg
@@ -81,3 +106,7 @@ class MeasuredRange:
             f"{limits}; {self.payload_kg[0]:g} to {self.payload_kg[1]:g} kg; parts at {coldest:.1f} to {warmest:.1f} "
             f"degC and {BEYOND_MEASURED_K:g} K beyond"
         )
+
+
+def _both(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    return min(one[0], other[0]), max(one[1], other[1])

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.intervals.check_estimate import CheckDesign
-from calibration.intervals.watched import WatchedChanges, smr_response, station_nuisance, tool_response
+from calibration.intervals.watched import (
+    WatchedChanges,
+    carried_shift,
+    smr_response,
+    station_nuisance,
+    tool_response,
+)
 from calibration.machine.description import Machine
 from calibration.model.model import Poses
 
@@ -93,7 +99,7 @@ def _carried_reflectors(machine: Machine, names: Sequence[str], moving: Sequence
     for column, name in enumerate(names):
         for k, smr in enumerate(machine.smrs[i] for i in moving):
             if smr.on == "slider" and name == f"drive_offset.{machine.drive_names[smr.drive]}":
-                out[3 * k : 3 * k + 3, column] = machine.nominal.axis[smr.drive]
+                out[3 * k : 3 * k + 3, column] = carried_shift(machine, smr.drive, smr.position_m)
     return out
 
 

@@ -18,6 +18,7 @@ from calibration.base.errors import InputError
 from calibration.intervals.facts import ErrorFigure
 from calibration.intervals.watched import WatchedChanges
 
+SEED, EXPECTED_CHECKS = 14, 101
 _DRAWS = 200_000
 _AT_LIMIT = 3.2  # about where limits of charts lie
 
@@ -123,7 +124,7 @@ class CheckDesign:
         """Number of independent changes that exceed a limit of 3.2 as often as the watched ones together."""
         values, vectors = np.linalg.eigh(self.correlation)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        rng = np.random.default_rng(14)
+        rng = np.random.default_rng(SEED)
         beyond = 0
         for _ in range(20):
             white = rng.standard_normal((_DRAWS // 20, len(values)))
@@ -179,6 +180,15 @@ def estimate_check(design: CheckDesign, residual: Array, known_m: Array | None =
     smallest = (2.0 * float(np.sum(covariance**2))) ** 0.25
     u = np.sqrt(variance) / (2.0 * max(np.sqrt(square * design.points), smallest)) / np.sqrt(design.points)
     return CheckEstimate(change, design.change_u, ErrorFigure(float(np.sqrt(square)), float(u)))
+
+
+def expected_error_u_m(design: CheckDesign) -> float:
+    """Standard uncertainty of the error that such a check will state of a machine that has not changed.
+
+    The median over checks with the design's noise: the figure of one check depends on its noise.
+    """
+    noise = np.random.default_rng(SEED).standard_normal((EXPECTED_CHECKS, len(design.by_parameter)))
+    return float(np.median([estimate_check(design, row).error.u_m for row in noise]))
 
 
 def joint_change(design: CheckDesign, residual: Array) -> tuple[Array, Array]:

@@ -68,7 +68,8 @@ def judge(
         )
     if abs(table_change_m) > envelope.table_m:
         reasons.append(
-            f"tables would change by {table_change_m * 1e6:.1f} um; {envelope.table_m * 1e6:.1f} um are allowed"
+            f"a drive's correction would change by {table_change_m * 1e6:.1f} um; {envelope.table_m * 1e6:.1f} um are "
+            "allowed"
         )
     if found.position_m > envelope.error_m:
         reasons.append(f"the error was {found.position_m * 1e6:.1f} um; {envelope.error_m * 1e6:.1f} um are allowed")
@@ -132,7 +133,7 @@ def verify_further(
     result = verify(before_m, after_m, u_point_m)
     if len(before_m) not in plan.looks:
         raise InputError(f"verification: {len(before_m)} poses are no look of {plan.looks}")
-    z = float(-ndtri(plan.error / len(plan.looks)))
+    z = _most_sigmas(plan)
     before, after, u_square = _squares(before_m, after_m, u_point_m)
     answer: VerificationAnswer = "go on"
     if before - after > z * u_square:
@@ -142,6 +143,32 @@ def verify_further(
     words = {"go on": "not decided yet", "accepted": "the tables stay", "refused": "former tables back"}[answer]
     reason = f"{_fall_words(result.fall_m, result.u_m)} at {len(before_m)} poses: {words}"
     return answer, Verification(result.fall_m, result.u_m, answer == "accepted", reason)
+
+
+def without_harm(
+    answer: VerificationAnswer,
+    result: Verification,
+    before_rad: Array,
+    after_rad: Array,
+    u_rad: float,
+    plan: VerificationPlan,
+) -> tuple[VerificationAnswer, Verification]:
+    """The same answer, unless the rotation errors (n, t) at the same poses have risen: then tables are refused."""
+    before, after, u_square = _squares(before_rad, after_rad, u_rad)
+    if after - before <= _most_sigmas(plan) * u_square:
+        return answer, result
+    rise = math.sqrt(after) - math.sqrt(before)
+    return "refused", Verification(
+        result.fall_m,
+        result.u_m,
+        False,
+        f"{result.reason.partition(':')[0]}, but rotation errors rise by {rise * 1e6:.1f} urad: former tables back",
+    )
+
+
+def _most_sigmas(plan: VerificationPlan) -> float:
+    """By how many standard uncertainties a difference has to be beyond zero at a look (Bonferroni)."""
+    return float(-ndtri(plan.error / len(plan.looks)))
 
 
 def _fall_words(fall_m: float, u_m: float) -> str:

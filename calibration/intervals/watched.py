@@ -1,6 +1,6 @@
 """The changes of a machine that a check watches: each parameter alone, and what moves several of them at once.
 
-A drive that has lost its reference moves both base joints of its struts; a knocked column tilts its axis.
+A slider that has lost its reference moves both base joints of its struts; a knocked column tilts its axis.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.machine.description import Machine
 from calibration.model.model import Poses
 from calibration.model.parameters import ParameterSet
 
@@ -25,22 +26,46 @@ class WatchedChanges:
 
 
 def watched_changes(parameters: ParameterSet) -> WatchedChanges:
-    """Every parameter of the geometry, and the offset of every sliding drive (its base joints along its axis)."""
-    machine = parameters.machine
+    """Every parameter of the geometry, and the offset of every drive (a leg's is its strut's length, and there)."""
     names, columns = [], []
     for row, parameter in enumerate(parameters.parameters):
         if parameter.kind in WATCHED_KINDS:
             names.append(parameter.name)
             columns.append(np.eye(len(parameters))[row])
-    for drive, name in enumerate(machine.drive_names):
-        column = np.zeros(len(parameters))
-        for row, parameter in enumerate(parameters.parameters):
-            if parameter.kind == "base_joint" and machine.file.struts[parameter.part].drive == name:
-                column[row] = machine.nominal.axis[drive][parameter.axis]
-        if np.any(column):
+    for drive, name in enumerate(parameters.machine.drive_names):
+        column = drive_offset(parameters, drive)
+        if np.any(column) and parameters.machine.drive_kinds[drive] != "leg":
             names.append(f"drive_offset.{name}")
             columns.append(column)
     return WatchedChanges(tuple(names), np.stack(columns, axis=1))
+
+
+def drive_offset(parameters: ParameterSet, drive: int) -> Array:
+    """What becomes of every parameter (p,) where a drive stands a unit (m; rad of a crank) beyond what it says.
+
+    A slider takes the base joints of its struts along its axis, a leg is longer, a crank turns its joints.
+    """
+    machine = parameters.machine
+    column, kind = np.zeros(len(parameters)), machine.drive_kinds[drive]
+    for row, parameter in enumerate(parameters.parameters):
+        strut = parameter.part
+        if kind == "leg" and parameter.kind == "strut_length" and machine.strut_drive[strut] == drive:
+            column[row] = 1.0
+        elif kind != "leg" and parameter.kind == "base_joint" and machine.strut_drive[strut] == drive:
+            column[row] = carried_shift(machine, drive, machine.nominal.base_joint_m[strut])[parameter.axis]
+    return column
+
+
+def carried_shift(machine: Machine, drive: int, point_m: Array) -> Array:
+    """By how much (3,) a point (3,) that a drive carries is displaced by a unit of the drive, before it has moved."""
+    axis = machine.nominal.axis[drive]
+    return np.asarray(np.cross(axis, point_m) if machine.drive_kinds[drive] == "crank" else axis)
+
+
+def crank_arm_m(machine: Machine, drive: int) -> float:
+    """Longest arm of a crank: from its axis to a joint that it carries."""
+    joints = machine.nominal.base_joint_m[machine.strut_drive == drive]
+    return float(np.max(np.linalg.norm(np.cross(machine.nominal.axis[drive], joints), axis=1)))
 
 
 def smr_response(poses: Poses, smrs: tuple[int, ...], mounting_m: Array) -> Array:

@@ -22,11 +22,9 @@ def health(rig: RigOption, out: OutOption = Path("runs"), json: JsonOption = Fal
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.health_text import print_health
     from pkm_rig.report.terminal import print_either, print_message, progress_bar
-    from pkm_rig.rig.capabilities import Need, require_tables_for_life
-    from pkm_rig.rig.config import load_rig
+    from pkm_rig.rig.capabilities import Need
     from pkm_rig.store.store import hold_existing_store
 
-    require_tables_for_life(*load_rig(rig))
     with (
         hold_existing_store(out, rig=rig_name(rig)) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES) as connected_rig,

@@ -91,13 +91,14 @@ def _require_words(action: Action, who: str, why: str) -> None:
 def _check(rig: Path, out: Path, json: bool) -> None:
     import time
 
-    from pkm_rig.recalibration.situation import read_situation
+    from pkm_rig.recalibration.situation import read_situation, require_decidable_check
     from pkm_rig.report.recalibration_text import print_situation
     from pkm_rig.report.terminal import print_either
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         situation, _ = read_situation(store, rig, time.time())
+        require_decidable_check(store, rig, situation)
     print_either(json, situation.as_dict(), print_situation)
     _end(situation.state, "; ".join(situation.verdict.reasons))
 
@@ -131,12 +132,13 @@ def _dry_run(rig: Path, out: Path, json: bool, *, scheduled: bool) -> None:
     import time
 
     from pkm_rig.recalibration.run import plan
-    from pkm_rig.recalibration.situation import read_situation
+    from pkm_rig.recalibration.situation import read_situation, require_decidable_check
     from pkm_rig.report.terminal import print_result
     from pkm_rig.store.store import open_existing_store
 
     with open_existing_store(out) as store:
         situation, file = read_situation(store, rig, time.time())
+        require_decidable_check(store, rig, situation)
     intended = plan(situation, file, scheduled=scheduled)
     result = {"dry_run": True, "would": intended.what, "why": intended.why, "state": situation.state}
     print_result(json, result, f"would do: {intended.what}; {intended.why}")

@@ -46,11 +46,6 @@ class CheckObservations:
     pose: NDArray[np.intp]
 
 
-def plan_visits(file: RigFile, reference: Reference, payload: int, count: int) -> list[PlannedVisit]:
-    """`count` visits, the most informative first, by their power against changes of the machine since a calibration."""
-    return plan_check(file, reference, payload, count)[0]
-
-
 def plan_check(file: RigFile, reference: Reference, payload: int, count: int) -> tuple[list[PlannedVisit], CheckDesign]:
     """`count` visits, the most informative first, and the design of a check that makes them all."""
     machine = reference.machine

@@ -11,7 +11,8 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.compensation.host import HostCorrection
-from calibration.intervals.check_estimate import estimate_check
+from calibration.intervals.check_estimate import estimate_check, expected_error_u_m
+from calibration.intervals.decision import require_decidable
 from calibration.intervals.facts import CalibrationFact, CheckFact, MachineHistory
 from calibration.intervals.health import health_test
 from calibration.intervals.rules import Verdict, judge_all
@@ -23,7 +24,7 @@ from pkm_rig.jobs.check_readings import (
     known_error_m,
     mean_temperatures_c,
     observe,
-    plan_visits,
+    plan_check,
 )
 from pkm_rig.jobs.interim import require_station
 from pkm_rig.jobs.interval_settings import interval_settings
@@ -115,7 +116,8 @@ class _Check:
 
     def run(self) -> HealthResult:
         rig, store = self._rig, self._store
-        planned = plan_visits(rig.file, self._reference, self._payload, self._settings.check.looks[-1])
+        planned, design = plan_check(rig.file, self._reference, self._payload, self._settings.check.looks[-1])
+        require_decidable(self._history.machine.tolerance_m(self._now_s()), expected_error_u_m(design))
         if self._by_host is not None:
             planned = list(corrected_block(Block(self._payload, tuple(planned)), self._by_host).visits)
         campaign = new_campaign_id(f"{rig.file.rig}-check")

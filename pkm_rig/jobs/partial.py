@@ -7,14 +7,14 @@ tables stay (`partial_verification`).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.compensation.tables import CompensationTable, build_table
+from calibration.compensation.host import HostCorrection
 from calibration.identification.fit import Fit
 from calibration.intervals.envelope import Verification
 from calibration.intervals.extent import Measurement
@@ -22,9 +22,9 @@ from calibration.intervals.facts import CalibrationFact, ErrorFigure
 from calibration.model.operating_conditions import OperatingConditions
 from calibration.recording.recording import Recording
 from calibration.reduction.reduction import CALIBRATION
-from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.check_readings import groups_of, mean_temperatures_c, observe, plan_check
+from pkm_rig.jobs.former_correction import GROWTH, PRIOR, READINGS, verified_correction
 from pkm_rig.jobs.interim import require_station
 from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import add_identified, identified_data, key_of, utc_text
@@ -32,10 +32,12 @@ from pkm_rig.jobs.partial_fit import fit_partly, growth_of, walk_of
 from pkm_rig.jobs.partial_verification import AFTER, BEFORE, PLAN, OnTrial, StepwiseVerification, Verified
 from pkm_rig.jobs.reference import Reference, load_reference
 from pkm_rig.results.callbacks import Notify, Progress
+from pkm_rig.rig.back_end import BackEnd, Correction, back_end_of
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.kept_tables import kept_tables
 from pkm_rig.rig.plans import put_on, visits, warm_up
 from pkm_rig.rig.rig import Rig
-from pkm_rig.rig.rig_checks import check_rig, require_table_banks
+from pkm_rig.rig.rig_checks import check_rig, require_back_end
 from pkm_rig.rig.runner import Runner, describe_campaign, new_campaign_id, open_runner, settings_event
 from pkm_rig.rig.schedule import Block, PlannedVisit, verification_block
 from pkm_rig.rig.table_change import VERDICT, TableChange, changing_tables
@@ -63,7 +65,7 @@ class PartialOutcome:
         return self.verification.accepted and not self.beyond
 
 
-Judge = Callable[[CalibrationFact, TableChange, ErrorFigure, Array], tuple[str, ...]]
+Judge = Callable[[CalibrationFact, TableChange, Mapping[int, Correction], ErrorFigure, Array], tuple[str, ...]]
 
 
 def recalibrate_partly(
@@ -80,13 +82,15 @@ def recalibrate_partly(
 
     Raises DeviceError, CampaignRefused, StoreError or InputError with the machine stopped and the former tables back.
     """
-    require_table_banks(rig)
+    require_back_end(rig)
     settle_tables(rig, store, notify)
     problems = check_rig(rig)
     payload = rig.supervisor.state().payload
     if problems or payload is None:
         raise CampaignRefused("; ".join(problems) or "the payload is being changed; calibrate when it is on")
     reference = load_reference(store, rig.file.rig, calibration.id, rig.machine, rig.file.payloads)
+    by_tables = uses_tables(rig.file, rig.machine)
+    former = None if by_tables else verified_correction(store, calibration.id, payload)
     campaign = new_campaign_id(rig.file.rig)
     store.work_on(campaign)
     header = describe_campaign(rig, campaign, utc_text(now_s()), kept_tables(rig, store))
@@ -98,9 +102,8 @@ def recalibrate_partly(
         open_runner(rig, store, campaign, progress_to.show, "recalibrate", notify) as runner,
         changing_tables(rig, store, "calibrate", campaign) as change,
     ):
-        return _Partial(runner, change, reference, measurement, payload, progress_to, notify, now_s).run(
-            calibration, judge
-        )
+        job = _Partial(runner, change, reference, former, measurement, payload, progress_to, notify, now_s)
+        return job.run(calibration, judge)
 
 
 class _Progress:
@@ -123,6 +126,7 @@ class _Partial:
     runner: Runner
     change: TableChange
     reference: Reference
+    former: HostCorrection | None
     measurement: Measurement
     payload: int
     progress: _Progress
@@ -130,26 +134,47 @@ class _Partial:
     now_s: Callable[[], float]
 
     def run(self, former: CalibrationFact, judge: Judge) -> PartialOutcome:
-        rig = self.runner.rig
-        groups = groups_of(verification_block(rig.machine, rig.file.campaign, self.payload).visits, PLAN.looks)
+        rig, campaign_settings = self.runner.rig, self.runner.rig.file.campaign
+        block = verification_block(rig.machine, campaign_settings, self.payload, rig.file.station.position_m)
+        groups = groups_of(block.visits, PLAN.looks)
         planned, design = plan_check(rig.file, self.reference, self.payload, self.measurement.visits or 0)
         drift = interval_settings(rig.file.recalibration).drift
         walked = walk_of(self.reference, design, self.now_s() - former.t_utc_s, drift)
         growth = walked + growth_of(self.reference, self.measurement)
+        back_end = back_end_of(rig, self.change)
+        tables = OnTrial(self.runner, back_end, self.payload, self.former if self._host_corrected() else None)
         self._begin(planned)
-        rig.compensation = self._former_generation()
-        self._visit(groups[0], BEFORE)
+        tables.begin()
+        self._visit(tables.commanded(groups[0]), BEFORE)
         rig.compensate(None)
         self._visit(planned, CALIBRATION)
-        fit = fit_partly(self.reference, self._recording(), growth)
-        self._keep_identified(fit)
+        recording = self._recording()
+        fit = fit_partly(self.reference, recording, growth)
+        self._keep_identified(fit, {PRIOR: former.id, READINGS: len(recording), GROWTH: growth.tolist()})
         report = self.reference.report_frame(fit.frame)
-        tables = OnTrial(self.runner, self.change, self._table(fit, report), self.payload)
-        tables.use_new()
-        self._visit(groups[0], AFTER)
-        steps = StepwiseVerification(groups, self._visit, self.runner, self.reference, report, self.notify)
+        measured = None if self.former is None else self.former.measured.widened(fit.visits)
+        entry = rig.file.payloads[self.payload]
+        conditions = OperatingConditions(entry.mass_kg, entry.com_m, rig.temperatures_c())
+        tables.use_new(back_end.build_partly(fit, report, conditions, measured))
+        self._visit(tables.commanded(groups[0]), AFTER)
+
+        def visit(group: Sequence[PlannedVisit], phase: str) -> None:
+            self._visit(tables.commanded(group), phase)
+
+        steps = StepwiseVerification(groups, visit, self.runner, self.reference, report, self.notify)
         grown = np.sqrt(np.diag(growth)[: len(self.reference.model.parameters)])
-        return self._decide(judge, fit, steps.run(tables), tables, grown)
+        return self._decide(judge, fit, steps.run(tables), tables, back_end, grown)
+
+    def _host_corrected(self) -> bool:
+        """Whether the host corrected, by the calibration in force, before this began."""
+        state = self.change.host_former
+        if self.former is None or state is None or not state.on:
+            return False
+        if state.campaign != self.reference.campaign:
+            raise CampaignRefused(
+                f"{state.in_words()}, in force is calibration {self.reference.campaign}; see `pkm-rig tables`"
+            )
+        return True
 
     def _begin(self, planned: Sequence[PlannedVisit]) -> None:
         rig = self.runner.rig
@@ -158,9 +183,6 @@ class _Partial:
         self.runner.run(put_on(self.runner.devices, self.payload), "payload")
         self.runner.run(warm_up(self.runner.devices, planned[:2]), "warm-up")
         require_station(rig)
-
-    def _former_generation(self) -> int:
-        return int(self.change.former[0]["generation"]) if self.change.before.on else 0
 
     def _visit(self, planned: Sequence[PlannedVisit], phase: str) -> None:
         self.progress.expect(len(planned))
@@ -171,20 +193,17 @@ class _Partial:
     def _recording(self) -> Recording:
         return self.runner.store.recording(self.runner.campaign)
 
-    def _keep_identified(self, fit: Fit) -> None:
+    def _keep_identified(self, fit: Fit, made_of: dict[str, Any]) -> None:
         rig, store = self.runner.rig, self.runner.store
         observed = observe(self._recording(), self.reference, CALIBRATION).observations
         data = identified_data(
             rig, store, fit, mean_temperatures_c(observed), extent=self.measurement.extent, now_s=self.now_s()
         )
-        add_identified(rig, store, self.runner.campaign, data | {"report": dict(self.reference.report)})
+        add_identified(rig, store, self.runner.campaign, data | made_of | {"report": dict(self.reference.report)})
 
-    def _table(self, fit: Fit, report: ReportFrame) -> CompensationTable:
-        rig = self.runner.rig
-        entry = rig.file.payloads[self.payload]
-        return build_table(fit, report, OperatingConditions(entry.mass_kg, entry.com_m, rig.temperatures_c()))
-
-    def _decide(self, judge: Judge, fit: Fit, seen: Verified, tables: OnTrial, grown: Array) -> PartialOutcome:
+    def _decide(
+        self, judge: Judge, fit: Fit, seen: Verified, tables: OnTrial, back_end: BackEnd, grown: Array
+    ) -> PartialOutcome:
         store, campaign, result = self.runner.store, self.runner.campaign, seen.result
         verdict = {
             "t_utc_s": self.now_s(),
@@ -193,7 +212,7 @@ class _Partial:
             "as_left": _rms(seen.after_m, result.u_m),
             "tables": tables.written,
             "table_change": self.change.id,
-            "table_temperatures_c": tables.table.conditions.temperatures_c,
+            "table_temperatures_c": tables.new.conditions.temperatures_c,
             "effects": [],
             "diagnosis": f"not diagnosed: {self.measurement.extent} only",
         }
@@ -201,11 +220,12 @@ class _Partial:
         fact = calibration_fact(campaign, found, verdict)
         beyond: tuple[str, ...] = ()
         if result.accepted:
-            beyond = judge(fact, self.change, ErrorFigure(**_rms(seen.before_m, result.u_m)), grown)
+            found_m = ErrorFigure(**_rms(seen.before_m, result.u_m))
+            beyond = judge(fact, self.change, {self.payload: tables.new}, found_m, grown)
         moved = fit.theta - self.reference.values[: len(self.reference.model.parameters)]
         outcome = PartialOutcome(campaign, fact, result, beyond, moved, self.change.description)
         if tables.new_in_use:
-            self.change.require_in_use()
+            back_end.require_in_use()
         self._keep_verdict(outcome, verdict)
         if outcome.accepted:
             self.change.keep()

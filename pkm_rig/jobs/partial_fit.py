@@ -6,6 +6,8 @@ else has walked as drift does without any event, so that a few readings move it 
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +20,10 @@ from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.drift import DriftSettings
 from calibration.intervals.extent import Measurement
 from calibration.intervals.partial import grown_covariance
-from calibration.intervals.watched import watched_changes
-from calibration.machine.description import PARTS
+from calibration.intervals.watched import carried_shift, crank_arm_m, drive_offset
+from calibration.machine.description import PARTS, Machine
 from calibration.recording.recording import Recording
-from calibration.reduction.figures import free_axes
+from calibration.reduction.figures import figure_axes
 from calibration.reduction.pose_filter import filter_poses
 from calibration.reduction.reduction import CALIBRATION
 from calibration.reduction.report_frame import ReportFrame
@@ -34,7 +36,7 @@ OFFSET_U_M = 1e-3  # by which a drive that has lost its reference may stand off
 def growth_of(reference: Reference, measurement: Measurement) -> Array:
     """Covariance (k, k) of the reference's unknowns by which they may have changed, for what is to be measured.
 
-    A drive's offset moves both base joints of its struts and its slider's reflector along its axis.
+    A drive's offset (`drive_offset`) takes the reflectors along that it carries.
     """
     names, machine = reference.names, reference.machine
     growth = np.zeros((len(names), len(names)))
@@ -44,20 +46,27 @@ def growth_of(reference: Reference, measurement: Measurement) -> Array:
                 row = names.index(f"expansion.{part}")
                 growth[row, row] = machine.u_expansion_per_k[part] ** 2
         return growth
-    watched = watched_changes(reference.model.parameters)
+    parameters = reference.model.parameters
     for drive in measurement.drives:
-        column = np.zeros(len(names))
-        name = f"drive_offset.{drive}"
-        if name not in watched.names:
+        number = machine.drive_names.index(drive) if drive in machine.drive_names else None
+        offset = np.zeros(len(parameters)) if number is None else drive_offset(parameters, number)
+        if number is None or not np.any(offset):
             raise InputError(f"drive {drive}: its offset is no change of this machine; calibrate in full")
-        column[: len(reference.model.parameters)] = watched.combination[:, watched.names.index(name)]
-        number = machine.drive_names.index(drive)
+        column = np.zeros(len(names))
+        column[: len(parameters)] = offset
         for smr in machine.smrs:
             if smr.on == "slider" and smr.drive == number:
-                for axis, share in zip("xyz", machine.nominal.axis[number], strict=True):
+                for axis, share in zip("xyz", carried_shift(machine, number, smr.position_m), strict=True):
                     column[names.index(f"{MOUNTING}{smr.name}.{axis}")] = share
-        growth += OFFSET_U_M**2 * np.outer(column, column)
+        growth += offset_u(machine, number) ** 2 * np.outer(column, column)
     return growth
+
+
+def offset_u(machine: Machine, drive: int) -> float:
+    """By how much (m; rad of a crank) a drive that has lost its reference may stand off: OFFSET_U_M at its joint."""
+    if machine.drive_kinds[drive] != "crank":
+        return OFFSET_U_M
+    return OFFSET_U_M / crank_arm_m(machine, drive)
 
 
 def walk_of(reference: Reference, design: CheckDesign, age_s: float, drift: DriftSettings) -> Array:
@@ -87,22 +96,40 @@ def fit_partly(reference: Reference, recording: Recording, growth: Array) -> Fit
     return identify_from_prior(reference.model, observed.visits, [SmrPositions(observed, station)], prior)
 
 
-def tool_errors(
-    recording: Recording, reference: Reference, report: ReportFrame, phase: str
-) -> tuple[Array, NDArray[np.intp]]:
-    """Errors (n, m) of the tool's free coordinates at the verification poses, and the poses' numbers (n,)."""
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors of the tool at verification poses: in the coordinates that figures are of, and their uncertainty.
+
+    moves_m (n, m); turns_rad (n, t), t = 0 where the drives command no rotation; pose (n,): numbers of the poses.
+    move_u_m, turn_u_rad: standard uncertainty of one coordinate, the root of the mean variance.
+    """
+
+    moves_m: Array
+    turns_rad: Array
+    pose: NDArray[np.intp]
+    move_u_m: float
+    turn_u_rad: float
+
+    def at(self, poses: NDArray[np.intp]) -> PoseErrors:
+        """Those of some poses, in that order; the last measurement of each."""
+        rows = [int(np.flatnonzero(self.pose == pose)[-1]) for pose in poses]
+        return replace(self, moves_m=self.moves_m[rows], turns_rad=self.turns_rad[rows], pose=poses)
+
+
+def tool_errors(recording: Recording, reference: Reference, report: ReportFrame, phase: str) -> PoseErrors:
+    """Errors of the tool at the verification poses of a phase, in the frame of before and after."""
+    machine = report.machine
     observed = observe(recording, reference, phase, drives_matter=False)
     poses = filter_poses(report, observed.observations)
-    position, _ = report.tool_error(
+    moves, turns = figure_axes(machine)
+    if not np.any(machine.commanded > 2):
+        turns = turns[:0]
+    position, rotation = report.tool_error(
         poses.coordinates[poses.measured], observed.observations.visits.target_m[poses.measured]
     )
-    return position[:, free_axes(report.machine)[0]], observed.pose[poses.measured]
-
-
-def pose_u_m(recording: Recording, reference: Reference, report: ReportFrame, phase: str) -> float:
-    """Standard uncertainty of a measured coordinate of the platform: the root of the mean variance."""
-    observed = observe(recording, reference, phase, drives_matter=False)
-    covariance = filter_poses(report, observed.observations).covariance
-    moves = np.flatnonzero(report.machine.dof < 3)
-    variance = np.nanmean(np.diagonal(covariance, axis1=1, axis2=2)[:, moves])
-    return float(np.sqrt(variance)) * reference.noise
+    variance = np.nanmean(np.diagonal(poses.covariance, axis1=1, axis2=2), axis=0) * reference.noise**2
+    move_u, turn_u = (
+        float(np.sqrt(np.mean(variance[np.isin(machine.dof, axes)]))) if len(axes) else 0.0
+        for axes in (moves, turns + 3)
+    )
+    return PoseErrors(position[:, moves], rotation[:, turns], observed.pose[poses.measured], move_u, turn_u)

@@ -1,4 +1,4 @@
-"""Fresh poses with the new tables of a partial calibration and with the former ones, until it is decided which stay."""
+"""Fresh poses with the new correction of a partial calibration and with the former one, until one is shown to stay."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.compensation.tables import CompensationTable
-from calibration.intervals.envelope import Verification, VerificationPlan, verify_further
+from calibration.compensation.host import HostCorrection
+from calibration.intervals.envelope import Verification, VerificationPlan, verify_further, without_harm
 from calibration.intervals.extent import LEAST_VERIFICATION_POSES
 from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.partial_fit import pose_u_m, tool_errors
+from pkm_rig.jobs.former_correction import ACTIVATED, MEASURED, SAMPLES
+from pkm_rig.jobs.partial_fit import PoseErrors, tool_errors
 from pkm_rig.jobs.reference import Reference
 from pkm_rig.results.callbacks import Notify
-from pkm_rig.rig.back_end import DriveTables
+from pkm_rig.rig.back_end import BackEnd, Correction, corrected_block
 from pkm_rig.rig.runner import Runner
-from pkm_rig.rig.schedule import PlannedVisit
-from pkm_rig.rig.table_change import TableChange
+from pkm_rig.rig.schedule import Block, PlannedVisit
 
 BEFORE, AFTER = "verification_before", "verification_after"
 PLAN = VerificationPlan()
@@ -38,28 +37,60 @@ class Verified:
 
 
 class OnTrial:
-    """New tables and the former ones by turns, while a verification measures with both."""
+    """A new correction and the former one by turns, while a verification measures with both.
 
-    def __init__(self, runner: Runner, change: TableChange, table: CompensationTable, payload: int) -> None:
-        self.table, self.written, self.new_in_use = table, dict[str, dict[str, Any]](), False
-        self._runner, self._change, self._payload = runner, change, payload
+    former: the host's, where it had one in use. acting: what visits are to be commanded with.
+    """
 
-    def use_new(self) -> None:
-        """Write the new tables and use them on trial."""
-        self.written = DriveTables(self._runner.rig, self._change).try_out(self.table)
-        temperatures = dict(self.table.conditions.temperatures_c)
-        activated = {"payload": self._payload, "temperatures_c": temperatures, "tables": self.written}
-        self._runner.store.add_event(self._runner.campaign, "activated", activated)
-        self.new_in_use = True
+    def __init__(self, runner: Runner, back_end: BackEnd, payload: int, former: HostCorrection | None) -> None:
+        self.new_in_use, self.acting = False, former
+        self.written: dict[str, dict[str, Any]] = {}
+        self._runner, self._back_end, self._payload, self._former = runner, back_end, payload, former
+        self._new: Correction | None = None
+
+    @property
+    def new(self) -> Correction:
+        """The new one."""
+        if self._new is None:
+            raise RuntimeError("no correction was tried yet")
+        return self._new
+
+    def begin(self) -> None:
+        """The former one acts: drives have their tables on already, the host begins to correct."""
+        rig, change = self._runner.rig, self._back_end.change
+        rig.compensation = int(change.former[0]["generation"]) if change.before.on else 0
+        rig.host = None if self._former is None else self._former.corrections
+
+    def use_new(self, correction: Correction) -> None:
+        """Have a new correction act on trial, and store what it is."""
+        samples = self._back_end.samples(correction)
+        self._new, self.written = correction, self._back_end.try_out(correction)
+        self.new_in_use, self.acting = True, correction if isinstance(correction, HostCorrection) else None
+        activated = {
+            "payload": self._payload,
+            "payload_kg": correction.conditions.payload_kg,
+            "temperatures_c": dict(correction.conditions.temperatures_c),
+            "tables": self.written,
+            SAMPLES: samples.as_json(),
+            **self._back_end.settings(),
+        }
+        if isinstance(correction, HostCorrection):
+            activated[MEASURED] = correction.measured.as_json()
+        self._runner.store.add_event(self._runner.campaign, ACTIVATED, activated)
 
     def exchange(self) -> None:
-        """Use the other ones. Raises TableError where the new ones were not what was measured."""
+        """Use the other one. Raises TableError where the new one was not what was measured."""
         if not self.new_in_use:
-            self.use_new()
+            self.use_new(self.new)
             return
-        self._change.require_in_use()
-        self._change.use_former()
-        self.new_in_use = False
+        self._back_end.require_in_use()
+        self._back_end.use_former(self._former)
+        self.new_in_use, self.acting = False, self._former
+
+    def commanded(self, planned: Sequence[PlannedVisit]) -> tuple[PlannedVisit, ...]:
+        """Visits as they are commanded with what acts."""
+        block = Block(self._payload, tuple(planned))
+        return (block if self.acting is None else corrected_block(block, self.acting)).visits
 
 
 @dataclass(frozen=True)
@@ -79,36 +110,36 @@ class StepwiseVerification:
         for number, group in enumerate(self.groups):
             if number:
                 self._visit_with_both(group, tables)
-            before, after, u_m = self._errors()
-            counts.append(len(before))
+            before, after = self._errors()
+            counts.append(len(before.moves_m))
             if counts[-1] < LEAST_VERIFICATION_POSES:  # poses that a left-out reflector made useless
                 continue
-            answer, result = verify_further(before, after, u_m, _plan_at(counts, len(self.groups)))
+            plan = _plan_at(counts, len(self.groups))
+            answer, result = verify_further(before.moves_m, after.moves_m, after.move_u_m, plan)
+            if after.turns_rad.shape[1]:
+                answer, result = without_harm(answer, result, before.turns_rad, after.turns_rad, after.turn_u_rad, plan)
             self.notify(f"verification: {result.reason}")
             if answer != "go on":
-                return Verified(before, after, result)
+                return Verified(before.moves_m, after.moves_m, result)
         raise CampaignRefused(
             f"verification: {counts[-1]} poses were measured before and after, {LEAST_VERIFICATION_POSES} are "
             "needed; look for reflectors that were left out"
         )
 
     def _visit_with_both(self, group: Sequence[PlannedVisit], tables: OnTrial) -> None:
-        """Measure with the tables that are in use, then with the others: half as many exchanges."""
+        """Measure with the one that acts, then with the other: half as many exchanges."""
         for exchange in (False, True):
             if exchange:
                 tables.exchange()
             phase = AFTER if tables.new_in_use else BEFORE
             self.visit(group, phase)
 
-    def _errors(self) -> tuple[Array, Array, float]:
-        """Errors (n, m) at the poses that were measured with both tables, and a coordinate's standard uncertainty."""
+    def _errors(self) -> tuple[PoseErrors, PoseErrors]:
+        """Errors at the poses that were measured with both corrections."""
         recording = self.runner.store.recording(self.runner.campaign)
-        (before, at), (after, also_at) = (
-            tool_errors(recording, self.reference, self.report, phase) for phase in (BEFORE, AFTER)
-        )
-        common = np.intersect1d(at, also_at)
-        u_m = pose_u_m(recording, self.reference, self.report, AFTER)
-        return before[[_row_of(at, n) for n in common]], after[[_row_of(also_at, n) for n in common]], u_m
+        before, after = (tool_errors(recording, self.reference, self.report, phase) for phase in (BEFORE, AFTER))
+        common = np.intersect1d(before.pose, after.pose)
+        return before.at(common), after.at(common)
 
 
 def _plan_at(counts: Sequence[int], groups: int) -> VerificationPlan:
@@ -116,7 +147,3 @@ def _plan_at(counts: Sequence[int], groups: int) -> VerificationPlan:
     used = [n for n in counts if n >= LEAST_VERIFICATION_POSES]
     ahead = [used[-1] + 1 + n for n in range(groups - len(counts))]
     return VerificationPlan((*dict.fromkeys(used), *ahead), PLAN.error)
-
-
-def _row_of(poses: NDArray[np.intp], pose: int) -> int:
-    return int(np.flatnonzero(poses == pose)[-1])

@@ -102,6 +102,12 @@ class Reference:
         return np.asarray(covariance[np.ix_(rows, rows)])
 
 
+def keeps_covariance(store: Store, rig: str, campaign: str) -> bool:
+    """Whether a calibration was made by a version that kept a covariance, so that checks can be compared with it."""
+    rows = life_rows(store, "calibrations", rig)
+    return any((row.campaign, row.kind) == (campaign, IDENTIFIED) for row in rows)
+
+
 def load_reference(
     store: Store, rig: str, campaign: str, machine: Machine, payloads: tuple[PayloadEntry, ...]
 ) -> Reference:

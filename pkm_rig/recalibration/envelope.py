@@ -8,17 +8,51 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from calibration.base.arrays import Array
+from calibration.compensation.samples import CorrectionSamples
 from calibration.intervals.envelope import judge
 from calibration.intervals.facts import CalibrationFact, ErrorFigure, MachineHistory
 from calibration.intervals.settings import IntervalSettings
+from calibration.intervals.watched import crank_arm_m
+from calibration.machine.description import Machine
 from calibration.model.parameters import ParameterSet
 from drivers.drives.table_image import TableImage, decode_table
+from pkm_rig.jobs.former_correction import SAMPLES, activated_events
 from pkm_rig.jobs.reference import DRIFT_SHARE
 from pkm_rig.jobs.tables_in_force import stored_images
+from pkm_rig.rig.back_end import Correction, back_end_of
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.drive_tables import as_image
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import TableChange
 from pkm_rig.store.store import Store
+
+
+def correction_change_m(
+    rig: Rig, store: Store, former: CalibrationFact | None, change: TableChange, tried: Mapping[int, Correction]
+) -> float:
+    """Largest change of a drive's correction from a calibration to what was tried (by payload), at the drive's joint.
+
+    Infinite where the store does not have the former one.
+    """
+    if former is None:
+        return float("inf")
+    if uses_tables(rig.file, rig.machine):
+        return table_change_m(rig, stored_images(rig, store, former.tables), change)
+    before = {event["payload_kg"]: event for event in activated_events(store, former.id).values()}
+    back_end, arms, largest = back_end_of(rig, change), _arms_m(rig.machine), [0.0]
+    for correction in tried.values():
+        event = before.get(correction.conditions.payload_kg)
+        if event is None or SAMPLES not in event:
+            return float("inf")
+        changes = back_end.changes_since(correction, CorrectionSamples.of_json(event[SAMPLES]))
+        largest.append(float(np.max(np.abs(changes) * arms, initial=0.0)))
+    return max(largest)
+
+
+def _arms_m(machine: Machine) -> Array:
+    """Metres (d,) at a drive's joint for a unit of its coordinate."""
+    kinds = enumerate(machine.drive_kinds)
+    return np.array([crank_arm_m(machine, drive) if kind == "crank" else 1.0 for drive, kind in kinds])
 
 
 def table_change_m(rig: Rig, former: Mapping[str, bytes], change: TableChange) -> float:
@@ -54,27 +88,26 @@ def _nodes_m(table: TableImage) -> tuple[Array, Array]:
 
 
 def reasons_beyond(
-    rig: Rig,
-    store: Store,
+    machine: Machine,
     history: MachineHistory,
     settings: IntervalSettings,
     new: CalibrationFact,
-    change: TableChange,
+    moved_m: float,
     found: ErrorFigure | None,
     grown: Sequence[float] | None = None,
 ) -> tuple[str, ...]:
-    """Why new tables must not stay without approval; empty if they may.
+    """Why a new correction must not stay without approval; empty if it may.
 
+    moved_m: largest change of a drive's correction (`correction_change_m`). found: the error with the former one.
     grown (p,): standard deviation by which each parameter was expected to differ, where something is known to have
     changed; else its drift.
     """
     former = history.last_calibration
     if former is None:
         return ("there is no former calibration to compare with",)
-    moved_m = table_change_m(rig, stored_images(rig, store, former.tables), change)
     if not np.isfinite(moved_m):
         return (f"this store does not have the tables of calibration {former.id} to compare with",)
-    sigma = np.array([p.sigma for p in ParameterSet.of(rig.machine).parameters])
+    sigma = np.array([p.sigma for p in ParameterSet.of(machine).parameters])
     drift = DRIFT_SHARE * sigma if grown is None else np.asarray(grown)
     error = found if found is not None else ErrorFigure(0.0, 0.0)
     return judge(settings.envelope, former, new, drift, moved_m, error).reasons

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,12 +21,14 @@ from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import note_devices, utc_text, verdict_data
 from pkm_rig.jobs.partial import recalibrate_partly
 from pkm_rig.jobs.tables_in_force import require_tables
-from pkm_rig.recalibration.envelope import reasons_beyond
+from pkm_rig.recalibration.envelope import correction_change_m, reasons_beyond
 from pkm_rig.recalibration.journal import is_automatic, last_entry, send_notification, tell_plc, write_line
 from pkm_rig.recalibration.situation import Situation, date_text, situation_of
 from pkm_rig.recalibration.windows import next_opening, open_until
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.results.outcome import CampaignOutcome
+from pkm_rig.rig.back_end import Correction
+from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.config import RigFile, load_rig
 from pkm_rig.rig.recalibration_sections import RecalibrationSettings
 from pkm_rig.rig.rig import Rig
@@ -194,7 +196,8 @@ class Recalibration:
 
     def _calibrate(self, rig: Rig, before: Situation, found: ErrorFigure | None) -> RunResult:
         last, measurement = before.history.last_calibration, before.verdict.measurement
-        if last is not None and rig.file.can.interface == "embedded":  # its drives forget their tables
+        embedded = rig.file.can.interface == "embedded" and uses_tables(rig.file, rig.machine)
+        if last is not None and embedded:  # its drives forget their tables
             with suppress(CampaignRefused):
                 require_tables(rig, self.store, last.id, last.tables, self.notify)
         if last is not None and measurement is not None and measurement.extent != "full":
@@ -206,7 +209,9 @@ class Recalibration:
             identified = [r for r in rows if (r.campaign, r.kind) == (outcome.campaign, IDENTIFIED)][-1]
             verdict = verdict_data(outcome, had_tables=change.before.on, change=change.id)
             new = calibration_fact(outcome.campaign, identified.data, verdict)
-            return reasons_beyond(rig, self.store, before.history, settings, new, change, found)
+            tried = {written.payload: written.table for written in outcome.written}
+            moved_m = correction_change_m(rig, self.store, last, change, tried)
+            return reasons_beyond(rig.machine, before.history, settings, new, moved_m, found)
 
         outcome = calibrate(rig, self.store, self.notify, self.progress, judge=judge)
         after = self._now(rig)
@@ -222,8 +227,15 @@ class Recalibration:
     ) -> RunResult:
         settings = interval_settings(rig.file.recalibration)
 
-        def judge(new: CalibrationFact, change: TableChange, found: ErrorFigure, grown: Array) -> tuple[str, ...]:
-            return reasons_beyond(rig, self.store, before.history, settings, new, change, found, grown.tolist())
+        def judge(
+            new: CalibrationFact,
+            change: TableChange,
+            tried: Mapping[int, Correction],
+            found: ErrorFigure,
+            grown: Array,
+        ) -> tuple[str, ...]:
+            moved_m = correction_change_m(rig, self.store, last, change, tried)
+            return reasons_beyond(rig.machine, before.history, settings, new, moved_m, found, grown.tolist())
 
         outcome = recalibrate_partly(rig, self.store, last, measurement, self.notify, self.progress, judge, self.now_s)
         after = self._now(rig)

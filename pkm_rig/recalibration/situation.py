@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from calibration.base.errors import InputError
+from calibration.intervals.check_estimate import expected_error_u_m
+from calibration.intervals.decision import require_decidable
 from calibration.intervals.facts import MachineHistory
 from calibration.intervals.rules import Verdict, is_postponed, judge_all
 from calibration.machine.description import Machine
 from calibration.model.parameters import ParameterSet
+from pkm_rig.jobs.check_readings import plan_check
 from pkm_rig.jobs.interval_settings import DAY_S, interval_settings
-from pkm_rig.rig.capabilities import require_tables_for_life
+from pkm_rig.jobs.reference import keeps_covariance, load_reference
 from pkm_rig.rig.config import RigFile, load_rig
 from pkm_rig.store.life import ACCEPTED, PROPOSED, LifeRow, life_rows, machine_key
 from pkm_rig.store.life_facts import end_of_day_utc_s, machine_history
@@ -79,10 +82,24 @@ def read_situation(store: Store, rig_path: Path, now_utc_s: float) -> tuple[Situ
     return situation_of(store, file, machine, now_utc_s), file
 
 
+def require_decidable_check(store: Store, rig_path: Path, situation: Situation) -> None:
+    """InputError for a tolerance below 2 U of the first check, before it is made; later the last check tells.
+
+    By the design of a check with all poses, without payload. Where the calibration's version kept no covariance there
+    can be no check: that is said when it is to be made.
+    """
+    history, (file, machine) = situation.history, load_rig(rig_path)
+    last = history.last_calibration
+    if last is None or history.checks or not keeps_covariance(store, file.rig, last.id):
+        return
+    reference = load_reference(store, file.rig, last.id, machine, file.payloads)
+    _, design = plan_check(file, reference, 0, interval_settings(file.recalibration).check.looks[-1])
+    require_decidable(history.machine.tolerance_m(situation.now_utc_s), expected_error_u_m(design))
+
+
 def situation_of(store: Store, file: RigFile, machine: Machine, now_utc_s: float) -> Situation:
     """The situation of a rig's machine. InputError: no tolerance, one below 2 U, or the clock was set back."""
     section = file.recalibration
-    require_tables_for_life(file, machine)
     if section.tolerance_m is None:
         raise InputError("rig file: recalibration.tolerance_m is missing; state the largest error that is allowed")
     key = machine_key(machine, ParameterSet.of(machine).names)

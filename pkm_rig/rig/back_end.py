@@ -16,11 +16,15 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.compensation.host import HostCorrection, host_correction
 from calibration.compensation.limits import require_change, require_size_and_slope
+from calibration.compensation.measured_range import MeasuredRange
 from calibration.compensation.samples import Corrections, CorrectionSamples, slopes_of
-from calibration.compensation.tables import CompensationTable, correction_at, table_for_payload
+from calibration.compensation.tables import CompensationTable, build_table, correction_at, table_for_payload
 from calibration.identification.calibration import Calibration
+from calibration.identification.fit import Fit
 from calibration.machine.inverse import nominal_drives
 from calibration.machine.led_path import tool_coordinates
+from calibration.model.operating_conditions import OperatingConditions
+from calibration.reduction.report_frame import ReportFrame
 from pkm_rig.rig.capabilities import uses_tables
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.schedule import Block
@@ -41,6 +45,16 @@ class BackEnd(ABC):
     @abstractmethod
     def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> Correction:
         """The correction for a payload at some temperatures; InputError where limits do not permit it."""
+
+    @abstractmethod
+    def build_partly(
+        self, fit: Fit, report: ReportFrame, conditions: OperatingConditions, measured: MeasuredRange | None
+    ) -> Correction:
+        """The correction by a calibration that was brought up to date; measured: the range of both, where it counts."""
+
+    @abstractmethod
+    def use_former(self, former: HostCorrection | None) -> None:
+        """Have what was before act again, within the change: to measure with it. former: the host's, if it had one."""
 
     @abstractmethod
     def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
@@ -74,15 +88,19 @@ class BackEnd(ABC):
         require_size_and_slope(machine, samples.correction, slopes_of(machine, box, corrections))
         return samples
 
-    def change_since(self, correction: Correction, former: CorrectionSamples, source: str, *, accept: bool) -> float:
-        """The largest change (m or rad) since a former correction; InputError for one too large, unless accepted."""
+    def changes_since(self, correction: Correction, former: CorrectionSamples) -> Array:
+        """Changes (n, d), m or rad, since a former correction, at its samples within what was measured."""
         corrections, box = self.corrections(correction)
         commanded = tool_coordinates(self.rig.machine, former.target_m)
         inside = np.all((commanded >= box[:, 0]) & (commanded <= box[:, 1]), axis=1)
         if not np.any(inside):
-            return 0.0
-        change = corrections(former.target_m[inside]) - former.correction[inside]
-        return require_change(self.rig.machine, change, source, accept=accept)
+            return np.zeros((0, former.correction.shape[1]))
+        return corrections(former.target_m[inside]) - former.correction[inside]
+
+    def change_since(self, correction: Correction, former: CorrectionSamples, source: str, *, accept: bool) -> float:
+        """The largest change (m or rad) since a former correction; InputError for one too large, unless accepted."""
+        change = self.changes_since(correction, former)
+        return require_change(self.rig.machine, change, source, accept=accept) if len(change) else 0.0
 
     def settings(self) -> dict[str, Any]:
         """What the correction can be built from again, beside payload and temperatures."""
@@ -101,6 +119,18 @@ class DriveTables(BackEnd):
     def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> CompensationTable:
         """A table over both drives' commanded positions."""
         return table_for_payload(calibration, payload, temperatures_c)
+
+    def build_partly(
+        self, fit: Fit, report: ReportFrame, conditions: OperatingConditions, measured: MeasuredRange | None
+    ) -> CompensationTable:
+        """The same."""
+        del measured
+        return build_table(fit, report, conditions)
+
+    def use_former(self, former: HostCorrection | None) -> None:
+        """The drives' former tables, or none."""
+        del former
+        self.change.use_former()
 
     def remark(self, block: Block, correction: Correction) -> str | None:
         """How fine the grid is, and what interpolation adds."""
@@ -156,19 +186,36 @@ class Host(BackEnd):
 
     def __init__(self, rig: Rig, change: TableChange) -> None:
         super().__init__(rig, change)
-        self._crc = 0
+        self._crcs: dict[float, int] = {}  # of what was tried, by payload in kg
 
     def build(self, calibration: Calibration, payload: int, temperatures_c: dict[str, float]) -> HostCorrection:
         """The identified model itself."""
         return host_correction(calibration, payload, temperatures_c)
 
+    def build_partly(
+        self, fit: Fit, report: ReportFrame, conditions: OperatingConditions, measured: MeasuredRange | None
+    ) -> HostCorrection:
+        """The same. InputError beyond the range."""
+        if measured is None:
+            raise TypeError("a correction by the host is for what was measured")
+        measured.require(conditions)
+        return HostCorrection(fit, report, conditions, measured)
+
+    def use_former(self, former: HostCorrection | None) -> None:
+        """The host's former correction, or none."""
+        self.rig.compensate(None)
+        if former is not None:
+            self.rig.host = former.corrections
+            self.require_in_use()
+
     def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
         """Have this computer correct its targets; refused while a drive has a table on."""
-        corrections, _ = self.corrections(correction)
-        self._crc = zlib.crc32(self.samples(correction).crc.to_bytes(4, "little"), self._crc)
-        self.change.try_host(self._crc)
+        if not isinstance(correction, HostCorrection):
+            raise TypeError("a correction by the host is needed")
+        self._crcs[correction.conditions.payload_kg] = self.samples(correction).crc
+        self.change.try_host(zlib.crc32(b"".join(crc.to_bytes(4, "little") for crc in self._crcs.values())))
         self.rig.compensate(None)
-        self.rig.host = corrections
+        self.rig.host = correction.corrections
         self.require_in_use()
         return {}
 

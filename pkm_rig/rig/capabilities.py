@@ -83,15 +83,6 @@ def can_verify(file: RigFile, machine: Machine, rig_path: Path) -> bool:
     )
 
 
-def require_tables_for_life(file: RigFile, machine: Machine) -> None:
-    """Refuse what compares a machine with the tables in its drives where this computer corrects instead."""
-    if not uses_tables(file, machine):
-        raise InputError(
-            f"rig {file.rig}: this computer corrects {machine.name}, no tables in its drives; health and recalibrate "
-            "are for machines whose drives have them: calibrate, and compare campaigns with `pkm-rig compare`"
-        )
-
-
 def has_table_drives(machine: Machine) -> bool:
     """Whether a table of each drive over its own position and its one partner's can compensate the machine."""
     return machine.drive_kinds == ("slider", "slider")

@@ -64,16 +64,6 @@ def require_same_kind(rig: Rig, store: Store, campaign: str) -> None:
         )
 
 
-def require_table_banks(rig: Rig) -> None:
-    """Raise InputError unless the drives of a connected rig are compensated by tables that they store."""
-    if not uses_tables(rig.file, rig.machine):
-        raise InputError(
-            f"rig {rig.file.rig}: {rig.machine.name} is corrected by the host, without tables in its drives, against "
-            "which this command checks; measure and verify anew"
-        )
-    require_back_end(rig)
-
-
 def require_back_end(rig: Rig) -> None:
     """Raise InputError if the drives of a connected rig are to be compensated by tables and store none."""
     if uses_tables(rig.file, rig.machine) and not rig.banks:

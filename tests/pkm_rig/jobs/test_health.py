@@ -14,7 +14,7 @@ from calibration.base.errors import InputError
 from calibration.intervals.check_estimate import estimate_check
 from calibration.recording.header import KnownTable
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.check_readings import design_and_residual, observe, plan_visits, true_drives
+from pkm_rig.jobs.check_readings import design_and_residual, observe, plan_check, true_drives
 from pkm_rig.jobs.health import PHASE, health, health_json
 from pkm_rig.jobs.history import history
 from pkm_rig.jobs.life_record import key_of
@@ -128,7 +128,7 @@ def test_the_first_poses_tell_most(checked):
     result, store, *_ = checked
     file, machine = rig_file()
     reference = load_reference(store, RIG, result.fact.calibration, machine, file.payloads)
-    planned = plan_visits(file, reference, 1, 12)
+    planned, _ = plan_check(file, reference, 1, 12)
     low, high = machine.commanded_limits.T
     assert len({tuple(visit.target_m) for visit in planned}) == 12
     for visit in planned:

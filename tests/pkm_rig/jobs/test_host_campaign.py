@@ -1,8 +1,12 @@
-"""A machine that the host corrects, over the wire: calibrated, checked, its correction shown, off, and back again."""
+"""A machine that the host corrects, over the wire: calibrated, checked, its correction shown, off, and back again; then
+one of its drives loses its reference, which is measured, proposed, approved and taken back.
+"""
 
 from __future__ import annotations
 
 import re
+import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -11,9 +15,16 @@ from calibration.base.errors import InputError
 from calibration.machine.inverse import nominal_drives
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.calibrate import calibrate
-from pkm_rig.jobs.former_correction import SAMPLES, former_correction, verified_correction
+from pkm_rig.jobs.former_correction import SAMPLES, former_correction, partial_data, verified_correction
 from pkm_rig.jobs.health import PHASE, health
+from pkm_rig.jobs.life_record import DRIVE_REPLACED, note_event
+from pkm_rig.jobs.partial_verification import AFTER
 from pkm_rig.jobs.tables import change_to_off, last_change, roll_back, show_tables
+from pkm_rig.jobs.tables_in_force import require_host
+from pkm_rig.recalibration.decisions import note
+from pkm_rig.recalibration.proposals import approve, take_back
+from pkm_rig.recalibration.run import Recalibration
+from pkm_rig.recalibration.situation import situation_of
 from pkm_rig.report.outcome_json import coordinates_json
 from pkm_rig.rig.config import demo_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
@@ -48,6 +59,7 @@ def calibrated(tmp_path_factory):
         connect_rig(mock.file, machine, mock.clock, mock.bus_factory, rig_path=path) as rig,
         open_store(tmp_path_factory.mktemp("host"), hold=True) as store,
     ):
+        rig.mock = mock.mock
         yield rig, store, calibrate(rig, store, silent, silent)
 
 
@@ -120,3 +132,84 @@ def test_targets_beyond_what_was_measured_have_no_correction(calibrated):
     beyond[0, 0] = rig.machine.commanded_limits[0, 1] * 1.5
     with pytest.raises(InputError, match="were measured, beyond them there is none"):
         correction.drives(beyond)
+
+
+LOST_RAD = 3e-4
+LIFE = """[recalibration]
+tolerance_m = 9e-5
+alone = true
+windows = [{ begin = "00:00", end = "00:00" }]
+[recalibration.envelope]
+table_m = 1e-9
+"""
+
+
+@pytest.fixture(scope="module")
+def proposed(calibrated, tmp_path_factory):
+    """The first crank counts from elsewhere, which somebody enters: what a scheduled run does, and what follows."""
+    rig, store, _ = calibrated
+    path = tmp_path_factory.mktemp("proposed") / "rig.toml"
+    path.write_text(demo_rig_path("rrr4").read_text(encoding="utf-8") + LIFE, encoding="utf-8")
+    file, _ = load_rig(path)
+    campaign = file.campaign.model_copy(update={**SETTINGS, "verification_poses": 12})
+    rig.file = rig.file.model_copy(update={"campaign": campaign, "recalibration": file.recalibration})
+    rig.mock.drives[0].recount(LOST_RAD)
+
+    def now():
+        return situation_of(store, rig.file, rig.machine, time.time())
+
+    @contextmanager
+    def connect():
+        yield rig
+
+    note(store, now(), "reference lost", "a", "tester", "the battery was empty")
+    result = Recalibration(path, path.parent, store, connect, silent, silent).run(scheduled=True)
+    return result, now, host_in_use(store, rig.file.rig, rig.machine.name)
+
+
+def test_beyond_the_envelope_the_former_correction_stays_and_a_proposal_waits(calibrated, proposed):
+    _, store, outcome = calibrated
+    result, now, in_use = proposed
+    assert (result.done, result.alarm, now().proposal.campaign) == ("proposal", True, result.campaign)
+    assert "a drive's correction would change by" in result.why
+    assert (in_use.campaign, in_use.on) == (outcome.campaign, True)
+    phases = {
+        phase: len(set(store.recording(result.campaign).rows(phase)["visit"])) for phase in ("calibration", AFTER)
+    }
+    assert phases == {"calibration": 10, AFTER: 12}
+
+
+def test_what_was_brought_up_to_date_is_the_same_when_it_is_fitted_anew(calibrated, proposed):
+    """The crank is led back by what it has lost."""
+    _, store, outcome = calibrated
+    campaign = proposed[0].campaign
+    assert partial_data(store, "embedded-rrr4", campaign)["prior"] == outcome.campaign
+    assert partial_data(store, "embedded-rrr4", outcome.campaign) is None
+    rows = store.recording(campaign).rows(AFTER)
+    former, new = (
+        verified_correction(store, name, 0).drives(rows.targets_m()) for name in (outcome.campaign, campaign)
+    )
+    assert rows.drives("commanded_m") == pytest.approx(new, abs=3e-8)
+    assert np.mean(new - former, axis=0)[0] == pytest.approx(-LOST_RAD, rel=0.2)
+
+
+def test_a_proposal_is_approved_and_taken_back(calibrated, proposed):
+    rig, store, outcome = calibrated
+    result, now, _ = proposed
+    proposal = now().proposal
+    approved = approve(rig, store, proposal, "tester", "looked at", time.time)
+    state = host_in_use(store, rig.file.rig, rig.machine.name)
+    assert (state.campaign, approved) == (result.campaign, {"host": f"generation {state.generation}"})
+    last = now().history.last_calibration
+    assert (last.id, last.extent, now().state) == (result.campaign, "drive offset", "fit")
+    assert last.as_found.position_m > 3.0 * last.as_left.position_m
+    assert require_host(rig, store, last.id).conditions.payload_kg == 0.0
+    with pytest.raises(InputError, match="is not that of calibration"):
+        take_back(rig, store, now().key, "another", last.tables, "tester", "worse")
+    use = take_back(rig, store, now().key, last.id, last.tables, "tester", "worse")
+    state = host_in_use(store, rig.file.rig, rig.machine.name)
+    assert (state.campaign, use) == (outcome.campaign, state.in_words())
+    assert now().history.last_calibration.id == outcome.campaign
+    note_event(rig, store, DRIVE_REPLACED, {"part": "b"})
+    with pytest.raises(InputError, match="drive b was replaced since"):
+        approve(rig, store, proposal, "tester", "again", time.time)

@@ -35,7 +35,7 @@ def require_certificate(history: MachineHistory, serial: str, now_utc_s: float) 
     """Refuse an instrument that is unknown or whose certificate has expired."""
     instrument = history.instrument(serial)
     if instrument is None:
-        raise InputError(f"instrument {serial}: is not in the store: enter its certificate first")
+        raise InputError(f"instrument {serial}: has no certificate in the rig file; enter it in [[certificates]]")
     if now_utc_s > instrument.due_utc_s:
         raise InputError(
             f"instrument {serial}: certificate {instrument.certificate} expired on {_date(instrument.due_utc_s)}: "

@@ -13,12 +13,13 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.intervals.extent import Measurement
 from calibration.intervals.facts import CalibrationFact, ErrorFigure
+from calibration.intervals.validity import require_certificate
 from drivers.errors import DeviceError
 from pkm_rig.errors import CampaignRefused, NotChecked, StoreError
 from pkm_rig.jobs.calibrate import calibrate
 from pkm_rig.jobs.health import health
 from pkm_rig.jobs.interval_settings import interval_settings
-from pkm_rig.jobs.life_record import note_devices, utc_text, verdict_data
+from pkm_rig.jobs.life_record import STATION, note_devices, utc_text, verdict_data
 from pkm_rig.jobs.partial import recalibrate_partly
 from pkm_rig.jobs.tables_in_force import require_tables
 from pkm_rig.recalibration.envelope import correction_change_m, reasons_beyond
@@ -175,6 +176,8 @@ class Recalibration:
 
     def _on(self, rig: Rig, intended: Plan, *, scheduled: bool) -> RunResult:
         note_devices(rig, self.store, self.notify, self.now_s)
+        if (why := self._lacks_certificate(rig)) is not None:
+            return self._result(self._now(rig), "skipped", f"{why} ({intended.why})", alarm=True)
         if scheduled and not is_automatic(rig, rig.file.recalibration.plc):
             return self._result(
                 self._now(rig), "skipped", f"the PLC does not grant the automatic mode ({intended.why})"
@@ -193,6 +196,16 @@ class Recalibration:
             why = f"{situation.state}; somebody has to calibrate (recalibration.alone is not granted)"
             return self._result(situation, "check" if checked else "skipped", why, campaign=checked, alarm=True)
         return self._calibrate(rig, situation, found)
+
+    def _lacks_certificate(self, rig: Rig) -> str | None:
+        """Why the station that answers must not be measured with, where the rig file has certificates of a station."""
+        station = rig.station.identity
+        if station is not None and any(entry.instrument == STATION for entry in rig.file.certificates):
+            try:
+                require_certificate(self._now(rig).history, str(station.serial), self.now_s())
+            except InputError as error:
+                return str(error)
+        return None
 
     def _calibrate(self, rig: Rig, before: Situation, found: ErrorFigure | None) -> RunResult:
         last, measurement = before.history.last_calibration, before.verdict.measurement

@@ -103,7 +103,7 @@ def situation_of(store: Store, file: RigFile, machine: Machine, now_utc_s: float
     if section.tolerance_m is None:
         raise InputError("rig file: recalibration.tolerance_m is missing; state the largest error that is allowed")
     key = machine_key(machine, ParameterSet.of(machine).names)
-    history = machine_history(store, file.rig, key, section.tolerance_m)
+    history = machine_history(store, file.rig, key, section.tolerance_m, now_utc_s)
     verdict = judge_all(history, interval_settings(section), now_utc_s)
     return Situation(
         rig=file.rig,

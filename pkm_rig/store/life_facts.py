@@ -34,11 +34,13 @@ def utc_s(created: str) -> float:
     return datetime.fromisoformat(created).timestamp()
 
 
-def machine_history(store: Store, rig: str, key: str, tolerance_m: float | None = None) -> MachineHistory:
+def machine_history(
+    store: Store, rig: str, key: str, tolerance_m: float | None = None, now_utc_s: float = 0.0
+) -> MachineHistory:
     """All facts of one machine of a rig, the calibrations whose tables were accepted and not rolled back only.
 
-    tolerance_m: that of the rig file, for a store that was told of none yet. InputError where facts contradict one
-    another (the clock was set back), StoreError for a row that is damaged.
+    tolerance_m: that of the rig file now, which the store may not have been told of yet. InputError where facts
+    contradict one another (the clock was set back), StoreError for a row that is damaged.
     """
     calibrations = calibration_rows(store, rig)
     checks = life_rows(store, "checks", rig, key)
@@ -48,7 +50,7 @@ def machine_history(store: Store, rig: str, key: str, tolerance_m: float | None 
     known = {fact.id for fact in facts}
     with RowDamage(f"store {store.name}: the life of rig {rig}"):
         return MachineHistory(
-            machine=_machine(key, facts, events, tolerance_m),
+            machine=_machine(key, facts, events, None if tolerance_m is None else Tolerance(now_utc_s, tolerance_m)),
             instruments=_instruments(life_rows(store, "instruments", rig)),
             calibrations=tuple(facts),
             checks=tuple(check_fact(row) for row in checks if row.data["calibration"] in known),
@@ -86,11 +88,11 @@ def _is_first_tolerance(row: LifeRow, events: Sequence[LifeRow]) -> bool:
 
 
 def _machine(
-    key: str, calibrations: Sequence[CalibrationFact], events: Sequence[LifeRow], tolerance_m: float | None
+    key: str, calibrations: Sequence[CalibrationFact], events: Sequence[LifeRow], now: Tolerance | None
 ) -> MachineFact:
     tolerances = [Tolerance(utc_s(r.created), r.data["position_m"]) for r in events if r.kind == TOLERANCE_CHANGED]
-    if not tolerances and tolerance_m is not None:
-        tolerances = [Tolerance(0.0, tolerance_m)]
+    if now is not None and (not tolerances or tolerances[-1].position_m != now.position_m):
+        tolerances = [t for t in tolerances if t.since_utc_s < now.since_utc_s] + [now]
     if not tolerances:
         raise InputError("rig file: recalibration.tolerance_m is missing; state the largest error that is allowed")
     name, _, identity = key.rpartition("/")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_closure, nominal_drives, nominal_poses
 from calibration.machine.led_path import tool_coordinates
 from calibration.model.operating_conditions import OperatingConditions
+from calibration.model.visits import Visits
 from tests.pkm_rig.spatial_recording import TEMPERATURES_C, record
 
 
@@ -96,6 +98,19 @@ def range_of(machine="stewart6"):
 
 def conditions(kg, struts_c):
     return OperatingConditions(kg, (0.0, 0.0, 0.0), {"struts": struts_c})
+
+
+def test_a_later_measurement_widens_loads_and_temperatures_but_not_the_poses():
+    measured = range_of()
+    target = nominal_poses(measured.machine, measured.machine.commanded_limits.mean(axis=1)[None])
+    drives = nominal_drives(measured.machine, target)
+    later = Visits(drives, target, np.array([450.0]), np.zeros((1, 3)), {"struts": np.array([28.0])})
+    wider = measured.widened(later)
+    assert (wider.payload_kg, wider.temperatures_c["struts"]) == ((0.0, 450.0), (20.0, 28.0))
+    np.testing.assert_array_equal(wider.box, measured.box)
+    again = MeasuredRange.of_json(measured.machine, json.loads(json.dumps(wider.as_json())))
+    np.testing.assert_array_equal(again.box, wider.box)
+    assert (again.payload_kg, again.temperatures_c) == (wider.payload_kg, wider.temperatures_c)
 
 
 def test_there_is_no_correction_beyond_the_measured_loads():

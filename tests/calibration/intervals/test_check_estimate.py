@@ -9,15 +9,22 @@ import pytest
 from scipy.special import ndtr
 
 from calibration.base.errors import InputError
+from calibration.identification.pose_selection import workspace_poses
 from calibration.intervals.check_design import CheckReadings, check_design, choose_poses
-from calibration.intervals.check_estimate import estimate_check, joint_change
+from calibration.intervals.check_estimate import estimate_check, expected_error_u_m, joint_change
 from calibration.intervals.drift import DriftSettings
 from calibration.intervals.extent import what_to_measure
 from calibration.intervals.facts import EventFact
 from calibration.intervals.partial import grown_covariance, released_covariance
-from calibration.intervals.watched import smr_response, station_nuisance, tool_response, watched_changes
+from calibration.intervals.watched import (
+    drive_offset,
+    smr_response,
+    station_nuisance,
+    tool_response,
+    watched_changes,
+)
 from calibration.machine.description import load_machine, shipped_machine
-from calibration.machine.inverse import nominal_drives
+from calibration.machine.inverse import nominal_drives, nominal_poses
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
@@ -101,6 +108,24 @@ def test_a_drive_s_offset_is_that_of_its_base_joints(model):
     assert column[column != 0.0] == pytest.approx([1.0, 1.0])
 
 
+@pytest.mark.parametrize("name", ["planar4", "stewart6", "rrr4", "delta6"])
+def test_a_drive_that_stands_elsewhere_is_what_its_offset_says(name):
+    """The pose with a drive a little farther is that of the parameters of its offset, by the model itself."""
+    machine, step = load_machine(shipped_machine(name)), 2e-6
+    model = Model(ParameterSet.of(machine))
+    target = nominal_poses(machine, workspace_poses(machine, 5, 3)[:, machine.commanded])
+    visits = Visits.at_reference_temperature(machine, nominal_drives(machine, target), target)
+    for drive in range(len(machine.drive_names)):
+        farther = visits.drives.copy()
+        farther[:, drive] += step
+        moved = model.predict(np.zeros(len(model)), replace(visits, drives=farther)).equilibrium.coordinates()
+        offset = step * drive_offset(model.parameters, drive)
+        meant = model.predict(offset, visits).equilibrium.coordinates()
+        before = model.predict(np.zeros(len(model)), visits).equilibrium.coordinates()
+        assert np.abs(moved - before).max() > 0.1 * step
+        assert meant == pytest.approx(moved, abs=2e-4 * step)
+
+
 def test_a_slider_s_reflector_goes_with_its_drive_s_offset(design, readings, model):
     """A drive that has lost its reference carries its reflector as far as it stands off; no other is touched alone."""
     column = design.watched.combination[len(model.parameters) :, design.watched.names.index("drive_offset.left")]
@@ -172,6 +197,13 @@ def test_noise_alone_is_no_error(design):
     errors = [estimate_check(design, rng.standard_normal(len(design.by_parameter))).error for _ in range(200)]
     assert np.median([e.position_m for e in errors]) < errors[0].u_m
     assert min(e.position_m for e in errors) == 0.0
+
+
+def test_the_uncertainty_of_a_check_is_known_before_it(design):
+    """The median over checks of an unchanged machine, from other noise."""
+    rng = np.random.default_rng(21)
+    u = [estimate_check(design, rng.standard_normal(len(design.by_parameter))).error.u_m for _ in range(400)]
+    assert expected_error_u_m(design) == pytest.approx(np.median(u), rel=0.1)
 
 
 def test_independent_changes_are_fewer_than_the_watched_ones(design):

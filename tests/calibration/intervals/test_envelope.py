@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.intervals.envelope import Envelope, VerificationPlan, judge, verify, verify_further
+from calibration.intervals.envelope import Envelope, VerificationPlan, judge, verify, verify_further, without_harm
 from calibration.intervals.facts import ErrorFigure
 from tests.calibration.intervals.facts_for_tests import DAY_S, START_S, calibration
 
@@ -28,7 +28,7 @@ def test_small_changes_need_no_approval():
     ("changes", "table_m", "found_um", "words"),
     [
         ({"parameters": (3e-5, 2e-5)}, 1e-6, 5.0, "drive_scale.left has changed by 2e-05, 14.1"),
-        ({}, -60e-6, 5.0, "tables would change by -60.0 um"),
+        ({}, -60e-6, 5.0, "a drive's correction would change by -60.0 um"),
         ({}, 1e-6, 80.0, "the error was 80.0 um"),
         ({"parameter_names": ("a", "b")}, 1e-6, 5.0, "history begins anew"),
     ],
@@ -105,3 +105,15 @@ def test_a_verification_needs_a_dozen_poses():
         verify_further(np.zeros((13, 2)), np.zeros((13, 2)), 1e-6, VerificationPlan())
     with pytest.raises(InputError, match="not in"):
         VerificationPlan(error=0.5)
+
+
+def test_rotations_that_have_become_worse_refuse_what_the_positions_accept():
+    rng, u_rad, plan = np.random.default_rng(5), 4e-6, VerificationPlan()
+    noise = [u_rad * rng.standard_normal((12, 2)) for _ in range(3)]
+    moves = 30e-6 * rng.standard_normal((12, 2))
+    answer, result = verify_further(moves, moves * 0.1, 2e-6, plan)
+    assert without_harm(answer, result, noise[0], noise[1], u_rad, plan) == (answer, result) == ("accepted", result)
+    answer, worse = without_harm(answer, result, noise[0], noise[2] + 25e-6, u_rad, plan)
+    assert (answer, worse.accepted, worse.fall_m) == ("refused", False, result.fall_m)
+    assert "rotation errors rise by" in worse.reason
+    assert worse.reason.endswith("former tables back")

@@ -164,7 +164,7 @@ def test_a_certificate_must_be_known_and_valid():
     require_certificate(history(), "T1", NOW)
     with pytest.raises(InputError, match="expired"):
         require_certificate(history(), "T1", START_S + 500 * DAY_S)
-    with pytest.raises(InputError, match="not in the store"):
+    with pytest.raises(InputError, match="has no certificate"):
         require_certificate(history(), "T9", NOW)
 
 

@@ -16,10 +16,11 @@ from calibration.machine.description import shipped_machine
 from drivers.errors import DeviceError
 from pkm_rig.errors import StoreError
 from pkm_rig.jobs.interval_settings import interval_settings
+from pkm_rig.jobs.life_record import utc_text
 from pkm_rig.recalibration.decisions import note, postpone
 from pkm_rig.recalibration.journal import journal_path, last_entry, send_notification, write_line
 from pkm_rig.recalibration.run import Recalibration, RunResult, plan
-from pkm_rig.recalibration.situation import read_situation
+from pkm_rig.recalibration.situation import read_situation, require_decidable_check
 from pkm_rig.recalibration.units import unit_texts, write_units
 from pkm_rig.recalibration.watch import Watcher, watch
 from pkm_rig.rig.config import load_rig
@@ -226,6 +227,31 @@ def test_a_tolerance_below_2_u_is_refused_with_the_figure(out):
         add_to_life(store, "checks", rig=RIG, machine=situation.key, kind="fit", data=check, campaign="k1")
         with pytest.raises(InputError, match=r"tolerance 60.0 um is below 2 U = 80.0 um"):
             read_situation(store, path, CALIBRATED_S + 20.0)
+
+
+def test_before_the_first_check_a_tolerance_below_its_2_u_is_refused(out):
+    path = write_rig(out, ALWAYS)
+    path.write_text(path.read_text().replace("tolerance_m = 60e-6", "tolerance_m = 9e-6"))
+    with open_existing_store(out) as store:
+        situation, _ = read_situation(store, path, CALIBRATED_S)
+        with pytest.raises(InputError, match=r"tolerance 9\.0 um is below 2 U = 1\d\.\d um of the check"):
+            require_decidable_check(store, path, situation)
+        path.write_text(path.read_text().replace("tolerance_m = 9e-6", "tolerance_m = 18e-6"))
+        wider, _ = read_situation(store, path, CALIBRATED_S)
+        require_decidable_check(store, path, wider)
+
+
+def test_a_tolerance_of_the_rig_file_counts_before_any_command_has_connected(out):
+    path = write_rig(out, ALWAYS)
+    with hold_existing_store(out) as store:
+        key = read_situation(store, path, CALIBRATED_S)[0].key
+        told = {"created": utc_text(CALIBRATED_S - 99.0), "campaign": None}
+        add_to_life(
+            store, "machine_events", rig=RIG, machine=key, kind="tolerance changed", data={"position_m": 5e-5}, **told
+        )
+        machine = read_situation(store, path, CALIBRATED_S)[0].history.machine
+    assert machine.tolerance_m(CALIBRATED_S - 50.0) == 5e-5
+    assert machine.tolerance_m(CALIBRATED_S) == 60e-6
 
 
 def test_without_a_tolerance_nothing_can_be_judged(out):

@@ -57,6 +57,17 @@ def test_the_plc_has_to_grant_the_automatic_mode(tmp_path):
         assert is_automatic(rig, rig.file.recalibration.plc)
 
 
+def test_a_station_that_its_certificate_is_not_for_measures_nothing(tmp_path):
+    out = keep_store(tmp_path)
+    paper = '[[certificates]]\ninstrument = "station"\nnumber = "T-17"\ndue = 2099-01-01\nserial = "another one"'
+    path = write_rig(out, ALWAYS, top=paper)
+    with closing(Store(store_path(out))) as store, connected(path) as (_, rig):
+        result = job_on(path, out, store, rig, lambda: CALIBRATED_S + 8.0 * 86400.0).run(scheduled=False)
+        assert (result.done, result.alarm) == ("skipped", True)
+        assert f"instrument {rig.station.identity.serial}: has no certificate in the rig file" in result.why
+        assert life_rows(store, "checks", RIG) == []
+
+
 @pytest.fixture(scope="module")
 def proposed(tmp_path_factory):
     """A calibration that was due after a collision, beyond its envelope; then what was decided about it."""

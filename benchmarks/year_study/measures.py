@@ -147,6 +147,19 @@ def hours_line(ours: Sequence[Row], monthly: Sequence[Row]) -> Line:
     return Line("hours against a monthly calendar", "at most 50 %", _percent(ratio), interval, len(pairs), ratio <= 0.5)
 
 
+def tolerance_line(ours: Sequence[Row], monthly: Sequence[Row]) -> Line:
+    """Time out of tolerance less that under the monthly calendar on the same years, with a bootstrap interval."""
+    theirs = {r["number"]: r["out_weeks"] for r in monthly}
+    more = np.array([r["out_weeks"] - theirs[r["number"]] for r in ours if r["number"] in theirs]) / WEEKS
+    measure = "time out of tolerance less the monthly calendar's"
+    if not len(more):
+        return Line(measure, "", "-", "", 0, None)
+    draw = np.random.default_rng(1).integers(0, len(more), (2000, len(more)))
+    low, high = np.quantile(more[draw].mean(axis=1), [0.025, 0.975])
+    figures = [f"{100.0 * share:+.2f} %" for share in (float(more.mean()), float(low), float(high))]
+    return Line(measure, "", figures[0], f"{figures[1]} to {figures[2]}", len(more), None)
+
+
 def check_line(rows: Sequence[Row]) -> Line:
     """Minutes of rig time of a check: the median."""
     poses = [p for r in rows for p in r["poses"]]
@@ -159,7 +172,7 @@ def check_line(rows: Sequence[Row]) -> Line:
 
 
 def policy_lines(rows: Sequence[Row]) -> list[str]:
-    """Every policy on the same years: hours, time out of tolerance, false alarms, calibrations a year."""
+    """Every policy on the same years, and ours at other rates: hours, out of tolerance, false alarms, calibrations."""
     out = [f"{'on the same years':20s} {'years':>5s} {'hours':>7s} {'out of tolerance':>17s} {'false alarms':>13s} "
            f"{'calibrations':>13s}"]  # fmt: skip
     least = min((len(of(rows, k)) for k in RIVALS if of(rows, k)), default=0)
@@ -168,16 +181,19 @@ def policy_lines(rows: Sequence[Row]) -> list[str]:
         shared &= {r["number"] for r in of(rows, kind)} if of(rows, kind) else shared
     for kind in ("ours", *RIVALS):
         some = [r for r in of(rows, kind) if r["number"] in shared]
-        if not some or not least:
-            continue
-        n, quiet = len(some), sum(r["quiet_weeks"] for r in some) / WEEKS
-        out.append(
-            f"{kind:20s} {n:5d} {sum(r['hours'] for r in some) / n:7.2f} "
-            f"{100.0 * sum(r['out_weeks'] for r in some) / (WEEKS * n):15.2f} % "
-            f"{sum(r['false_alarms'] for r in some) / max(quiet, 1e-9):13.2f} "
-            f"{sum(r['calibrations'] for r in some) / n:13.2f}"
-        )
-    return out
+        if some and least:
+            out.append(_policy_line(kind, some))
+    return out + [_policy_line(f"ours, {kind}", of(rows, kind)) for kind in OTHER_RATES if of(rows, kind)]
+
+
+def _policy_line(name: str, some: Sequence[Row]) -> str:
+    n, quiet = len(some), sum(r["quiet_weeks"] for r in some) / WEEKS
+    return (
+        f"{name:20s} {n:5d} {sum(r['hours'] for r in some) / n:7.2f} "
+        f"{100.0 * sum(r['out_weeks'] for r in some) / (WEEKS * n):15.2f} % "
+        f"{sum(r['false_alarms'] for r in some) / max(quiet, 1e-9):13.2f} "
+        f"{sum(r['calibrations'] for r in some) / n:13.2f}"
+    )
 
 
 def table(rows: Sequence[Row]) -> tuple[list[Line], list[str]]:
@@ -189,6 +205,7 @@ def table(rows: Sequence[Row]) -> tuple[list[Line], list[str]]:
         *ramp_lines(of(rows, "ramp")),
         activation_line(_activations(rows)),
         hours_line(ours, of(rows, MONTHLY)),
+        tolerance_line(ours, of(rows, MONTHLY)),
         check_line(ours),
         *(false_alarms(of(rows, k), k, None) for k in OTHER_RATES if of(rows, k)),
         *lost_lines(of(rows, "lost")),

@@ -15,6 +15,7 @@ from calibration.identification.pose_selection import candidate_poses, workspace
 from calibration.instruments import station_geometry
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.intervals.check_design import CheckReadings, check_design, choose_poses
+from calibration.intervals.check_effects import with_effects
 from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.watched import watched_changes
 from calibration.machine.description import Machine
@@ -47,7 +48,10 @@ class CheckObservations:
 
 
 def plan_check(file: RigFile, reference: Reference, payload: int, count: int) -> tuple[list[PlannedVisit], CheckDesign]:
-    """`count` visits, the most informative first, and the design of a check that makes them all."""
+    """`count` visits, the most informative first, and the design of a check that makes them all.
+
+    By their power against what a check watches and against the catalogue's effects that it can show.
+    """
     machine = reference.machine
     tool = candidate_poses(machine, CANDIDATES, SEED)
     targets = nominal_poses(machine, np.unique(tool[:, machine.commanded], axis=0))
@@ -58,7 +62,8 @@ def plan_check(file: RigFile, reference: Reference, payload: int, count: int) ->
         )
     drives = commanded_drives(machine, targets)
     entry = file.payloads[payload]
-    poses = reference.predict(_visits_at(reference, drives, targets, entry))
+    visited = _visits_at(reference, drives, targets, entry)
+    poses = reference.predict(visited)
     frame = station_frame(file.station.position_m, file.station.heading_rad, machine.gravity_m_per_s2)
     smrs = reference.moving
     mounting = reference.mounting_m()
@@ -70,7 +75,10 @@ def plan_check(file: RigFile, reference: Reference, payload: int, count: int) ->
     readings = CheckReadings(visit, smr, place, _whiten(covariance, frame, reference.noise))
     design = _design(file, reference, readings, poses, entry)
     of_visit = np.repeat(visit, 3)
-    chosen = choose_poses(design, of_visit, count)
+    workspace = _visits_at(reference, *_workspace(machine), entry)
+    chosen = choose_poses(
+        with_effects(design, readings, reference.predict, visited, workspace, mounting), of_visit, count
+    )
     return _planned(file, machine, targets, drives, payload, chosen), design.rows(np.isin(of_visit, chosen))
 
 

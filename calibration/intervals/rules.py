@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -82,7 +83,8 @@ def operating_hours(history: MachineHistory, settings: IntervalSettings, now_utc
     run = hours - last.operating_h
     if run < 0.0:
         raise InputError(f"operating hours: {hours:.1f} h now, {last.operating_h:.1f} h at calibration {last.id}")
-    words = f"{run:.0f} h since calibration {last.id}, {settings.operating_h:.0f} allowed"
+    limit = f"{settings.operating_h:.0f} allowed" if math.isfinite(settings.operating_h) else "no limit is stated"
+    words = f"{run:.0f} h since calibration {last.id}, {limit}"
     return RuleResult("operating hours", "due" if run >= settings.operating_h else "fit", words)
 
 

@@ -191,13 +191,6 @@ def test_another_machine_file_begins_a_history_that_nobody_begins_alone(out):
     assert what(path, out, scheduled=False).what == "calibration"
 
 
-def test_a_machine_that_the_computer_corrects_is_refused_at_once(out):
-    path = write_rig(out, ALWAYS)
-    path.write_text(path.read_text().replace("[campaign]", '[campaign]\ncompensation = "host"'))
-    with open_existing_store(out) as store, pytest.raises(InputError, match="this computer corrects planar4"):
-        read_situation(store, path, CALIBRATED_S)
-
-
 def test_drift_and_prediction_are_as_the_rig_file_says(out):
     path = write_rig(
         out,

@@ -104,7 +104,7 @@ def proposed(tmp_path_factory):
 def test_beyond_the_envelope_the_former_tables_stay_and_a_proposal_waits(proposed):
     result = proposed["result"]
     assert (result.done, result.campaign) == ("proposal", proposed["waiting"])
-    assert "tables would change by" in result.why
+    assert "a drive's correction would change by" in result.why
     assert result.alarm
     assert proposed["told"] == (1, 0, 1)  # due, now, somebody is asked for
     assert proposed["former kept"] is None

@@ -39,20 +39,18 @@ class MeasuredRange:
     @classmethod
     def of_visits(cls, machine: Machine, visits: Visits) -> MeasuredRange:
         """Of visits."""
-        return cls(
-            machine,
-            measured_box(machine, visits.target_m),
-            (float(np.min(visits.payload_kg)), float(np.max(visits.payload_kg))),
-            {name: (float(np.min(t)), float(np.max(t))) for name, t in visits.temperatures_c.items()},
-        )
+        temperatures = {name: _range_of(values) for name, values in visits.temperatures_c.items()}
+        return cls(machine, measured_box(machine, visits.target_m), _range_of(visits.payload_kg), temperatures)
 
     def widened(self, visits: Visits) -> MeasuredRange:
         """With the loads and temperatures of further visits; the poses stay."""
-        more = self.of_visits(self.machine, visits)
         return replace(
             self,
-            payload_kg=_both(self.payload_kg, more.payload_kg),
-            temperatures_c={name: _both(t, more.temperatures_c[name]) for name, t in self.temperatures_c.items()},
+            payload_kg=_range_of(np.append(visits.payload_kg, self.payload_kg)),
+            temperatures_c={
+                name: _range_of(np.append(visits.temperatures_c[name], known))
+                for name, known in self.temperatures_c.items()
+            },
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -108,5 +106,5 @@ class MeasuredRange:
         )
 
 
-def _both(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    return min(one[0], other[0]), max(one[1], other[1])
+def _range_of(values: Array) -> tuple[float, float]:
+    return float(np.min(values)), float(np.max(values))

@@ -32,6 +32,8 @@ def note(store: Store, situation: Situation, event: str, part: str, who: str, wh
     """Enter an event that no device reports."""
     if event not in NOTED:
         raise InputError(f"recalibrate note: --event is one of {', '.join(NOTED)}")
+    if event == "reference lost" and part.strip() not in ("", *situation.drives):
+        raise InputError(f"recalibrate note: --part {part}: no such drive; there are {', '.join(situation.drives)}")
     data = {"part": part.strip(), "detail": why.strip(), "who": who.strip()}
     _add(store, situation, event, data)
 

@@ -30,11 +30,12 @@ class Situation:
     """The machine's history, the verdict of all rules on it, and what else decides whether something is done now.
 
     proposal: the calibration that waits for approval. expired: certificates that are no longer valid, in words.
-    check_due_utc_s: when the next check is due. begins_anew: that the store has another machine of this rig, in words.
+    drives: names of its drives. check_due_utc_s: when the next check is due. begins_anew: that the store has another machine of this rig, in words.
     """
 
     rig: str
     key: str
+    drives: tuple[str, ...]
     now_utc_s: float
     history: MachineHistory
     verdict: Verdict
@@ -108,6 +109,7 @@ def situation_of(store: Store, file: RigFile, machine: Machine, now_utc_s: float
     return Situation(
         rig=file.rig,
         key=key,
+        drives=machine.drive_names,
         now_utc_s=now_utc_s,
         history=history,
         verdict=verdict,

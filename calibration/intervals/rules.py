@@ -122,7 +122,9 @@ def check_limit(history: MachineHistory, settings: IntervalSettings, now_utc_s: 
     size = test.standardised(np.asarray(last.change), np.asarray(last.change_u))
     worst = int(np.argmax(np.abs(size)))
     limit = _limit(test.looks, settings, last)
-    words = f"{last.watched[worst]} off by {size[worst]:+.1f} standard deviations, limit {limit:.1f}; {decision.reason}"
+    mark = " (provisional)" if test.scale.provisional else ""
+    off = f"{last.watched[worst]} off by {size[worst]:+.1f} standard deviations, limit {limit:.1f}{mark}"
+    words = f"{off}; {decision.reason}"
     same_instrument = _same_instrument(history, last)
     beyond = abs(size[worst]) > limit and same_instrument
     return RuleResult("check", "due" if beyond else "fit", words)

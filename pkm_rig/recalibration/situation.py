@@ -30,7 +30,8 @@ class Situation:
     """The machine's history, the verdict of all rules on it, and what else decides whether something is done now.
 
     proposal: the calibration that waits for approval. expired: certificates that are no longer valid, in words.
-    drives: names of its drives. check_due_utc_s: when the next check is due. begins_anew: that the store has another machine of this rig, in words.
+    drives: names of its drives. check_due_utc_s: when the next check is due. begins_anew: that the store has another
+    machine of this rig, in words.
     """
 
     rig: str

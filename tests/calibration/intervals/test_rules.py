@@ -84,6 +84,12 @@ def test_a_check_beyond_its_limit_is_due():
     assert rules.check_limit(quiet(change=(3e-6, 0.0)), SETTINGS, NOW).state == "fit"
 
 
+@pytest.mark.parametrize(("count", "marked"), [(8, True), (30, False)])
+def test_limits_are_marked_provisional_until_the_machine_has_its_own_history(count, marked):
+    found = rules.check_limit(quiet(count), SETTINGS, START_S + (count + 1) * WEEK_S)
+    assert ("(provisional)" in found.reason) is marked
+
+
 def test_another_instrument_s_first_difference_is_no_alarm():
     found = rules.check_limit(quiet(change=(1.2e-5, 0.0), instrument="T2"), SETTINGS, NOW)
     assert found.state == "fit"

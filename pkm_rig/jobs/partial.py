@@ -50,13 +50,14 @@ from pkm_rig.store.store import Store
 
 @dataclass(frozen=True)
 class PartialOutcome:
-    """What a partial calibration has found, whether its tables stay, and why tables that are verified do not."""
+    """What a partial calibration has found and tried, whether that stays, and why what is verified does not."""
 
     campaign: str
     fact: CalibrationFact
     verification: Verification
     beyond: tuple[str, ...]
     change_m: Array
+    correction: Correction
     restored: str
 
     @property
@@ -223,7 +224,7 @@ class _Partial:
             found_m = ErrorFigure(**_rms(seen.before_m, result.u_m))
             beyond = judge(fact, self.change, {self.payload: tables.new}, found_m, grown)
         moved = fit.theta - self.reference.values[: len(self.reference.model.parameters)]
-        outcome = PartialOutcome(campaign, fact, result, beyond, moved, self.change.description)
+        outcome = PartialOutcome(campaign, fact, result, beyond, moved, tables.new, self.change.description)
         if tables.new_in_use:
             back_end.require_in_use()
         self._keep_verdict(outcome, verdict)

@@ -20,7 +20,6 @@ from calibration.intervals.envelope import Verification
 from calibration.intervals.extent import Measurement
 from calibration.intervals.facts import CalibrationFact, ErrorFigure
 from calibration.model.operating_conditions import OperatingConditions
-from calibration.recording.recording import Recording
 from calibration.reduction.reduction import CALIBRATION
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.check_readings import groups_of, mean_temperatures_c, observe, plan_check
@@ -135,36 +134,50 @@ class _Partial:
     now_s: Callable[[], float]
 
     def run(self, former: CalibrationFact, judge: Judge) -> PartialOutcome:
-        rig, campaign_settings = self.runner.rig, self.runner.rig.file.campaign
-        block = verification_block(rig.machine, campaign_settings, self.payload, rig.file.station.position_m)
+        rig = self.runner.rig
+        block = verification_block(rig.machine, rig.file.campaign, self.payload, rig.file.station.position_m)
         groups = groups_of(block.visits, PLAN.looks)
-        planned, design = plan_check(rig.file, self.reference, self.payload, self.measurement.visits or 0)
-        drift = interval_settings(rig.file.recalibration).drift
-        walked = walk_of(self.reference, design, self.now_s() - former.t_utc_s, drift)
-        growth = walked + growth_of(self.reference, self.measurement)
+        planned, growth = self._planned(former)
         back_end = back_end_of(rig, self.change)
         tables = OnTrial(self.runner, back_end, self.payload, self.former if self._host_corrected() else None)
+
+        def visit(group: Sequence[PlannedVisit], phase: str) -> None:
+            self._visit(tables.commanded(group), phase)
+
         self._begin(planned)
         tables.begin()
-        self._visit(tables.commanded(groups[0]), BEFORE)
+        visit(groups[0], BEFORE)
         rig.compensate(None)
         self._visit(planned, CALIBRATION)
-        recording = self._recording()
-        fit = fit_partly(self.reference, recording, growth)
-        self._keep_identified(fit, {PRIOR: former.id, READINGS: len(recording), GROWTH: growth.tolist()})
+        fit = self._fit(former, growth)
         report = self.reference.report_frame(fit.frame)
         measured = None if self.former is None else self.former.measured.widened(fit.visits)
         entry = rig.file.payloads[self.payload]
         conditions = OperatingConditions(entry.mass_kg, entry.com_m, rig.temperatures_c())
         tables.use_new(back_end.build_partly(fit, report, conditions, measured))
-        self._visit(tables.commanded(groups[0]), AFTER)
-
-        def visit(group: Sequence[PlannedVisit], phase: str) -> None:
-            self._visit(tables.commanded(group), phase)
-
+        visit(groups[0], AFTER)
         steps = StepwiseVerification(groups, visit, self.runner, self.reference, report, self.notify)
         grown = np.sqrt(np.diag(growth)[: len(self.reference.model.parameters)])
         return self._decide(judge, fit, steps.run(tables), tables, back_end, grown)
+
+    def _planned(self, former: CalibrationFact) -> tuple[list[PlannedVisit], Array]:
+        """The visits that show what is asked for, and by what covariance (k, k) the unknowns may have changed."""
+        file = self.runner.rig.file
+        planned, design = plan_check(file, self.reference, self.payload, self.measurement.visits or 0)
+        drift = interval_settings(file.recalibration).drift
+        walked = walk_of(self.reference, design, self.now_s() - former.t_utc_s, drift)
+        return planned, walked + growth_of(self.reference, self.measurement)
+
+    def _fit(self, former: CalibrationFact, growth: Array) -> Fit:
+        """The former calibration brought up to date by what was measured, and kept with what it is made of."""
+        rig, store, campaign = self.runner.rig, self.runner.store, self.runner.campaign
+        recording = store.recording(campaign)
+        fit = fit_partly(self.reference, recording, growth)
+        temperatures = mean_temperatures_c(observe(recording, self.reference, CALIBRATION).observations)
+        data = identified_data(rig, store, fit, temperatures, extent=self.measurement.extent, now_s=self.now_s())
+        data |= {PRIOR: former.id, READINGS: len(recording), GROWTH: growth.tolist()}
+        add_identified(rig, store, campaign, data | {"report": dict(self.reference.report)})
+        return fit
 
     def _host_corrected(self) -> bool:
         """Whether the host corrected, by the calibration in force, before this began."""
@@ -190,17 +203,6 @@ class _Partial:
         smrs = self.runner.devices.smrs("platform", "slider")
         block = Block(self.payload, tuple(planned))
         self.runner.run(visits(self.runner.devices, block, phase, smrs), phase.replace("_", " "))
-
-    def _recording(self) -> Recording:
-        return self.runner.store.recording(self.runner.campaign)
-
-    def _keep_identified(self, fit: Fit, made_of: dict[str, Any]) -> None:
-        rig, store = self.runner.rig, self.runner.store
-        observed = observe(self._recording(), self.reference, CALIBRATION).observations
-        data = identified_data(
-            rig, store, fit, mean_temperatures_c(observed), extent=self.measurement.extent, now_s=self.now_s()
-        )
-        add_identified(rig, store, self.runner.campaign, data | made_of | {"report": dict(self.reference.report)})
 
     def _decide(
         self, judge: Judge, fit: Fit, seen: Verified, tables: OnTrial, back_end: BackEnd, grown: Array

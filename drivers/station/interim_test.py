@@ -16,7 +16,6 @@ from drivers.station.laser_tracker import LaserTracker
 from drivers.station.polar import TWO_PI, MeanReading, PolarReading, average, cartesian_to_polar
 
 _COVERAGE = 2.0
-_WINDOW_RAD = 0.02
 
 
 @dataclass(frozen=True)
@@ -32,13 +31,15 @@ class KnownDistance:
 class InterimLimits:
     """Largest permitted errors (not standard deviations), and how readings are taken.
 
-    `tolerance_m` is the largest distance of a nest from its predicted position.
+    `tolerance_m` is the largest distance of a nest from its predicted position, `window_rad` the full width in which it
+    is looked for.
     """
 
     two_face_rad: float = 20e-6
     distance_m: float = 0.5e-3
     readings: int = 3
     tolerance_m: float = 0.05
+    window_rad: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def interim_test(
     two_face: list[TwoFaceError] = []
     for name, position_m in nests_m.items():
         hz, v, _ = cartesian_to_polar(*position_m)
-        station.point_and_aim(hz, v, _WINDOW_RAD)
+        station.point_and_aim(hz, v, limits.window_rad)
         readings = station.measure(limits.readings, two_face=True)
         means[name] = average(readings)
         station.require_target(means[name], position_m, limits.tolerance_m, name)

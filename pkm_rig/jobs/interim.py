@@ -6,7 +6,7 @@ from calibration.base.errors import InputError
 from drivers.errors import DeviceError
 from drivers.station.coordinates import StatedAccuracy
 from drivers.station.interim_test import InterimLimits, InterimTest, KnownDistance, interim_test
-from pkm_rig.rig.devices import INITIAL_TARGET_TOLERANCE_M
+from pkm_rig.rig.devices import INITIAL_SEARCH_WINDOW_RAD, INITIAL_TARGET_TOLERANCE_M
 from pkm_rig.rig.rig import Rig
 
 
@@ -27,9 +27,8 @@ def run_interim_test(rig: Rig) -> InterimTest:
     accuracy = file.station.accuracy
     stated = StatedAccuracy(accuracy.angle_sd_rad, accuracy.range_sd_m, 1e6 * accuracy.range_scale_u)
     rig.refresh_atmosphere()
-    test_result = interim_test(
-        rig.station, places_m, known_distances, stated, InterimLimits(tolerance_m=INITIAL_TARGET_TOLERANCE_M)
-    )
+    limits = InterimLimits(tolerance_m=INITIAL_TARGET_TOLERANCE_M, window_rad=INITIAL_SEARCH_WINDOW_RAD)
+    test_result = interim_test(rig.station, places_m, known_distances, stated, limits)
     rig.station.require_settings()
     return test_result
 

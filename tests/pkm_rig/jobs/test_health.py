@@ -17,6 +17,7 @@ from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.check_readings import design_and_residual, observe, plan_check, true_drives
 from pkm_rig.jobs.health import PHASE, health, health_json
 from pkm_rig.jobs.history import history
+from pkm_rig.jobs.interim import run_interim_test
 from pkm_rig.jobs.life_record import key_of
 from pkm_rig.jobs.reference import load_reference
 from pkm_rig.jobs.tables_in_force import parse_tables, require_tables, wrong_tables
@@ -146,6 +147,14 @@ def test_another_machine_is_out_of_tolerance(tmp_path):
         assert result.fact.poses == 4
         assert (result.verdict.state, result.verdict.exit_status) == ("out of tolerance", 1)
         assert [row.kind for row in life_rows(store, "checks", RIG)] == ["out of tolerance"]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_nests_are_found_by_a_station_that_was_set_up_a_little_elsewhere(side):
+    """Up to what campaigns permit of their first reflectors, whichever way this mock's station stands already."""
+    with mock_and_rig(*rig_file()) as (mock, rig):
+        mock.plant.move_station((side * 0.02, 0.0, 0.0), side * 0.004)
+        assert run_interim_test(rig).passed
 
 
 def test_what_cannot_be_checked_is_said(tmp_path):

@@ -6,6 +6,7 @@ Every function is pure: it takes facts and a time and returns a result with its 
 __all__ = [
     "charts",
     "check_design",
+    "check_effects",
     "check_estimate",
     "decision",
     "drift",

@@ -12,7 +12,7 @@ import typer
 from calibration.base.errors import InputError
 from pkm_rig.cli.going_on import resumable
 from pkm_rig.cli.options import JsonOption, OutOption, RigOption, campaigns, rig_name, rig_path
-from pkm_rig.cli.terminal_operator import operated_from_terminal
+from pkm_rig.cli.terminal_operator import at_terminal
 from pkm_rig.errors import CampaignRefused, StoreError
 
 if TYPE_CHECKING:
@@ -96,7 +96,6 @@ def _calibrate(
     from pkm_rig.jobs.calibrate import calibrate
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message
-    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_store
@@ -107,8 +106,7 @@ def _calibrate(
         after = None if resume is None else last_moment(store, resume)
         with (
             open_rig(rig, needs=needs, real_time=real_time, seed=seed, after=after) as connected_rig,
-            operated_from_terminal(connected_rig),
-            live_progress(connected_rig) as progress,
+            at_terminal(connected_rig, out) as progress,
         ):
             outcome = calibrate(
                 connected_rig,
@@ -182,7 +180,6 @@ def measure(
     from pkm_rig.jobs.next_command import command_line, rig_word
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result
-    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need, can_verify
     from pkm_rig.rig.config import load_rig
     from pkm_rig.rig.schedule import calibration_blocks
@@ -199,8 +196,7 @@ def measure(
         resumable("measure", rig, out, *options, campaign=resume, new_setup=new_setup),
         open_store(out, hold=True, rig=rig_name(rig), campaign=resume) as store,
         open_rig(rig, needs=Need.MOTION, after=last_moment(store, resume) if resume else None) as connected_rig,
-        operated_from_terminal(connected_rig),
-        live_progress(connected_rig) as progress,
+        at_terminal(connected_rig, out) as progress,
     ):
         if campaign_file is not None:
             connected_rig.file = with_visits(connected_rig.file, campaign_file, connected_rig.machine)
@@ -276,7 +272,6 @@ def verify(
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.jobs.verify import verify
     from pkm_rig.report.terminal import print_message
-    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.capabilities import Need
     from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import open_existing_store, open_store
@@ -287,8 +282,7 @@ def verify(
         resumable("verify", rig, out, campaign=campaign, new_setup=new_setup),
         open_store(out, hold=True, rig=rig_name(rig), campaign=campaign) as store,
         open_rig(rig, needs=Need.MOTION | Need.TABLES, after=last_moment(store, campaign)) as connected_rig,
-        operated_from_terminal(connected_rig),
-        live_progress(connected_rig) as progress,
+        at_terminal(connected_rig, out) as progress,
     ):
         outcome = verify(
             connected_rig,

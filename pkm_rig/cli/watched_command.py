@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calibration.base.errors import InputError
 from pkm_rig.cli.going_on import resumable
-from pkm_rig.cli.terminal_operator import operated_from_terminal
+from pkm_rig.cli.terminal_operator import at_terminal
 from pkm_rig.errors import CampaignRefused
 
 
@@ -16,7 +16,6 @@ def measure_by_station(rig: Path, out: Path, *, json: bool, resume: str | None, 
     from pkm_rig.jobs.next_command import command_line
     from pkm_rig.jobs.session import open_rig
     from pkm_rig.report.terminal import print_message, print_result
-    from pkm_rig.report.terminal_live import live_progress
     from pkm_rig.rig.config import load_rig
     from pkm_rig.rig.session_record import last_moment
     from pkm_rig.store.store import find_recording, open_store
@@ -28,8 +27,7 @@ def measure_by_station(rig: Path, out: Path, *, json: bool, resume: str | None, 
         resumable("measure", rig, out, *options, campaign=resume),
         open_store(out, hold=True, campaign=resume) as store,
         open_rig(rig, after=last_moment(store, resume) if resume else None, moved_by_control=True) as connected_rig,
-        operated_from_terminal(connected_rig),
-        live_progress(connected_rig) as progress,
+        at_terminal(connected_rig, out) as progress,
     ):
         campaign = measure_watched(connected_rig, store, print_message, progress, resume, before=before)
         simulated = store.header(campaign).simulated

@@ -37,6 +37,7 @@ __all__ = [
     "reference",
     "report",
     "running_estimate",
+    "running_follower",
     "session",
     "setup_tie",
     "standard_figures",

@@ -9,10 +9,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,44 +20,11 @@ from calibration.identification.prediction import predict_poses
 from calibration.machine.inverse import nominal_drives
 from calibration.recording.recording import Recording
 from pkm_rig.errors import StoreError
+from pkm_rig.results.estimate import Estimate
 from pkm_rig.store.store import open_existing_store
 
 NICE = 10
 PER_AXIS = 9
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """`share_left`: geometric mean over the machine parameters of what is left of them, standard uncertainty over
-    that of their prior; `field_m` (n, 3), `field_error_m` (n,): predicted error of the tool, without compensation, on a
-    grid of `columns` a row.
-    """
-
-    readings: int
-    share_left: float
-    line: str
-    field_m: Array
-    field_error_m: Array
-    columns: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "readings": self.readings,
-            "share_left": self.share_left,
-            "line": self.line,
-            "field_m": self.field_m.tolist(),
-            "field_error_m": self.field_error_m.tolist(),
-            "columns": self.columns,
-        }
-
-    @classmethod
-    def of_dict(cls, data: Mapping[str, Any]) -> Estimate:
-        """From JSON that `as_dict` made."""
-        arrays = {name: np.array(data[name], dtype=float) for name in ("field_m", "field_error_m")}
-        return cls(
-            int(data["readings"]), float(data["share_left"]), str(data["line"]), columns=data["columns"], **arrays
-        )
 
 
 def estimate_so_far(recording: Recording) -> Estimate:

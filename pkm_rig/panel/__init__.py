@@ -5,7 +5,6 @@ __all__ = [
     "actions",
     "control",
     "files",
-    "follower",
     "history_view",
     "login_page",
     "machine_view",

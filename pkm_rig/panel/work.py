@@ -18,9 +18,9 @@ from calibration.base.errors import InputError, printable
 from calibration.machine.description import Machine
 from drivers.errors import DeviceError, Stopped
 from pkm_rig.errors import CampaignRefused, StationMoved, StoreError, campaign_of
+from pkm_rig.jobs.running_follower import Follower
 from pkm_rig.panel.actions import NEED_RELEASE, WITH_SECOND_PRESS, Action, what_moves
 from pkm_rig.panel.control import Control, Prepared, Presses
-from pkm_rig.panel.follower import Follower
 from pkm_rig.panel.tasks import Connect, Result, Workplace, run
 from pkm_rig.rig.capabilities import can_verify
 from pkm_rig.rig.config import RigFile, load_rig

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol
 
 from rich.console import Group, RenderableType
 from rich.live import Live as Display
@@ -16,19 +17,35 @@ from rich.text import Text
 from pkm_rig.report.asked import asked_of
 from pkm_rig.report.terminal import messages, progress_bar
 from pkm_rig.results.callbacks import Progress
+from pkm_rig.results.estimate import Estimate
 from pkm_rig.rig.live import Live, Snapshot
 from pkm_rig.rig.rig import Rig
 
 SHOWN_READINGS = 5
+SHOWN_SHARES = 8
 PER_SECOND = 4.0
 GO_ON = "press Enter"
+PAUSING = "pausing after this reading; Ctrl-C again stops"
+
+
+class Estimates(Protocol):
+    """Whoever estimates the model from time to time while it is measured."""
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Those of the campaign under way, the last one last."""
+        ...
+
+    def look(self, campaign: str, readings: int) -> None:
+        """A campaign has so many readings; must return at once."""
+        ...
 
 
 @contextmanager
-def live_progress(rig: Rig) -> Iterator[Progress]:
-    """Progress of a campaign on a rig with its guards, its last readings and what it asks for, drawn in place.
+def live_progress(rig: Rig, model: Estimates) -> Iterator[Progress]:
+    """Progress of a campaign on a rig with its guards, its last readings, the model so far and what it asks for.
 
-    One line a minute where that is no terminal.
+    Drawn in place; one line a minute where that is no terminal.
     """
     if not messages.is_terminal:
         with progress_bar() as lines:
@@ -36,21 +53,29 @@ def live_progress(rig: Rig) -> Iterator[Progress]:
         return
     live = Live()
     live.watch(rig)
-    with Display(
-        get_renderable=lambda: shown(live.snapshot()), console=messages, refresh_per_second=PER_SECOND, transient=True
-    ):
+
+    def look() -> RenderableType:
+        seen = live.snapshot()
+        model.look(seen.campaign, seen.done)
+        return shown(seen, model.estimates, pausing=rig.operator.asks_to_pause())
+
+    with Display(get_renderable=look, console=messages, refresh_per_second=PER_SECOND, transient=True):
         yield live.progress
 
 
-def shown(seen: Snapshot) -> RenderableType:
+def shown(seen: Snapshot, estimates: Sequence[Estimate] = (), *, pausing: bool = False) -> RenderableType:
     """A snapshot as text: what is asked for first, as one thing to do."""
     parts: list[RenderableType] = []
     asked = asked_of(seen, GO_ON)
     if asked is not None:
         parts.append(Panel(Text(asked.why), title=Text(asked.action), title_align="left", border_style="bold"))
+    if pausing:
+        parts.append(Text(PAUSING, style="bold"))
     parts += [_progress(seen), _place(seen), _guards(seen)]
     if seen.readings:
         parts.append(_readings(seen))
+    if estimates:
+        parts.append(_model(estimates))
     return Group(*parts)
 
 
@@ -96,6 +121,12 @@ def _readings(seen: Snapshot) -> RenderableType:
             "" if reading.pose < 0 else str(reading.pose), f"{reading.distance_m:.5f}", away,
         )  # fmt: skip
     return table
+
+
+def _model(estimates: Sequence[Estimate]) -> RenderableType:
+    """How the uncertainty of the parameters falls, as shares of that before the campaign, and the last estimate."""
+    shares = " ".join(f"{e.share_left:.0%}" for e in estimates[-SHOWN_SHARES:])
+    return Text(f"uncertainty of the parameters, of that before: {shares}\n{estimates[-1].line}", style="dim")
 
 
 def left_in_words(seconds: float) -> str:

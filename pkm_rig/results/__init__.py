@@ -5,6 +5,7 @@ __all__ = [
     "diagnosis_attempt",
     "done",
     "dry_run",
+    "estimate",
     "outcome",
     "report_source",
     "standard_results",

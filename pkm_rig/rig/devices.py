@@ -139,17 +139,22 @@ class MachineDevice:
 
 
 class WaitDevice:
-    """`set(seconds)`: let rig time pass."""
+    """`set(seconds)`: let rig time pass; then `temperatures_c` are those that the PLC has read."""
 
     name = "wait"
     parent = None
 
     def __init__(self, rig: Rig, worker: Worker) -> None:
         self._rig, self._worker = rig, worker
+        self.temperatures_c: dict[str, float] = {}
 
     def set(self, duration_s: float) -> WorkStatus:
         """Wait, stopping early if supervision has stopped the drives."""
-        return self._worker.submit(f"wait {duration_s:g} s", lambda: self._rig.wait(duration_s))
+        return self._worker.submit(f"wait {duration_s:g} s", lambda: self._wait(duration_s))
+
+    def _wait(self, duration_s: float) -> None:
+        self._rig.wait(duration_s)
+        self.temperatures_c = dict(self._rig.supervisor.state().temperatures_c)
 
 
 class StationDevice:

@@ -35,30 +35,28 @@ class PayloadDevice:
 
     def set(self, number: int) -> WorkStatus:
         """Have a payload put on, or taken off; the PLC is told, and whoever stands at the terminal or reads the log."""
-        job = f"payload {number}"
+        return self._worker.submit(f"payload {number}", lambda: self._put_on(number))
+
+    def _put_on(self, number: int) -> None:
         state = self._rig.supervisor.state()
         if state.payload == number:
-            return self._worker.submit(job, lambda: self._rig.change_payload(number))
+            return
         load = self._rig.file.payloads[number]
         what, text = _asked_for(load.name, load.mass_kg, simulated=state.simulated)
         self._say(text)
         self._rig.observer.asks(Request("payload", text, what))
         self._note(PAYLOAD_ASKED, {"payload": number, "name": load.name, "mass_kg": load.mass_kg})
         self._progress(0, "payload exchange")
-        return self._worker.submit(job, lambda: self._exchange(number))
-
-    def _exchange(self, number: int) -> None:
-        """Wait for the payload. The PLC acknowledges it; who stands at the PLC it does not say."""
-        try:
-            self._rig.change_payload(number, enable=not self._rig.needs_release)
+        try:  # the PLC acknowledges the payload; who stands at the PLC it does not say
+            self._rig.change_payload(number, enable=False)
         finally:
             self._rig.observer.asks(None)
-        plc, simulated = self._rig.plc, self._rig.supervisor.state().simulated
-        by = {"acknowledged_by": f"{plc.name} ({plc.where})", "simulated": simulated}
-        self._note(PAYLOAD_ON, {"payload": number, "name": self._rig.file.payloads[number].name, **by})
+        by = {"acknowledged_by": f"{self._rig.plc.name} ({self._rig.plc.where})", "simulated": state.simulated}
+        self._note(PAYLOAD_ON, {"payload": number, "name": load.name, **by})
         if self._rig.needs_release:  # a guard that closes behind the payload must set nothing going
-            load = self._rig.file.payloads[number]
             self._hold(Request("go on", f"the payload is {'on' if load.mass_kg else 'off'}"))
+        else:
+            self._rig.enable()
 
 
 def _asked_for(name: str, mass_kg: float, *, simulated: bool) -> tuple[str, str]:

@@ -259,9 +259,9 @@ def _warm_up(devices: CampaignDevices, between: Sequence[PlannedVisit]) -> Plan:
     settings = devices.rig.file.campaign
     started = devices.rig.clock.now_s()
     history: list[tuple[float, dict[str, float]]] = []
+    yield from _set(devices, devices.wait, 0.0)
     while True:
-        state = devices.rig.supervisor.state()
-        history.append((devices.rig.clock.now_s(), dict(state.temperatures_c)))
+        history.append((devices.rig.clock.now_s(), devices.wait.temperatures_c))
         rate = _fastest_rate(history[-6:])
         if rate is not None:
             devices.rig.observer.checked("warm-up", rate, settings.warm_up_rate_k_per_h, "K/h")

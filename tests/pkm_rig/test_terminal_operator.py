@@ -9,6 +9,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -21,7 +22,7 @@ LIMIT_S = 120.0  # a busy computer is no fault
 
 def test_ctrl_c_asks_once_and_enter_acknowledges_only_while_it_waits():
     keyboard, screen = pty.openpty()
-    operator = TerminalOperator(screen, screen)
+    operator = TerminalOperator(screen)
     os.write(keyboard, b"\n")
     assert operator.ask()
     assert operator.asks_to_pause()
@@ -85,15 +86,16 @@ def at_terminal(tmp_path):
 def test_ctrl_c_pauses_enter_goes_on_and_a_second_ctrl_c_stops(at_terminal):
     at_terminal.wait_for("readings planned")
     at_terminal.process.send_signal(signal.SIGINT)
-    at_terminal.wait_for("pausing after this reading")
     at_terminal.wait_for("the drives are without power: press Enter")
     os.write(at_terminal.master, b"\n")
     at_terminal.wait_for("going on")
+    assert not termios.tcgetattr(at_terminal.master)[3] & termios.ECHO  # Enter would tear what is drawn in place
     at_terminal.process.send_signal(signal.SIGINT)
     at_terminal.wait_for("the drives are without power: press Enter")
     at_terminal.process.send_signal(signal.SIGINT)
     at_terminal.wait_for("go on with: pkm-rig demo")
     assert at_terminal.end() == 3
+    assert termios.tcgetattr(at_terminal.master)[3] & termios.ECHO
 
 
 def test_a_terminal_that_is_gone_stops_the_campaign(at_terminal, tmp_path):

@@ -12,13 +12,14 @@ from calibration.base.errors import InputError
 from calibration.identification.calibration import identify_recording
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.machine.inverse import nominal_drives, platform_poses
-from pkm_rig.jobs.running_estimate import Estimate, estimate_so_far
+from pkm_rig.jobs.running_estimate import estimate_so_far
 from pkm_rig.jobs.session import open_rig
 from pkm_rig.panel.actions import MOST_UPLOAD_BYTES, Action, read_visits, what_moves
 from pkm_rig.panel.files import next_measurements, picture_of, pictures_of, report_of, report_url
 from pkm_rig.panel.server import LOOPBACK, Place, require_nicegui, require_place
 from pkm_rig.panel.trend import trend_svg
 from pkm_rig.panel.work import Work
+from pkm_rig.results.estimate import Estimate
 from pkm_rig.rig.config import demo_rig_path, embedded_rig_path, load_rig
 from pkm_rig.rig.live import Live
 from pkm_rig.rig.tool_place import places, platform_pose

@@ -10,13 +10,14 @@ import pytest
 
 from pkm_rig.report.terminal import PeopleConsole
 from pkm_rig.report.terminal_live import left_in_words, shown
+from pkm_rig.results.estimate import Estimate
 from pkm_rig.rig.live import Guard, LastReading, Live, Snapshot
 from pkm_rig.rig.observer import Request
 
 
-def drawn(seen):
+def drawn(seen, estimates=(), **options):
     console = PeopleConsole(file=io.StringIO(), width=100)
-    console.print(shown(seen))
+    console.print(shown(seen, estimates, **options))
     return console.file.getvalue()
 
 
@@ -41,6 +42,17 @@ def test_where_it_is_what_is_left_and_what_is_not_good():
     assert "41" in text.split("residual")[1]
 
 
+def test_how_the_uncertainty_of_the_parameters_has_fallen():
+    nowhere = np.zeros((0, 3))
+    estimates = [
+        Estimate(n, share, f"after {n}: 12 um", nowhere, nowhere[:, 0], 9) for n, share in ((30, 0.81), (90, 0.4))
+    ]
+    text = drawn(snapshot(), estimates)
+    assert "uncertainty of the parameters, of that before: 81% 40%" in text
+    assert "after 90: 12 µm" in text
+    assert "after 30" not in text
+
+
 GOOD = (Guard("guard closed", "good", "good"), Guard("nest shift", "good", "21 of 80 um"))
 
 
@@ -63,6 +75,10 @@ def test_one_thing_to_do_comes_first(kind, of, guards, what):
     assert text.index(what) < text.index("why [bold]it waits") < text.index("readings")
     others = ("Exchange", "Take", "Clean", "Close the door", "See that nobody", "Put right")
     assert sum(text.count(other) for other in others) == 1
+
+
+def test_a_pause_that_was_asked_for_is_shown():
+    assert "pausing after this reading; Ctrl-C again stops" in drawn(snapshot(), pausing=True)
 
 
 def test_before_anything_is_known():

@@ -10,7 +10,11 @@ from drivers.errors import InterlockOpen, PlcError, TargetNotFound
 from mock_devices.faults import parse_fault
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.device_sections import RegisterEntry
+from pkm_rig.rig.devices import WaitDevice
 from pkm_rig.rig.live import Live
+from pkm_rig.rig.operator_devices import PayloadDevice
+from pkm_rig.rig.waiting import Waiting
+from pkm_rig.rig.worker import Worker
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file
 
@@ -119,6 +123,25 @@ def test_a_visit_that_was_broken_is_measured_anew_as_a_whole(campaign):
     for visit in set(recording["visit"][used]):
         of_visit = used & (recording["visit"] == visit)
         assert len(set(recording["smr"][of_visit])) == 5
+
+
+def test_an_interlock_that_opens_before_a_payload_is_asked_for_or_temperatures_are_read_suspends_too():
+    file, machine = short_rig_file(seed=4, on_interlock="suspend", **SHORT)
+    asked = []
+    with mock_and_rig(file, machine) as (mock, rig):
+        mock.plc.set_interlock(GUARD, good=False)
+        with pytest.raises(InterlockOpen):
+            rig.supervisor.look()
+        worker = Worker(Waiting(rig, asked.append, lambda *_: None).suspends_at)
+        for device, value in (
+            (PayloadDevice(rig, worker, asked.append, lambda *_: None, lambda *_: None), 1),
+            (WaitDevice(rig, worker), 0.0),
+        ):
+            assert device.set(value).exception(timeout=60.0) is None
+            assert isinstance(worker.pardoned, InterlockOpen)
+            worker.pardoned = None
+        worker.close()
+    assert asked == []
 
 
 def test_an_interlock_ends_a_campaign_unless_the_rig_file_says_otherwise(tmp_path):

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from pkm_rig.jobs.running_estimate import Estimate
+from pkm_rig.results.estimate import Estimate
 
 REST = 2.0  # times as long as an estimate has taken; in a campaign of hours MORE_READINGS makes them rarer
 LEAST_REST_S = 2.0
@@ -42,7 +42,9 @@ class Follower:
                 return
             self._tried = readings
             command = [sys.executable, "-m", "pkm_rig.jobs.running_estimate", str(self._out), campaign]
-            self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
             threading.Thread(target=self._wait, args=(self._process, campaign), name="estimate", daemon=True).start()
 
     def close(self) -> None:

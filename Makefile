@@ -59,7 +59,7 @@ panel: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.panel
 
 # Stops without and with a page, in pairs, until it can be said whether a page makes them slower; needs Chromium. Half an
-# hour in real time on a quiet computer; stopped, it goes on, PAIRS=80 adds to what is there.
+# hour in real time on a quiet computer; stopped, it goes on, PAIRS=50 adds to what is there.
 panel-stops: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.panel_stops $(if $(PAIRS),--pairs $(PAIRS))
 

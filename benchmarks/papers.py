@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--schemas", type=Path)
     parser.add_argument("--only", nargs="*", default=list(CHANGES))
     options = parser.parse_args()
-    print("campaign   pages  numbers  wrong  overlapping  rules  schema 3.0.0  values read back")
+    print("campaign   pages  numbers  wrong  overlapping  rules  schema 3.0.0  values read back", flush=True)
     wrong = 0
     for name in options.only:
         folder: Path = options.out / name

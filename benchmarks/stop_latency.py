@@ -28,6 +28,7 @@ from pkm_rig.rig.clock import ScaledClock
 from pkm_rig.rig.config import load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.rig.rig import Rig
+from pkm_rig.virtual.mock_rig import MockRig
 from pkm_rig.virtual.served_rig import serve_mock_rig
 
 LIMIT_MS = 20.0
@@ -84,7 +85,6 @@ def serve(path: Path, seed: int) -> None:
     random = np.random.default_rng(seed)
     with serve_mock_rig(file, path) as mock:
         stops: dict[int, float] = {}
-        polls: list[float] = []
         stopped = threading.Event()
         opened_s = [float("inf")]
         for drive in mock.drives:
@@ -99,22 +99,16 @@ def serve(path: Path, seed: int) -> None:
 
             drive.axis.control = watched  # type: ignore[method-assign]
             drive._objects._writers[0x6040, 0] = watched
-        answer = mock.plc.state.answer
-
-        def polled() -> list[int]:
-            words = answer()
-            if time.monotonic() >= opened_s[0] and not words[1] & 1:
-                polls.append(time.monotonic())
-            return words
-
-        mock.plc.state.answer = polled  # type: ignore[method-assign]
+        before, polls = watch_polls(mock, opened_s)
         print("ready", flush=True)
         for order in sys.stdin:
             stops.clear()
             polls.clear()
             stopped.clear()
-            time.sleep(float(random.uniform(0.05, 0.35)))
+            before.clear()
+            time.sleep(float(random.uniform(0.05, 0.15)))
             opened_s[0] = time.monotonic()
+            between_ms = (1e3 * np.diff(before)).tolist()
             if order.strip() == "fault":
                 mock.drives[0].inject_fault()
             else:
@@ -128,16 +122,36 @@ def serve(path: Path, seed: int) -> None:
             if order.strip() == "fault":
                 other_ms = 1e3 * (stops[mock.drives[1].node_id] - opened_s[0])
                 opened_s[0] = float("inf")
-                print(json.dumps({"fault_ms": other_ms}), flush=True)
+                print(json.dumps({"fault_ms": other_ms, "between_polls_ms": between_ms}), flush=True)
                 continue
             total_ms = 1e3 * (max(stops.values()) - opened_s[0])
             polling_ms = min(1e3 * (polls[0] - opened_s[0]), total_ms)
             opened_s[0] = float("inf")
             mock.plc.set_interlock(0, True)
-            print(json.dumps({"total_ms": total_ms, "polling_ms": polling_ms}), flush=True)
+            found = {"total_ms": total_ms, "polling_ms": polling_ms, "between_polls_ms": between_ms}
+            print(json.dumps(found), flush=True)
 
 
-def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
+def watch_polls(mock: MockRig, opened_s: list[float]) -> tuple[list[float], list[float]]:
+    """Times of polls of the PLC: of those before the guard is opened, and of those that find it open."""
+    answer = mock.plc.state.answer
+    before: list[float] = []
+    polls: list[float] = []
+
+    def polled() -> list[int]:
+        words = answer()
+        now_s = time.monotonic()
+        if now_s < opened_s[0]:
+            before.append(now_s)
+        elif not words[1] & 1:
+            polls.append(now_s)
+        return words
+
+    mock.plc.state.answer = polled  # type: ignore[method-assign]
+    return before, polls
+
+
+def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, Any]]:
     """Trip supervision again and again while the rig works, then fault a drive."""
     with at_work(path, seed) as (_rig, strike):
         for number in range(trips + trips // 4):
@@ -145,7 +159,7 @@ def measure(path: Path, trips: int, seed: int) -> Iterator[dict[str, float]]:
 
 
 @contextmanager
-def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[str, float]]]]:
+def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[str, Any]]]]:
     """A rig at work, and what strikes it: `trip` opens the guard, `fault` faults a drive; it gives the times,
     none where the drives stood already.
     """
@@ -158,7 +172,7 @@ def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[s
         clock = ScaledClock(1.0)
         with connect_rig(file, machine, clock, rig_path=path) as rig, working(rig):
 
-            def strike(order: str) -> dict[str, float]:
+            def strike(order: str) -> dict[str, Any]:
                 start_again(rig)
                 mover = threading.Thread(target=move, args=(rig,))
                 mover.start()

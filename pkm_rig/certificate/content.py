@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from calibration.base.errors import InputError
 from pkm_rig.certificate.quantities import Quantity, payload_quantities
+from pkm_rig.report.sentences import sentence
 from pkm_rig.report.words import Language, part_of_rig, said, word
 
 Version = Literal["3.3.0", "3.0.0"]
@@ -100,7 +101,7 @@ def make_content(
         simulated=data["simulated"],
         software=data["software"],
         replaces=replaces,
-        statements=_statements(data, language, replaces),
+        statements=_statements(data, language, replaces) + _issued(issued, version, language),
         conditions=_conditions(data["conditions"], language),
         results=payload_quantities(data, language),
         hashes=tuple(
@@ -138,8 +139,11 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
         out.append(Statement(word("taken_back", language)))
     for payload in data["payloads"]:
         if payload["limit_m"] is not None:
-            out.append(_conformity(payload, language, traceable=traceable))
-    out.append(Statement(f"U: k = {data['coverage_factor']:g} (JCGM 100)"))
+            out.append(_conformity(payload, language, stated=traceable and data["decision"] == "accepted"))
+    figures = data["payloads"][0]["after"]
+    out.append(Statement(sentence("certificate: measurand", language, poses=figures["n"])))
+    out.append(Statement(sentence("certificate: uncertainty", language, k=f"{data['coverage_factor']:g}")))
+    out.append(Statement(sentence("certificate: scope", language)))
     if replaces is not None:
         out.append(
             Statement(f"{word('amendment', language)} {replaces.number}; {word('reason', language)}: {replaces.why}")
@@ -147,15 +151,22 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
     return tuple(out)
 
 
-def _conformity(payload: Mapping[str, Any], language: Language, *, traceable: bool) -> Statement:
-    """Guarded acceptance against the stated limit; none where the result is not traceable."""
+def _issued(issued: date, version: Version, language: Language) -> tuple[Statement, ...]:
+    """The date of issue where the version has no place of its own for it."""
+    return (Statement(f"{word('issued', language)}: {issued}"),) if version == "3.0.0" else ()
+
+
+def _conformity(payload: Mapping[str, Any], language: Language, *, stated: bool) -> Statement:
+    """Guarded acceptance against the stated limit; none where the result is not traceable, or not that of the machine
+    as it was left.
+    """
     name, limit_um = f"{word('payload', language)} {payload['name']}", payload["limit_m"] * 1e6
-    if not traceable:
+    if not stated:
         return Statement(f"{name}: {word('no conformity', language)}")
     after, guard = payload["after"]["position_rms_m"], payload["guard_band_m"]
     verdict: Literal["pass", "fail", "noPass"] = "pass" if after <= payload["limit_m"] - guard else "noPass"
     verdict = "fail" if after > payload["limit_m"] + guard else verdict
-    said = word("conforms" if verdict == "pass" else "does not conform", language)
+    said = word({"pass": "conforms", "fail": "exceeds", "noPass": "does not conform"}[verdict], language)
     return Statement(
         f"{name}: {said} ({limit_um:g} µm; w = U)", traceable=True, conformity=verdict, norm="JCGM 106:2012, 8.3.2"
     )

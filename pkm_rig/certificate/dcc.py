@@ -180,7 +180,7 @@ def _result(writer: _Writer, parent: Any) -> None:
 
 
 def _quantity(writer: _Writer, parent: Any, quantity: Quantity) -> None:
-    element = writer.dcc(parent, "quantity")
+    element = writer.dcc(parent, "quantity", **({"refType": " ".join(quantity.marks)} if quantity.marks else {}))
     writer.text(element, "name", quantity.name)
     real = writer.si(element, "real")
     writer.si(real, "value", quantity.value)

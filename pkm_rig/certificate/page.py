@@ -61,7 +61,7 @@ def certificate_page(root: Any) -> str:
 
 
 def quantities_of(root: Any) -> list[dict[str, str | None]]:
-    """All quantities of a certificate in order: name, value, unit, U and k, as they are written."""
+    """All quantities of a certificate in order: name, value, unit, U, k and marks, as they are written."""
     return _quantities(root)
 
 
@@ -125,5 +125,6 @@ def _quantities(parent: Any) -> list[dict[str, str | None]]:
             "shown_unit": UNITS.get(unit, unit),
             "expanded": newer or quantity.findtext(".//si:expandedUnc/si:uncertainty", namespaces=NAMES),
             "k": quantity.findtext(".//si:coverageFactor", namespaces=NAMES),
+            "marks": quantity.get("refType"),
         })  # fmt: skip
     return out

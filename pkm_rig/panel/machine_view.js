@@ -41,6 +41,22 @@ export default {
       this.queued = true;
       requestAnimationFrame(() => { this.queued = false; this.draw(); });
     },
+    // Names over everything else, whole and beside one another: each takes the first place round its ball that is free.
+    label(g, named, wide, high) {
+      g.font = "12px system-ui, sans-serif";
+      const taken = [];
+      for (const [name, [x, y], size] of named) {
+        const long = g.measureText(name).width, tall = 13, away = size + 4;
+        const tries = [[x + away, y - away], [x + away, y + away + tall], [x - away - long, y - away], [x - away - long, y + away + tall], [x - long / 2, y - away - tall], [x - long / 2, y + away + 2 * tall]];
+        const boxes = tries.map(([left, base]) => [Math.max(2, Math.min(left, wide - long - 2)), Math.max(tall, Math.min(base, high - 3))]);
+        const free = ([left, base]) => taken.every(([l, b, w]) => left > l + w + 4 || l > left + long + 4 || Math.abs(base - b) > tall);
+        const [left, base] = boxes.find(free) || boxes[0];
+        taken.push([left, base, long]);
+        g.lineWidth = 3; g.strokeStyle = "rgba(255, 255, 255, 0.8)"; g.strokeText(name, left, base);
+        g.fillStyle = "#1d2733"; g.fillText(name, left, base);
+      }
+      this.$el.dataset.labels = JSON.stringify(taken.map((box) => box.map(Math.round)));
+    },
     draw() {
       const canvas = this.$el, wide = canvas.clientWidth, high = canvas.clientHeight;
       if (!this.scene || !wide || !high) return;
@@ -68,16 +84,14 @@ export default {
           g.beginPath(); g.moveTo(a[0], a[1]); g.lineTo(b[0], b[1]); g.stroke(); g.setLineDash([]);
         }]);
       }
+      const named = [];
       for (const [at, kind, radius, name] of this.scene.balls) {
-        const a = project(at);
+        const a = project(at), size = Math.max(2.5, radius * a[3]);
         things.push([a[2] - 0.01, () => {
-          g.fillStyle = COLOURS[kind]; g.beginPath(); g.arc(a[0], a[1], Math.max(2.5, radius * a[3]), 0, 7);
+          g.fillStyle = COLOURS[kind]; g.beginPath(); g.arc(a[0], a[1], size, 0, 7);
           if (kind === "target") { g.strokeStyle = COLOURS[kind]; g.lineWidth = 2.5; g.stroke(); } else g.fill();
-          if (!name) return;
-          g.fillStyle = "#1d2733"; g.font = "12px system-ui, sans-serif";
-          const left = Math.min(a[0] + 8, wide - g.measureText(name).width - 2);  // whole, at the edge too
-          g.fillText(name, Math.max(2, left), Math.max(12, a[1] - 8));
         }]);
+        if (name) named.push([name, a, size]);
       }
       if (this.mesh) {
         const { columns, places, shares } = this.mesh, at = places.map(project);
@@ -92,6 +106,7 @@ export default {
         }
       }
       things.sort((a, b) => b[0] - a[0]).forEach(([, paint]) => paint());
+      this.label(g, named, wide, high);
       canvas.dataset.objects = this.scene.lines.length + this.scene.balls.length + (this.mesh ? 1 : 0);
       canvas.dataset.drawn = (Number(canvas.dataset.drawn) || 0) + 1;
     },

@@ -37,6 +37,7 @@ __all__ = [
     "record_text",
     "report_json",
     "residuals_json",
+    "sentences",
     "tables_text",
     "terminal",
     "terminal_live",

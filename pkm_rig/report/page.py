@@ -17,6 +17,7 @@ from markupsafe import Markup, escape
 from calibration.base.rounding import round_result, round_uncertainty
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.notation import plain_number, with_symbols
+from pkm_rig.report.sentences import SENTENCES
 from pkm_rig.report.words import Language, part_of_rig, said, word
 
 NOTHING = "–"
@@ -39,6 +40,10 @@ class Page:
     def word(self, key: str) -> str:
         """A word of the catalogue in the page's language."""
         return word(key, self.language)
+
+    def sentence(self, key: str, **parts: object) -> Markup:
+        """What is explained, in the page's language, with its parts, which are escaped unless they are markup."""
+        return Markup(getattr(SENTENCES[key], self.language)).format(**parts)
 
     def at(self, key: str) -> Any:
         """The bare value at a key."""

@@ -74,6 +74,29 @@ def test_the_page_is_made_of_the_xml_alone(version, language):
     assert "abababab" in page
 
 
+@pytest.mark.parametrize("version", ["3.3.0", "3.0.0"])
+def test_a_program_finds_a_result_by_its_marks_whatever_the_language(version):
+    asked = {
+        "pkmrig_positionRms pkmrig_beforeAdjustment": "31.0",
+        "pkmrig_positionRms pkmrig_afterAdjustment": "6.9",
+        "pkmrig_rotationRms pkmrig_beforeAdjustment": "34.6",
+        "pkmrig_limit": "10",
+    }
+    for language in ("en", "de"):
+        found = quantities_of(parse(certificate_xml(content(version=version, language=language)), "c"))
+        for marks, value in asked.items():
+            assert [q["value"] for q in found if set(marks.split()) <= set((q["marks"] or "").split())] == [value]
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_what_is_measured_u_and_what_the_results_relate_to_are_stated(language):
+    stated = texts(certificate_xml(content(language=language)), ".//dcc:declaration/dcc:content")
+    for words in (("40 verification poses", "40 Prüfposen"), ("k = 2", "k = 2"), ("relate only", "beziehen sich nur")):
+        assert sum(words[language == "de"] in text for text in stated) == 1
+    older = texts(certificate_xml(content(version="3.0.0")), ".//dcc:declaration/dcc:content")
+    assert "date of issue: 2026-11-23" in older  # which has no other place for it
+
+
 @pytest.mark.parametrize("field", MANDATORY)
 def test_each_mandatory_field_that_is_missing_is_named(field):
     with pytest.raises(InputError, match=field) as refused:
@@ -110,7 +133,7 @@ def test_a_campaign_without_a_verdict_has_no_certificate():
         (6.9, "pass", "below its limit"),
         (9.0, "noPass", "not shown"),
         (11.0, "noPass", "not shown"),
-        (11.8, "fail", "not shown"),
+        (11.8, "fail", "above its limit"),
     ],
 )
 def test_conformity_is_stated_with_a_guard_band(after_um, conformity, said):
@@ -135,6 +158,7 @@ def test_not_traceable_means_no_statement_of_conformity():
 def test_what_was_tried_only_is_not_called_the_state_as_left(decision, taken_back):
     stated = texts(certificate_xml(content(data() | {"decision": decision})), ".//dcc:declaration/dcc:content")
     assert any("not the state as left" in text for text in stated) == taken_back
+    assert any("no statement of conformity" in text for text in stated) == taken_back
 
 
 def test_where_the_host_corrects_it_says_so():

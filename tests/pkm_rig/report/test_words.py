@@ -14,16 +14,31 @@ from calibration.reduction.budget import BudgetEntry
 from calibration.reduction.figures import Figures
 from calibration.reduction.left_out import MODEL, NEST, VISIT
 from pkm_rig.jobs.acceptance import decide
+from pkm_rig.report.sentences import SENTENCES
 from pkm_rig.report.words import CATALOGUE, PHRASES, said, word
 
+TEMPLATES = sorted((Path(html_module.__file__).parent / "templates").glob("*.html"))
 
-def test_heads_of_sections_rows_and_columns_are_all_from_the_catalogue():
+
+def test_every_word_that_a_page_shows_is_from_the_catalogues():
     """No letters of their own but symbols, units and abbreviations that are the same in both languages."""
-    same = re.compile(r"\b(RMS|CRC|SHA-256|U|or|µm|µrad|kg|ppm)\b")
-    for path in (Path(html_module.__file__).parent / "templates").glob("*.html"):
-        for _, head in re.findall(r"<(th|h[1-3])\b[^>]*>(.*?)</\1>", path.read_text(encoding="utf-8")):
-            own = same.sub("", re.sub(r"\{\{.*?\}\}|\{%.*?%\}|<[^>]+>", "", head))
-            assert not re.search(r"[A-Za-z]{2,}", own), f"{path.name}: {head}"
+    same = re.compile(r"\b(SIMULATED|RMS|CRC|DCC|SHA-256|JCGM|ppm|µm|µrad|kg|hPa|min)\b|pkm-rig diagnose|0x607A")
+    assert len(TEMPLATES) > 10
+    for path in TEMPLATES:
+        text = re.sub(r"\{\{.*?\}\}|\{%.*?%\}", " ", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+        text = re.sub(r"<[^>]+>", " ", text)
+        own = re.findall(r"[A-Za-z]{2,}", same.sub(" ", text))
+        assert own == [], path.name
+
+
+def test_every_sentence_has_the_same_parts_in_both_languages_and_is_used():
+    shown = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES)
+    for key, sentence in SENTENCES.items():
+        parts = [sorted(re.findall(r"\{\w+\}", text)) for text in sentence]
+        assert parts[0] == parts[1], key
+        assert f"'{key}'" in shown or f'"{key}"' in shown or key.startswith("certificate: ")
+        assert sentence.en.strip()
+        assert sentence.de.strip()
 
 
 def test_every_word_has_two_languages_and_every_key_of_a_template_is_in_the_catalogue():

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from calibration.base.errors import InputError
 from pkm_rig.certificate.quantities import Quantity, payload_quantities
 from pkm_rig.report.sentences import sentence
-from pkm_rig.report.words import Language, part_of_rig, said, word
+from pkm_rig.report.words import Language, named, said, word
 
 Version = Literal["3.3.0", "3.0.0"]
 VERSIONS: tuple[Version, ...] = ("3.3.0", "3.0.0")
@@ -129,7 +129,7 @@ def _statements(data: Mapping[str, Any], language: Language, replaces: Replaced 
     out.append(Statement(word("traceable" if traceable else "not_traceable", language) + reasons, traceable=traceable))
     if data["tables_as_found"] is not None:
         found, left = (said(data[key], language) for key in ("tables_as_found", "tables_as_left"))
-        out.append(Statement(f"{word('found_left', language)}: {found}; {left}"))
+        out.append(Statement(f"{word('as_found', language)}: {found}; {word('as_left', language)}: {left}"))
     by_host = data.get("back_end") == "host"
     verdict = "accepted_host" if by_host and data["decision"] == "accepted" else data["decision"]
     out.append(Statement(f"{word('decision', language)}: {word(verdict, language)}"))
@@ -175,7 +175,7 @@ def _conformity(payload: Mapping[str, Any], language: Language, *, stated: bool)
 def _conditions(conditions: Mapping[str, Any], language: Language) -> tuple[Quantity, ...]:
     out = []
     for entry in conditions.get("temperatures", ()):
-        what = f"{word('temperature', language)}, {part_of_rig(entry['name'], language)}"
+        what = f"{word('temperature', language)}, {named('part of rig: ', entry['name'], language)}"
         for end in ("low", "high"):
             name = f"{what}, {'min' if end == 'low' else 'max'}"
             out.append(Quantity(name, f"{entry[f'{end}_c']:.2f}", r"\degreecelsius"))

@@ -8,7 +8,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from pkm_rig.certificate.xml_form import DCC, SI
-from pkm_rig.report.words import Language, word
+from pkm_rig.report.sentences import sentence
+from pkm_rig.report.words import Language, named, word
 
 UNITS = {
     r"\micro\metre": "µm",
@@ -38,6 +39,8 @@ def certificate_page(root: Any) -> str:
         style=Markup(environment.loader.get_source(environment, "style.css")[0]),
         title=_content(result, "dcc:name"),
         version=root.get("schemaVersion"),
+        location=_location(root, language),
+        of_page=sentence("certificate: page", language),
         core=_core(root),
         item=_item(root),
         parties=[
@@ -79,6 +82,10 @@ def _core(root: Any) -> dict[str, str]:
     names = ("uniqueIdentifier", "beginPerformanceDate", "endPerformanceDate", "issueDate", "performanceLocation")
     core = {name: root.findtext(f".//dcc:coreData/dcc:{name}", namespaces=NAMES) or "" for name in names}
     return core | {"replaces": root.findtext(".//dcc:previousReport/dcc:referralID", namespaces=NAMES) or ""}
+
+
+def _location(root: Any, language: Language) -> str:
+    return named("performed_at: ", _core(root)["performanceLocation"], language)
 
 
 def _item(root: Any) -> list[tuple[str, str]]:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
+    from rich.console import RenderableType
+
     from pkm_rig.certificate.content import Change
     from pkm_rig.certificate.keys import SigningKey
 
@@ -33,6 +35,7 @@ def certificate(
     json: JsonOption = False,
     dcc: Annotated[str, typer.Option(help="version of the Digital Calibration Certificate: 3.3.0 or 3.0.0")] = "3.3.0",
     schemas: Annotated[Path | None, typer.Option(help="folder of its schema files; without it not checked")] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="its page as PDF too, in A4 (needs the extra [pdf])")] = False,
     key: Annotated[Path | None, typer.Option(help="sign with this key (PEM); its passphrase is asked for")] = None,
     pkcs11: Annotated[Path | None, typer.Option(help="sign with a token: library of its maker")] = None,
     token: Annotated[str | None, typer.Option(help="label of the token; its PIN is asked for")] = None,
@@ -57,9 +60,13 @@ def certificate(
     if ca is not None or (signer is not None and key is None and pkcs11 is None):
         raise InputError("certificate: --signer goes with --key or --pkcs11, --ca with --check")
     from pkm_rig.jobs.certificate import Wanted, issue, parse_version
+    from pkm_rig.report.pdf import require_pdf, write_pdf
     from pkm_rig.report.terminal import print_result
     from pkm_rig.rig.config import load_rig
     from pkm_rig.store.store import hold_existing_store
+
+    if pdf:
+        require_pdf()
 
     wanted = Wanted(
         version=parse_version(dcc),
@@ -70,13 +77,17 @@ def certificate(
     rig_file = None if rig is None else load_rig(rig)[0]
     with hold_existing_store(out, campaign=campaign) as store:
         result = issue(store, campaign, out, wanted, rig_file)
+    page = Path(result["page"])
+    if pdf:
+        write_pdf(page.read_text(encoding="utf-8"), page.with_suffix(".pdf"))
+    result |= {"pdf": str(page.with_suffix(".pdf")) if pdf else None}
     print_result(
         json,
         result,
         f"certificate {result['number']}: {result['certificate']}",
         f"schema: {result['schema']}; rules: {result['rules']}; {'signed' if result['signed'] else 'not signed'}; "
         f"{'traceable' if result['traceable'] else 'not traceable'}",
-        f"page: {result['page']}",
+        f"page: {result['pdf'] or result['page']}",
     )
 
 
@@ -133,6 +144,20 @@ def _check(file: Path, signer: Path | None, ca: Path | None, json: bool) -> None
             "quantities": quantities_of(checked.root),
         },
         f"{number}: {said} {checked.signer}",
+        *([_results(quantities_of(checked.root))] if checked.trusted else []),
     )
     if not checked.trusted:
         raise CampaignRefused("the signer was not checked; give --signer CERT.pem or --ca CA.pem")
+
+
+def _results(quantities: list[dict[str, str | None]]) -> RenderableType:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for head in ("value", "U", "k"):
+        table.add_column(head, justify="right")
+    table.add_column("unit")
+    for q in quantities:
+        table.add_row(*(q[key] or "" for key in ("name", "value", "expanded", "k", "shown_unit")))
+    return table

@@ -164,6 +164,8 @@ def _record_in_words(record: Mapping[str, Any]) -> str:
 
 
 def _in_words(by_drive: Mapping[str, str]) -> str:
+    if set(by_drive.values()) <= {NO_TABLE}:  # also of a correction by the host, which tries no table
+        return f"{NO_TABLE} on any drive"
     if len(set(by_drive.values())) == 1:
         return f"{next(iter(by_drive.values()))} on all drives"
     return "; ".join(f"{drive}: {words}" for drive, words in by_drive.items())

@@ -200,9 +200,9 @@ def spectrum(diagnosis: Diagnosis) -> Figure:
     axes.set_yscale("log")
     axes.set_ylim(0.5, max(1.5 * axes.get_ylim()[1], 2.0 * CLEAR_PEAK))
     axes.set_xlabel("spatial period / mm")
-    axes.set_ylabel("power over that of noise, highest of each stretch")
+    axes.set_ylabel("power / power of noise")
     legend_above(axes)
-    figure.suptitle("Spectrum of the gap along the drives", fontsize=11)
+    figure.suptitle("Spectrum of the gap along the drives, the highest of each stretch", fontsize=11)
     figure.tight_layout()
     return figure
 

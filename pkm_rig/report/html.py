@@ -24,6 +24,7 @@ from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.results.report_source import ReportSource
 from pkm_rig.store.place import campaign_folder
 
+NARROW_IN = 6.0  # a picture of one panel
 WRONG_READINGS = 50  # the largest, by name; all are in the JSON of `identify`
 
 
@@ -75,6 +76,7 @@ def make_report(
         diagnosis=_diagnosis_pictures(source, draw=draw),
         parameters=[_parameter_unit(entry) for entry in data.get("parameters", ())],
         effect_units=[_effect_unit(entry) for entry in (data["diagnosis"] or {}).get("effects", ())],
+        kinds=list(dict.fromkeys(entry["name"].partition(".")[0] for entry in data.get("parameters", ()))),
         most_wrong=WRONG_READINGS,
     )
     return Report(html, data)
@@ -96,7 +98,7 @@ def _verdict(source: ReportSource, page: Page) -> str:
 
 def _parameter_unit(entry: dict[str, Any]) -> dict[str, Any]:
     factor, unit = {"m": (1e6, "µm"), "rad": (1e6, "µrad")}.get(
-        entry["unit"], (1e6, "ppm") if entry["ppm"] else (1.0, "ratio")
+        entry["unit"], (1e6, "ppm") if entry["ppm"] else (1.0, "")
     )
     return {"factor": factor, "unit": unit}
 
@@ -164,9 +166,13 @@ def _pictures(source: ReportSource, *, draw: bool) -> dict[str, str]:
     return {"conditions": "", "residuals": "", "parameters": "", **drawn}
 
 
-def _diagnosis_pictures(source: ReportSource, *, draw: bool) -> list[str]:
+def _diagnosis_pictures(source: ReportSource, *, draw: bool) -> list[tuple[str, bool]]:
+    """Pictures of the diagnosis, and whether each is a narrow one."""
     diagnosis = None if source.diagnosis is None else source.diagnosis.diagnosis
     if diagnosis is None or not draw:
         return []
     images = diagnosis_pictures.draw_all(diagnosis, source.machine)
-    return [pictures.data_uri(figure, simulated=source.header.simulated) for figure in images.values()]
+    return [
+        (pictures.data_uri(figure, simulated=source.header.simulated), figure.get_figwidth() < NARROW_IN)
+        for figure in images.values()
+    ]

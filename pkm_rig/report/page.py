@@ -8,6 +8,7 @@ digits and never down, `U:KEY` a value that ends at the place of the uncertainty
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -18,7 +19,7 @@ from calibration.base.rounding import round_result, round_uncertainty
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.notation import plain_number, with_symbols
 from pkm_rig.report.sentences import SENTENCES
-from pkm_rig.report.words import Language, part_of_rig, said, word
+from pkm_rig.report.words import Language, named, said, word
 
 NOTHING = "–"
 
@@ -65,6 +66,14 @@ class Page:
         """A share in percent."""
         return self.num(key, 0, 100.0)
 
+    def significant(self, key: str, digits: int, factor: float = 1.0) -> Markup:
+        """A number to exactly so many significant digits, zeros at its end too; zero as it is."""
+        value = self.at(key) * factor
+        places = (
+            0 if value == 0.0 else max(0, digits - 1 - math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}")))))
+        )
+        return _span(key, factor, f"{digits}g", f"{float(f'{value:.{digits - 1}e}'):.{places}f}")
+
     def digits(self, key: str, digits: int = 3, factor: float = 1.0) -> Markup:
         """A number to so many significant digits."""
         value = self.at(key)
@@ -102,9 +111,9 @@ class Page:
         shown = with_symbols(said(str(value), self.language))
         return Markup('<span data-key="{}" data-round="said">{}</span>').format(key, shown)
 
-    def part_of_rig(self, key: str) -> Markup:
-        """The name of a part of the rig, in the page's language."""
-        shown = part_of_rig(str(self.at(key)), self.language)
+    def of_catalogue(self, key: str, kind: str) -> Markup:
+        """A name that the catalogue has under `kind` in the page's language; as it is where the catalogue lacks it."""
+        shown = named(kind, str(self.at(key)), self.language)
         return Markup('<span data-key="{}" data-round="said">{}</span>').format(key, shown)
 
     def code(self, key: str) -> Markup:
@@ -118,6 +127,11 @@ class Page:
             return Markup(NOTHING)
         shown = f"{datetime.fromtimestamp(value, UTC):%Y-%m-%d %H:%M}"
         return Markup('<span data-key="{}" data-round="utc">{}</span>').format(key, shown)
+
+    def time_of_day(self, key: str) -> Markup:
+        """A moment in ISO 8601 as a date and a time of day, UTC."""
+        shown = f"{datetime.fromisoformat(self.at(key)).astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+        return Markup('<span data-key="{}" data-round="iso">{}</span>').format(key, shown)
 
     def crc(self, key: str) -> Markup:
         """A CRC in eight hexadecimal digits."""

@@ -183,7 +183,7 @@ def conditions(reduction: Reduction) -> Figure:
     other.set_ylabel("largest shift of a nest / µm")
     other.set_ylim(bottom=0.0)
     legend_above(other)
-    figure.tight_layout()
+    figure.tight_layout(w_pad=3.0)
     return figure
 
 

@@ -187,6 +187,37 @@ SENTENCES: dict[str, Sentence] = {
     "strongest correlations": Sentence("Strongest correlations:", "Stärkste Korrelationen:"),
     "with": Sentence("with", "mit"),
     "left open": Sentence("These readings leave open:", "Diese Messwerte lassen offen:"),
+    # kinds of parameters
+    "kind: strut_length": Sentence(
+        "length of a strut between its joints",
+        "Länge einer Strebe zwischen ihren Gelenken",
+    ),
+    "kind: platform_joint": Sentence("place of a joint on the platform", "Ort eines Gelenks an der Plattform"),
+    "kind: base_joint": Sentence(
+        "place of a joint on the base or on what a drive carries",
+        "Ort eines Gelenks am Gestell oder an dem, was ein Antrieb trägt",
+    ),
+    "kind: pivot": Sentence(
+        "point of the axis that a crank turns about",
+        "Punkt der Achse, um die eine Kurbel dreht",
+    ),
+    "kind: guide_position": Sentence(
+        "place of a plane that guides the platform, along its normal",
+        "Ort einer führenden Ebene längs ihrer Normalen",
+    ),
+    "kind: guide_tilt": Sentence("tilt of a plane that guides the platform", "Neigung einer führenden Ebene"),
+    "kind: axis_tilt": Sentence(
+        "tilt of the direction in which a drive moves",
+        "Neigung der Richtung, in der sich ein Antrieb bewegt",
+    ),
+    "kind: drive_scale": Sentence(
+        "relative error of a drive's scale",
+        "relative Abweichung des Maßstabs eines Antriebs",
+    ),
+    "kind: ln_stiffness": Sentence(
+        "natural logarithm of a strut's stiffness over its nominal one",
+        "natürlicher Logarithmus der Steifigkeit einer Strebe, bezogen auf den Nennwert",
+    ),
     # terms
     "name: report frame": Sentence("Report frame", "Berichtskoordinatensystem"),
     "name: noise floor": Sentence("Noise floor", "Rauschgrenze"),
@@ -199,6 +230,7 @@ SENTENCES: dict[str, Sentence] = {
         "Nest outlier, innovation gate, model gate",
         "Ausreißer am Nest, Innovationsschranke, Modellschranke",
     ),
+    "name: parameters": Sentence("Parameters", "Parameter"),
     "name: directions": Sentence("Directions", "Richtungen"),
     "name: reflectors": Sentence("Reflectors", "Reflektoren"),
     "name: rig time": Sentence("Rig time", "Anlagenzeit"),
@@ -271,6 +303,12 @@ SENTENCES: dict[str, Sentence] = {
         "U ist die erweiterte Messunsicherheit: die Standardunsicherheit, multipliziert mit dem Erweiterungsfaktor "
         "k = {k}; bei einer Normalverteilung entspricht das einer Überdeckungswahrscheinlichkeit von etwa 95 % "
         "(JCGM 100).",
+    ),
+    "certificate: page": Sentence(
+        "This page is made of the XML file with the same name, and of nothing else; the file is the certificate, "
+        "and it alone can be signed and checked.",
+        "Diese Seite ist aus der gleichnamigen XML-Datei erzeugt und aus nichts anderem; die Datei ist der "
+        "Kalibrierschein, und nur sie kann signiert und geprüft werden.",
     ),
     "certificate: scope": Sentence(
         "The results relate only to the machine that is named here, in the state in which it was measured.",

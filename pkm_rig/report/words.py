@@ -69,6 +69,9 @@ CATALOGUE: dict[str, Words] = {
     "model": Words("model", "Typ"),
     "serial": Words("serial number", "Seriennummer"),
     "place": Words("place", "Standort"),
+    "performed_at": Words("place of measuring", "Ort der Messung"),
+    "performed_at: customer": Words("at the customer's", "beim Auftraggeber"),
+    "performed_at: laboratory": Words("in the laboratory", "im Laboratorium"),
     "rig": Words("rig", "Prüfaufbau"),
     "station": Words("station", "Messstation"),
     "drives": Words("drives", "Antriebe"),
@@ -126,6 +129,7 @@ CATALOGUE: dict[str, Words] = {
     "on": Words("on", "an"),
     "readings": Words("readings", "Messwerte"),
     "mean": Words("mean", "Mittel"),
+    "largest_after": Words("largest after", "größte nachher"),
     "largest": Words("largest", "größter"),
     "effect": Words("effect", "Effekt"),
     "place_of_effect": Words("place", "Ort"),
@@ -174,6 +178,19 @@ CATALOGUE: dict[str, Words] = {
     "part of rig: platform": Words("platform", "Plattform"),
     "part of rig: slider": Words("slider", "Schlitten"),
     "part of rig: floor": Words("floor", "Boden"),
+    # what shares of the gap are over
+    "over: drive": Words("drive", "Antrieb"),
+    "over: pose": Words("pose", "Pose"),
+    "over: region": Words("region", "Bereich"),
+    "over: direction": Words("direction", "Richtung"),
+    "over: load": Words("load", "Last"),
+    "over: speed": Words("speed", "Geschwindigkeit"),
+    "over: dwell": Words("dwell", "Verweilzeit"),
+    "over: time": Words("time", "Zeit"),
+    "over: temperature": Words("temperature", "Temperatur"),
+    "over: period": Words("period", "Periode"),
+    "over: strut": Words("strut", "Strebe"),
+    "over: smr": Words("reflector", "Reflektor"),
     # causes of readings left out, parts of a budget
     "left out: visit measured anew": Words("visit measured anew", "Position neu angefahren und gemessen"),
     "left out: failed nest check": Words("failed nest check", "Prüfung der Nester nicht bestanden"),
@@ -220,6 +237,7 @@ PHRASES: tuple[Words, ...] = (  # of what the program states in a field or as a 
     Words("fall ", "Abnahme "),
     Words("after ", "nachher "),
     Words("limit ", "Grenze "),
+    Words("no table in use on any drive", "in keinem Antrieb ist eine Tabelle in Gebrauch"),
     Words("no table in use", "keine Tabelle in Gebrauch"),
     Words("on all drives", "in allen Antrieben"),
     Words("generation ", "Generation "),
@@ -282,9 +300,9 @@ def said(text: str, language: Language = "en") -> str:
     return text if language == "en" else _ANY_PHRASE.sub(lambda found: _IN_GERMAN[found[0]], text)
 
 
-def part_of_rig(name: str, language: Language = "en") -> str:
-    """The name of a part whose temperature is measured; as it is where the catalogue lacks it."""
-    key = f"part of rig: {name}"
+def named(kind: str, name: str, language: Language = "en") -> str:
+    """A name that the catalogue has under a kind, as in `part of rig: air`; as it is where the catalogue lacks it."""
+    key = f"{kind}{name}"
     return word(key, language) if key in CATALOGUE else name
 
 

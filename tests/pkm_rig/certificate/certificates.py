@@ -32,7 +32,7 @@ DATA = {
     "coverage_factor": 2.0,
     "state": "accepted",
     "decision": "accepted",
-    "tables_as_found": "no table in use on all drives",
+    "tables_as_found": "no table in use on any drive",
     "tables_as_left": "generation 3",
     "identity": {
         "machine": {"name": "planar4", "manufacturer": "Example AG", "model": "P4", "serial": "0042",

@@ -69,6 +69,8 @@ def complaint(attributes, text, data):  # noqa: PLR0911
         return "" if re.findall(NUMBER, text) == re.findall(NUMBER, str(value)) else where
     if rounding == "hex":
         return "" if int(text, 16) == value and len(text) == 8 else where
+    if rounding == "iso":
+        return "" if f"{value[:10]} {value[11:16]} UTC" == text and value.endswith("+00:00") else where
     if rounding == "utc":
         return "" if datetime.fromtimestamp(value, UTC).strftime("%Y-%m-%d %H:%M") == text else where
     exact = Decimal(repr(float(value))) * Decimal(repr(float(attributes["data-factor"])))

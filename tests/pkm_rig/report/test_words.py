@@ -10,6 +10,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 import pkm_rig.report.html as html_module
+from calibration.model.parameters import KINDS
 from calibration.reduction.budget import BudgetEntry
 from calibration.reduction.figures import Figures
 from calibration.reduction.left_out import MODEL, NEST, VISIT
@@ -33,10 +34,11 @@ def test_every_word_that_a_page_shows_is_from_the_catalogues():
 
 def test_every_sentence_has_the_same_parts_in_both_languages_and_is_used():
     shown = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES)
+    assert {key.removeprefix("kind: ") for key in SENTENCES if key.startswith("kind: ")} == set(KINDS)
     for key, sentence in SENTENCES.items():
         parts = [sorted(re.findall(r"\{\w+\}", text)) for text in sentence]
         assert parts[0] == parts[1], key
-        assert f"'{key}'" in shown or f'"{key}"' in shown or key.startswith("certificate: ")
+        assert f"'{key}'" in shown or f'"{key}"' in shown or key.startswith(("certificate: ", "kind: "))
         assert sentence.en.strip()
         assert sentence.de.strip()
 

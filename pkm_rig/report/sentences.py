@@ -291,11 +291,13 @@ SENTENCES: dict[str, Sentence] = {
         "Position error: distance of the tool point from its commanded place at {poses} verification poses, which "
         "no fit has seen, after the rigid motion that fits the reflectors measured without payload best. Rotation "
         "error: the platform's, likewise. Before: compensation off; after: with the correction. What is measured "
-        "contains the noise of the measurement.",
+        "contains the noise of the measurement. Noise floor: the scatter of the measured pose over repeated visits "
+        "of one target, scaled to the averaging of the verification.",
         "Positionsabweichung: Abstand des Werkzeugpunkts von seinem Sollort an {poses} Prüfposen, die in keine "
         "Anpassung eingehen, nach der Starrkörperbewegung, die den ohne Nutzlast gemessenen Reflektoren am besten "
         "entspricht. Verdrehung: die der Plattform, ebenso. Vorher: Kompensation ausgeschaltet; nachher: mit der "
-        "Korrektur. Die Messwerte enthalten das Rauschen der Messung.",
+        "Korrektur. Die Messwerte enthalten das Rauschen der Messung. Rauschgrenze: die Streuung der gemessenen "
+        "Pose bei wiederholtem Anfahren eines Ziels, umgerechnet auf die Mittelung der Prüfung.",
     ),
     "certificate: uncertainty": Sentence(
         "U is the expanded uncertainty: the standard uncertainty times the coverage factor k = {k}, which for a "

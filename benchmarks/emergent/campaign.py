@@ -96,10 +96,14 @@ class Campaign:
 
 @dataclass(frozen=True)
 class CarriedOut:
-    """What was there without noise: reflectors' places (r, 3), machine's axes; motors' forces (r, 2) in N."""
+    """What was there without noise: reflectors' places (r, 3), machine's axes; motors' forces (r, 2) in N.
+
+    off_m (r, 2): where carriages stood over their commands by what is in the drives.
+    """
 
     places_m: Array
     motor_n: Array
+    off_m: Array
 
 
 @dataclass(frozen=True)
@@ -173,9 +177,8 @@ def carry_out(
         if (a, part) not in kept:
             kept[a, part] = _along(part, a, campaign, load_n[:, a])
         off_m[:, a], motor_n[:, a] = kept[a, part]
-    off_m += disturbances.travel_m
-    places = _places(machine, campaign, off_m, parts, disturbances.growth)
-    return CarriedOut(places[np.arange(len(visits)), reflectors], motor_n)
+    places = _places(machine, campaign, off_m + disturbances.travel_m, parts, disturbances.growth)
+    return CarriedOut(places[np.arange(len(visits)), reflectors], motor_n, off_m)
 
 
 def _along(part: DrivePart, a: int, campaign: Campaign, load_n: Array) -> tuple[Array, Array]:

@@ -139,14 +139,13 @@ def _soft_column(_: np.random.Generator) -> _Drawn:
 
 
 def _tooth(rng: np.random.Generator) -> _Drawn:
-    shape = {"tooth_pitch_m": rng.uniform(0.15, 0.3), "tooth_width_m": rng.uniform(0.02, 0.05)}
-    around = {**BALANCED, "stiffness_n_per_m": 4e7, **shape, "tooth_at_m": rng.uniform(0.0, 0.3)}
-    return {"tooth_n": 3000.0 * float(rng.choice((-1.0, 1.0)))}, around
+    return {"tooth_m": 5e-5}, {**BALANCED, "tooth_reach_m": _log(rng, 0.08, 0.25)}
 
 
 def _cable(rng: np.random.Generator) -> _Drawn:
-    around = {**BALANCED, "stiffness_n_per_m": _log(rng, 1.5e7, 4e7)}
-    return {"cable_n": 700.0, "cable_n_per_m": 700.0 / rng.uniform(0.05, 0.25)}, around
+    """A cable's drag, hardly more than the noise of the torque, on a bracket that it bends."""
+    reach_m = rng.uniform(0.05, 0.25)
+    return {"cable_n": 10.0, "cable_n_per_m": 10.0 / reach_m}, {**BALANCED, "bracket_n_per_m": _log(rng, 1e5, 4e5)}
 
 
 def _clamp(rng: np.random.Generator) -> _Drawn:
@@ -171,7 +170,7 @@ _CAUSES: dict[
     "clearance": ("joint_clearance", ON_STRUTS, (("clearance_m",), ()), _clearance),
     "soft_strut": ("link_stiffness", ON_STRUTS, (("stop_m",), ("soft_n_per_m",)), _soft_strut),
     "soft_column": ("column_compliance", ON_COLUMNS, ((), ("column_n_per_m",)), _soft_column),
-    "tooth": ("tooth", ON_DRIVES, (("tooth_n",), ()), _tooth),
+    "tooth": ("tooth", ON_DRIVES, (("tooth_m",), ()), _tooth),
     "cable_drag": ("cable_drag", ON_DRIVES, (("cable_n", "cable_n_per_m"), ()), _cable),
     "loose_clamp": ("loose_clamp", ON_DRIVES, ((), ("clamp_n_per_m",)), _clamp),
     "limit_cycle": ("limit_cycle", ON_DRIVES, ((), ("gain_n_per_m",)), _limit_cycle),

@@ -54,10 +54,7 @@ def make_case(plan: Plan, cases: Path, every: int = 1) -> str:
     kept: Kept = {}
     made = _run(machine, campaign, faults, (), always, kept)
     sizes = _sizes(machine, campaign)
-    facts = [
-        _fact(fault, sizes, made.places_m - _run(machine, campaign, faults, (fault,), always, kept).places_m)
-        for fault in faults
-    ]
+    facts = [_fact(fault, sizes, _change(machine, campaign, faults, fault, always, kept)) for fault in faults]
     turns, shifts = drift(levels, t_s, rng)
     places = made.places_m + reseated_m(levels, exchanges, reflectors, rng)
     clean = station.sees(places, turns, shifts)
@@ -76,6 +73,17 @@ def _run(
     kept: Kept | None = None,
 ) -> CarriedOut:  # fmt: skip
     return carry_out(machine, campaign, drive_parts(faults, good), strut_parts(faults, good), always, kept)
+
+
+def _change(
+    machine: Machine, campaign: Campaign, faults: Sequence[Fault], fault: Fault, always: Disturbances, kept: Kept
+) -> Array:
+    """Change (r, 3) of the places by a fault. What a drive does at every reading alike is its zero."""
+    made, good = (_run(machine, campaign, faults, repaired, always, kept) for repaired in ((), (fault,)))
+    if fault.on == ON_DRIVES:
+        zero = np.mean(made.off_m - good.off_m, axis=0)
+        good = _run(machine, campaign, faults, (fault,), replace(always, travel_m=always.travel_m + zero), kept)
+    return made.places_m - good.places_m
 
 
 def _sizes(machine: Machine, campaign: Campaign) -> Sizes:
@@ -100,10 +108,7 @@ def _to_size(fault: Fault, machine: Machine, campaign: Campaign, wanted: float) 
     calm = Disturbances(np.zeros((len(visits), 2)), np.zeros((len(visits), 4)))
     sizes, kept = _sizes(machine, few), Kept()
     for _ in range(ROUNDS):
-        change = (
-            _run(machine, few, [fault], (), calm, kept).places_m
-            - _run(machine, few, [fault], (fault,), calm, kept).places_m
-        )
+        change = _change(machine, few, [fault], fault, calm, kept)
         raw, visible = max(sizes.raw(change)), max(sizes.visible(change))
         factor = max(wanted / max(raw, 1e-3), VISIBLE / max(visible, 1e-3))
         if abs(np.log(factor)) < 0.1:

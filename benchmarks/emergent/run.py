@@ -1,10 +1,10 @@
 """Checks the diagnosis on a plant in MuJoCo in which errors emerge: one table (docs/explanation/emergent.md).
 
-    python -m benchmarks.emergent.run [--n N] [--processes 2] [--out runs/emergent] [--unsealed]
+    python -m benchmarks.emergent.run [--n N] [--processes 2] [--out runs/emergent] [--make-only] [--unsealed]
 
 Makes the cases that are missing, packs them in the form of the other simulator's recordings, and has
 `benchmarks.independent.run` diagnose and score them. A finished case is kept as long as the plant's code is the same:
-stopped at any time, the same command goes on. What is scored with which catalogue is a line of log.jsonl, written
+stopped at any time, the same command goes on; --make-only leaves the diagnosis for later. What is scored with which catalogue is a line of log.jsonl, written
 before. Exit status 1 if a goal is missed, 2 if a process failed.
 """
 
@@ -49,6 +49,9 @@ def main(arguments: list[str] | None = None) -> int:
     plant = f"{code_digest(*PLANT)}-mujoco-{mujoco.__version__}"
     folder = options.out / plant
     make_all(chosen, folder / "cases", options.processes)
+    if options.make_only:
+        print(f"{len(chosen)} cases: {folder / 'cases'}")
+        return 0
     data = folder / f"{len(chosen)}-of-{len(plans)}"
     archive = pack(folder / "cases", data, [one.name for one in chosen])
     append_once(options.log, plant, len(chosen))
@@ -107,6 +110,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--n", type=int, default=0, help="so many cases only, for a first look")
     parser.add_argument("--processes", type=int, default=2, help="cases made, and diagnosed, side by side")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")
+    parser.add_argument("--make-only", action="store_true", help="make cases, and diagnose nothing")
     parser.add_argument("--unsealed", action="store_true", help="development where the system can shut no process in")
     parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)

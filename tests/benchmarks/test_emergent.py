@@ -92,19 +92,34 @@ def test_an_integral_action_against_friction_that_falls_with_speed_hunts():
     assert np.ptp(at) > 100.0
 
 
-def test_a_cable_that_drags_remembers_which_way_it_was_pulled():
-    drive = Drive(DrivePart(stiffness_n_per_m=2e7, cable_n=400.0, cable_n_per_m=4e3, friction_n=10.0, balance=1.0))
-    at = [drive.visit(Arrival(place, 1, 0.12, 0.0), AT_REST).carriage_m[0] * 1e6 for place in (1.0, 1.3, 1.25)]
-    assert at[0] == pytest.approx(0.0, abs=3.0)
-    assert at[1] == pytest.approx(-20.5, abs=0.5)  # all of its friction
-    assert at[2] == pytest.approx(-10.5, abs=0.7)  # half of it is given back on the way of 50 mm
+def test_a_cable_that_drags_remembers_which_way_it_was_pulled_and_the_motor_does_not_feel_it():
+    good = DrivePart(friction_n=10.0, balance=1.0)
+    drive = Drive(replace(good, bracket_n_per_m=2e5, cable_n=8.0, cable_n_per_m=80.0))
+    rests = [drive.visit(Arrival(place, 1, 0.12, 0.0), AT_REST) for place in (1.0, 1.3, 1.25)]
+    at = [rest.carriage_m[0] * 1e6 for rest in rests]
+    began = -approach(Arrival(1.0, 1, 0.12, 0.0), 0.0)[0][0]  # of the last part of an approach, before the target
+    assert at[0] == pytest.approx(80.0 * began / 2e5 * 1e6, abs=0.2)  # slack until then
+    assert at[1] == pytest.approx(40.0, abs=1.0)  # all of its friction over the bracket's stiffness
+    assert at[2] == pytest.approx(20.0, abs=1.0)  # half of it is given back on the way of 50 mm
+    _, motor = settled(good, 1, load_n=0.0)
+    assert rests[1].motor_n[0] == pytest.approx(motor[0], abs=10.0)
 
 
-def test_a_tooth_pushes_where_it_is_and_a_loose_clamp_gives_way():
-    part = DrivePart(tooth_n=1000.0, tooth_at_m=0.1, tooth_pitch_m=0.2, tooth_width_m=0.02)
-    assert part.tooth_force_n(0.5) == pytest.approx(1000.0)
-    assert [part.tooth_force_n(place) for place in (0.52, 0.4, 0.489)] == [0.0, 0.0, 0.0]
-    assert part.tooth_force_n(0.905) == pytest.approx(500.0)
+def test_a_tooth_that_broke_off_lifts_the_carriage_above_it_and_is_pushed_along():
+    drive = Drive(DrivePart(tooth_m=5e-5, tooth_reach_m=0.1, friction_n=10.0, balance=1.0))
+    places = (1.0, 1.05, 1.3, 1.2, 1.1)
+    rests = [drive.visit(Arrival(place, 1, 0.12, 0.0), AT_REST) for place in places]
+    at = [rest.carriage_m[0] * 1e6 for rest in rests]
+    began = -approach(Arrival(1.0, 1, 0.12, 0.0), 0.0)[0][0]  # of the last part of an approach, before the target
+    lies = np.array([1.0 - began, 1.0 - began, 1.2, 1.2, 1.1 - began + 0.1])  # pushed by the third and the last way
+    expected = 50.0 * np.cos(0.5 * np.pi * (lies - places) / 0.1) ** 2
+    np.testing.assert_allclose(at, expected, atol=0.1)
+    assert expected.max() > 49.0
+    assert expected.min() < 1.0
+    assert rests[0].motor_n[0] == pytest.approx(rests[2].motor_n[0], abs=20.0)
+
+
+def test_a_loose_clamp_gives_way():
     tight, _ = settled(DrivePart(clamp_n=2000.0, clamp_n_per_m=1.5e7), 1, load_n=-800.0)
     loose, _ = settled(DrivePart(clamp_n=300.0, clamp_n_per_m=1.5e7), 1, load_n=-800.0)
     assert abs(tight[0]) < 1.0

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.comparison.cases import NOTHING, STRUCTURE
-from benchmarks.withheld.report import measure_lines
-from benchmarks.withheld.table import Measure, share
+from benchmarks.scoring.lines import measure_lines
+from benchmarks.scoring.measure import Measure, share
 
 Row = Mapping[str, Any]
 UNKNOWN = "unknown"

@@ -4,8 +4,8 @@
 
 Makes the cases that are missing, packs them in the form of the other simulator's recordings, and has
 `benchmarks.independent.run` diagnose and score them. A finished case is kept as long as the plant's code is the same:
-stopped at any time, the same command goes on; --make-only leaves the diagnosis for later. What is scored with which catalogue is a line of log.jsonl, written
-before. Exit status 1 if a goal is missed, 2 if a process failed.
+stopped at any time, the same command goes on; --make-only leaves the diagnosis for later. What is scored with which
+catalogue is a line of log.jsonl, written before. Exit status 1 if a goal is missed, 2 if a process failed.
 """
 
 from __future__ import annotations

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gapbench.program import Tried
-from benchmarks.independent.scorer import LEAST_P
+from benchmarks.scoring.goals import SURE
+from benchmarks.scoring.measure import share
 from benchmarks.structures.structure import KNOWN_CASE, NULL_CASE, OUTSIDE_CASE
-from benchmarks.structures.table import SURE, is_right, right_answers
+from benchmarks.structures.table import is_right, right_answers
 from benchmarks.withheld.score_rows import called
-from benchmarks.withheld.scorer import UNKNOWN
-from benchmarks.withheld.table import share
+from benchmarks.withheld.scorer import LEAST_P, UNKNOWN
 
 Row = dict[str, Any]
 Cell = Callable[[Sequence[Row]], str]

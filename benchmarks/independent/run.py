@@ -33,9 +33,9 @@ from benchmarks.independent.scorer import reached_with_truth, score
 from benchmarks.independent.table import figures, misjudged, printed, without_cases
 from benchmarks.independent.truths import OddTruth, read_truths
 from benchmarks.results_file import ResultsFile
-from benchmarks.withheld.lane import RunFailed, diagnose, finite
+from benchmarks.withheld.lane import RunFailed, diagnose, finite, sure_of
 from benchmarks.withheld.score_rows import Row
-from benchmarks.withheld.scorer import Tampered
+from benchmarks.withheld.scorer import WORTH_ADDING, Tampered, verdict
 from benchmarks.withheld.sealed_diagnoser import HELPERS
 
 ROOT = Path(__file__).parents[2]
@@ -43,8 +43,6 @@ DATA = ROOT.parent / "shared" / "independent"
 OUT = ROOT / "runs" / "independent"
 CODE = ("calibration", *(f"benchmarks/withheld/{name}.py" for name in (*HELPERS, "sealed_diagnoser")))
 BATCH = 5
-SURE = 0.9
-WORTH_ADDING = 1.0  # sigma, visible: what the true effect in the model would have reached
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -93,22 +91,12 @@ def hold_against_gross(
     archive: Path, out: Path, answers: dict[str, dict[str, Any]], options: argparse.Namespace
 ) -> dict[str, bool]:
     """Whether the verdicts that were sure are the same with gross readings planted, by recording."""
-    sure = [name for name, of_name in answers.items() if probability(of_name) > SURE]
+    sure = [name for name, of_name in answers.items() if sure_of(of_name)]
     planting = hashlib.sha256((Path(__file__).parent / "gross.py").read_bytes()).hexdigest()[:12]
     print(f"{len(sure)} of {len(answers)} verdicts are sure; with gross readings:", file=sys.stderr)
     out = out / f"gross-{planting}"
     again = answer(archive, sure, out, options.diagnose, options.jobs, prepare=plant_in, sealed=options.sealed)
     return {name: verdict(again[name]) == verdict(answers[name]) for name in sure}
-
-
-def verdict(of_name: dict[str, Any]) -> str:
-    """The verdict of an answer; empty if the diagnosis failed."""
-    return str(of_name["diagnosis"]["verdict"]) if "diagnosis" in of_name else ""
-
-
-def probability(of_name: dict[str, Any]) -> float:
-    """What an answer states of its own verdict."""
-    return float(of_name["diagnosis"]["ranking"].get(verdict(of_name), 0.0)) if "diagnosis" in of_name else 0.0
 
 
 def answer(

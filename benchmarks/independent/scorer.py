@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from benchmarks.independent.truths import Truth
 from benchmarks.withheld.making import ELIGIBLE_RAW, ELIGIBLE_VISIBLE
-from benchmarks.withheld.score_rows import Row, answerable, true_answer
-from benchmarks.withheld.scorer import Tampered, achieved, score_case
+from benchmarks.withheld.score_rows import Row, answerable
+from benchmarks.withheld.scorer import Tampered, achieved, raw_sizes, score_case
 from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
 from calibration.base.plain_file import read_text
@@ -28,7 +28,6 @@ from calibration.recording.header import RecordingFile
 KINDS = {"single": "effect", "null": "null", "pair": "pair", "outside": "outside"}
 ONE_PLACE, SEVERAL_PLACES = "one place", "several places"
 STEP_EFFECTS = ("foundation_settling", "smr_reseat")
-LEAST_P = 1.0e-6  # log score of an answer that was called impossible
 
 
 def score(recordings: Path, name: str, answer: Mapping[str, Any], predictions: bytes | None, truth: Truth) -> Row:
@@ -42,8 +41,8 @@ def score(recordings: Path, name: str, answer: Mapping[str, Any], predictions: b
     row |= {"campaign": truth.entry["campaign"], "places": [list(e["places"]) for e in truth.entry["effects"]]}
     if diagnosis is None:
         return row
-    if answerable(row):
-        row["p_true"] = max(float(diagnosis["ranking"].get(true_answer(row), 0.0)), LEAST_P)
+    if not answerable(row):
+        row.pop("p_true", None)
     row["named_places"] = [places_of(found) for found in diagnosis["effects"]]
     if case["kind"] == "effect":
         row |= _of_single(truth.entry["effects"][0], diagnosis, _drive_of_strut(recordings / name / "machine.toml"))
@@ -104,6 +103,7 @@ def _fact(effect: Mapping[str, Any]) -> dict[str, Any]:
         "place": "",  # compared below, where there may be several
         "raw": effect["raw_sigma"],
         "visible": effect["visible_sigma"],
+        "plausible": False,  # no size of its own
         "period_m": effect.get("period_m", np.nan),
     }
 
@@ -135,12 +135,4 @@ def _of_single(
     if effect["effect"] in STEP_EFFECTS and "step_s" in effect:
         onset = quantities.get("onset_s")
         out["step_error_s"] = None if onset is None else onset - effect["step_s"]
-    sizes = np.array([f["size"]["value"] for f in found], dtype=np.float64)
-    u = np.array([f["size"]["u"] for f in found], dtype=np.float64)
-    raw = np.array([f["raw_sigma"] for f in found])
-    if np.all(sizes != 0.0) and np.all(np.isfinite(u)) and np.any(raw > 0.0):
-        # At different places their shifts hardly correlate: squares add up.
-        together = float(np.linalg.norm(raw))
-        out |= {"raw_named": together, "raw_true": effect["raw_platform_sigma"]}
-        out["raw_u"] = float(np.linalg.norm(raw**2 * u / sizes)) / together
-    return out
+    return out | raw_sizes(found, effect["raw_platform_sigma"])

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from benchmarks.scoring import goals
+from benchmarks.scoring.lines import measure_lines
+from benchmarks.scoring.measure import Measure, share, worst
 from benchmarks.structures.structure import KNOWN_CASE, NULL_CASE, OUTSIDE_CASE
-from benchmarks.withheld.report import measure_lines
 from benchmarks.withheld.score_rows import called
-from benchmarks.withheld.scorer import MOST_RANKED, NONE, UNKNOWN
-from benchmarks.withheld.table import Measure, share
+from benchmarks.withheld.scorer import LEAST_P, MOST_RANKED, NONE, UNKNOWN
 
 Row = dict[str, Any]
-SURE = 0.99
 
 
 def row_of(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Row:
@@ -24,6 +24,7 @@ def row_of(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Row:
     return {
         **truth,
         "verdict": diagnosis["verdict"],
+        "p_true": min(max(sum(diagnosis["ranking"].get(name, 0.0) for name in right_answers(truth)), LEAST_P), 1.0),
         "p": min(max(diagnosis["ranking"].get(diagnosis["verdict"], 0.0), 0.0), 1.0),
         "ranked": [[name, p] for name, p in ranked[:MOST_RANKED]],
         "named": [[effect["effect"], effect["place"]] for effect in diagnosis["effects"]],
@@ -48,15 +49,18 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
     known = [r for r in rows if r["kind"] == KNOWN_CASE]
     outside = [r for r in rows if r["kind"] == OUTSIDE_CASE]
     null = [r for r in rows if r["kind"] == NULL_CASE]
+    answered = [r for r in rows if r["verdict"]]
     return [
-        share("structure of a known effect: named right", [is_right(r) for r in known]),
-        share("  one right name among the first three", [_among_first(r, 3) for r in known]),
+        share("structure of a known effect: named right", [is_right(r) for r in known], 0.90),
+        *worst(lambda name: f"  worst effect of {goals.WORST_OF} cases or more ({name})", _often(known), 0.70),
+        share("  one right name among the first three", [_among_first(r, 3) for r in known], 0.97),
         share("  another effect named", [called(r) and not is_right(r) for r in known]),
         share("  called unknown", [r["verdict"] == UNKNOWN for r in known]),
-        share("structure of none called unknown", [is_right(r) for r in outside]),
+        share("structure of none called unknown", [is_right(r) for r in outside], 0.85),
         share("  called an effect", [called(r) for r in outside]),
-        share("null cases called an effect", [called(r) for r in null]),
-        share("right when p > 0.99", [is_right(r) for r in rows if r["p"] > SURE]),
+        share("null cases called an effect", [called(r) for r in null], 0.01, at_most=True),
+        *goals.stated_and_right([r["p"] for r in answered], [is_right(r) for r in answered]),
+        goals.log_score([r["p_true"] for r in answered if "p_true" in r]),
         *(
             share(f"known, {key} {value}: named right", [is_right(r) for r in known if r[key] == value])
             for key in ("coordinate", "memory", "raw")
@@ -64,6 +68,15 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
         ),
         share("diagnoses that failed", [bool(r["error"]) for r in rows]),
     ]  # fmt: skip
+
+
+def _often(known: Sequence[Row]) -> dict[str, list[bool]]:
+    """Hits of each effect that has cases enough; a structure may be a form of several."""
+    by_name: dict[str, list[bool]] = {}
+    for row in known:
+        for name in row["names"]:
+            by_name.setdefault(name, []).append(is_right(row))
+    return {name: hits for name, hits in by_name.items() if len(hits) >= goals.WORST_OF}
 
 
 def printed(rows: Sequence[Row]) -> str:

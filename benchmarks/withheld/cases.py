@@ -29,7 +29,8 @@ RAW_OF_OUTSIDE = (3.0, 3.0, 5.0, 3.0, 1.0)
 RAW_TO_FIND = (3.0, 5.0)
 
 STYLES = ("rich", "platform", "poor")  # of the designs of null and outside cases
-GROSS = 5  # one case in so many has gross readings
+GROSS = 5  # one case in so many has gross readings, another is given some once its verdict is sure
+SPOILED = ("effect", "null", "pair", "outside")
 
 # What a rig declares over what it really has; None declares nothing.
 RIGHT = "right"
@@ -51,7 +52,8 @@ PROFILES: dict[str, DisturbanceLevels] = {
 class Slot:
     """A case to be made. effects: names, empty for null; raw: their sizes in sigma; profile: '' draws one.
 
-    style: of its design, '' as its kind wants; declared: a name of DECLARED; gross: whether some readings are gross.
+    style: of its design, '' as its kind wants; declared: a name of DECLARED; gross: whether some readings are gross;
+    spoiled: whether a sure verdict is asked for again with gross readings.
     """
 
     key: str
@@ -63,6 +65,7 @@ class Slot:
     style: str = ""
     declared: str = RIGHT
     gross: bool = False
+    spoiled: bool = False
 
 
 def counts(n: int) -> dict[str, int]:
@@ -79,9 +82,14 @@ def plan(n: int = 0, kinds: Collection[str] = (), *, final: bool = False) -> lis
     for kind, count in counts(n).items():
         if not kinds or kind in kinds:
             slots += [_slot(kind, i, outside) for i in range(count)]
-    slots = [replace(slot, gross=crc32(slot.key.encode()) % GROSS == 0) for slot in slots]
+    slots = [_with_gross(slot) for slot in slots]
     share = len(slots) / sum(FULL.values())
     return _with_decoys(slots, round(DECOYS * share))
+
+
+def _with_gross(slot: Slot) -> Slot:
+    turn = crc32(slot.key.encode()) % GROSS
+    return replace(slot, gross=turn == 0, spoiled=turn == 1 and slot.kind in SPOILED)
 
 
 def drawn_order(slots: list[Slot], rng: np.random.Generator) -> list[Slot]:

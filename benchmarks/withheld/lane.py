@@ -17,10 +17,11 @@ from typing import Any
 from benchmarks.withheld.answers import proposed_visits
 from benchmarks.withheld.line_process import exchange
 from benchmarks.withheld.noise import replace_all
-from benchmarks.withheld.scorer import fixed_answers, score_batch
+from benchmarks.withheld.scorer import fixed_answers, score_batch, verdict
 from benchmarks.withheld.sealed_diagnoser import ONE_CORE, NotSealed, answer_folder
 
 ROOT = Path(__file__).parents[2]
+SURE = 0.9
 
 
 class RunFailed(RuntimeError):
@@ -65,7 +66,8 @@ def run_lane(options: LaneOptions, keep: Callable[[dict[str, Any]], None], begun
             diagnose(folder / "recordings", folder / "answers", options.diagnose, sealed=options.sealed)
             answers = json.loads((folder / "answers" / "answers.json").read_text(encoding="utf-8"))
             proposals = {name: proposed_visits(a.get("diagnosis", {})) for name, a in answers.items()}
-            if maker.ask(do="more", folder=str(folder / "longer"), proposals=proposals)["made"]:
+            sure = [name for name, answer in answers.items() if sure_of(answer)]
+            if maker.ask(do="more", folder=str(folder / "longer"), proposals=proposals, sure=sure)["made"]:
                 if options.noise:
                     replace_all(folder / "longer", number)
                 longer, answered = folder / "longer", folder / "longer_answers"
@@ -121,6 +123,11 @@ class MakerProcess:
         if answer is None:
             raise RunFailed(f"withheld: the maker ended at '{order['do']}'; see its message above")
         return answer
+
+
+def sure_of(answer: dict[str, Any]) -> bool:
+    """Whether an answer is so sure of its verdict that gross readings shall not change it."""
+    return bool("diagnosis" in answer and answer["diagnosis"]["ranking"].get(verdict(answer), 0.0) > SURE)
 
 
 def diagnose(recordings: Path, answers: Path, function: str, *, sealed: bool = True, baselines: bool = True) -> None:

@@ -4,7 +4,7 @@
 
 One JSON object a line on standard input, one answer a line on standard output:
 `start` (seed or null, final, n, kinds, lane, lanes, done, leave_form_out), `make` (folder), `more` (folder,
-proposals), `seal` (file, answers_sha256), `stop`. Without a seed every process draws its own from the operating
+proposals, sure), `seal` (file, answers_sha256), `stop`. Without a seed every process draws its own from the operating
 system; it is never written:
 of each batch only its own seed, which does not lead to any other's, is told with the truth.
 """
@@ -16,7 +16,8 @@ import io
 import json
 import secrets
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,10 +27,11 @@ from numpy.typing import NDArray
 
 from benchmarks.withheld.cases import BATCH, Slot, drawn_order, plan
 from benchmarks.withheld.designs import COUNTS, FEW, Designs
+from benchmarks.withheld.gross_readings import with_gross_readings
 from benchmarks.withheld.left_out_forms import FormComparison, LeftOut
-from benchmarks.withheld.making import Case, make_case
+from benchmarks.withheld.making import MOST_GROSS, Case, make_case
 from benchmarks.withheld.mimics import MimicLibraries
-from benchmarks.withheld.scorer import WHOLE
+from benchmarks.withheld.scorer import GROSS, WHOLE
 from benchmarks.withheld.second_round import longer_recordings
 from benchmarks.withheld.sizes import platform_rows
 from mock_devices.recordings.files import write_recording
@@ -82,9 +84,10 @@ class Maker:
         self._write(folder, {secrets.token_hex(8): case for case in cases})
         return len(cases)
 
-    def add_cases(self, folder: Path, proposals: dict[str, Any]) -> int:
+    def add_cases(self, folder: Path, proposals: dict[str, Any], sure: Collection[str] = ()) -> int:
         """What is asked after the first answers: recordings of the `next` cases measured further, as was proposed and
-        at random, and once more those of which the true effect's own forms were left out, with the whole catalogue."""
+        at random; once more those of which the true effect's own forms were left out, with the whole catalogue; and a
+        part of those whose verdict was sure, with gross readings."""
         rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 1])
         cases: dict[str, Any] = {}
         options: dict[str, dict[str, list[str]]] = {}
@@ -101,6 +104,9 @@ class Maker:
                     again(name, arm, recording, left_out.names if left_out else ())
             elif case.slot.kind in TWICE and left_out and left_out.explained:
                 again(name, WHOLE, case.recording, ())
+            if name in sure and case.slot.spoiled:
+                columns = with_gross_readings(case.clean.columns, MOST_GROSS, rng)
+                again(name, GROSS, replace(case.clean, columns=columns), left_out.names if left_out else ())
         for name in shuffled(list(cases)):
             write_recording(cases[name], folder / name)
         write_options(folder, options)
@@ -196,7 +202,7 @@ def main() -> int:
         elif what == "make":
             answer = {"made": maker.make(Path(order["folder"]))}
         elif what == "more":
-            answer = {"made": maker.add_cases(Path(order["folder"]), order["proposals"])}
+            answer = {"made": maker.add_cases(Path(order["folder"]), order["proposals"], order["sure"])}
         else:
             answer = {"truth_sha256": maker.seal(Path(order["file"]), order["answers_sha256"])}
         print(json.dumps(answer), flush=True)

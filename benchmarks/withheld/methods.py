@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.scoring.measure import share
 from benchmarks.withheld.score_rows import Row, answerable, true_answer
 from benchmarks.withheld.scorer import NONE
-from benchmarks.withheld.table import share
 
 METHODS = ("nearest_residual", "greedy_bic", "form_free")
 

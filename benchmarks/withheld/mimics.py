@@ -32,8 +32,8 @@ SampledColumn = tuple[EffectChoice, Array]
 DRAWS = 2
 MOST_COLUMNS = 3
 MOST_STEPS, WANTED_RAW = 3, 3.0
-KINDS = ("effect", "platform_only", "removed")  # cases of one effect whose effect has to be distinguished from others
-REFINED = {"platform_only": 0.8, "removed": 1.0}  # where it decides: up to which distance parameters are fitted
+KINDS = ("effect", "platform_only", "removed", "outside")  # of one effect, to be distinguished from others
+REFINED = {"platform_only": 0.8, "removed": 1.0, "outside": 0.8}  # up to which distance parameters are fitted
 NEAR_ENOUGH, REFINING = 0.25, 40
 SHARED = ("onset_s", "tau_s", "period_m", "wavelength_m", "tilt_per_m")
 

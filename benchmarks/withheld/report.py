@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from benchmarks.scoring.lines import effect_lines, measure_lines, number
 from benchmarks.withheld.methods import baseline_table, shrink_baseline
 from benchmarks.withheld.score_rows import right
 from benchmarks.withheld.table import measures, whole_measures
 from mock_devices.effects import CATALOGUE
 
 Row = dict[str, Any]
-
-PLAIN = (" in s ", "class size", "error", "log score")  # measures that are no proportions
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
@@ -83,25 +82,13 @@ def printed(summary_data: dict[str, Any]) -> str:
     lines += ["", f"{'right answers of':26} {'effects':>9} {'null':>9} {'outside':>9} {'mean':>9}"]
     for b in summary_data["baselines"]:
         values = [b["effect"]["value"], b["null"]["value"], b["outside"]["value"], b["mean_of_kinds"]]
-        cells = " ".join(f"{'-' if v is None else _number(v, False):>9}" for v in values)
+        cells = " ".join(f"{'-' if v is None else number(v, False):>9}" for v in values)
         lines.append(f"{b['method']:26} {cells}")
     s = summary_data["shrink_baseline"]
     parts = [s[key]["value"] for key in ("within_0.05", "within_0.10")]
-    cells = " and ".join("-" if v is None else _number(v, False) for v in parts)
+    cells = " and ".join("-" if v is None else number(v, False) for v in parts)
     lines.append(f"{s['method']:26} {cells} within 0.05 and 0.10 of what was achieved")
     return "\n".join(line.rstrip() for line in lines)
-
-
-def measure_lines(measures_data: Sequence[dict[str, Any]]) -> list[str]:
-    """The measures as a table."""
-    lines = [f"{'measure':58} {'goal':>18} {'reached':>8} {'95 % interval':>18} {'cases':>6}"]
-    for m in measures_data:
-        plain = any(word in m["name"] for word in PLAIN)
-        value = "-" if m["value"] is None else _number(m["value"], plain)
-        interval = "-" if m["value"] is None else f"{_number(m['low'], plain)} to {_number(m['high'], plain)}"
-        verdict = {None: "", True: "ok", False: "short"}[m["ok"]]
-        lines.append(f"{m['name']:58} {m['goal']:>18} {value:>8} {interval:>18} {m['n']:>6}  {verdict}".rstrip())
-    return lines
 
 
 def left_out_lines(left_out: Sequence[dict[str, Any]]) -> list[str]:
@@ -115,18 +102,6 @@ def left_out_lines(left_out: Sequence[dict[str, Any]]) -> list[str]:
             for e in left_out
         ),
         f"{'all':26} {'':>7}   {nothing:>3} of {cases:<3}",
-    ]
-
-
-def effect_lines(effects: Sequence[dict[str, Any]]) -> list[str]:
-    """Hits of each visible effect as a table."""
-    return [
-        f"{'effect':26} {'right':>9}   taken for",
-        *(
-            f"{e['effect']:26} {e['right']:>3} of {e['cases']:<3}   "
-            f"{e['taken_for']} {', '.join(e['variants_missed'])}".rstrip()
-            for e in effects
-        ),
     ]
 
 
@@ -152,7 +127,3 @@ def log_entry(
             for m in summary_data["whole_catalogue"]
         },
     }
-
-
-def _number(value: float, plain: bool) -> str:
-    return f"{value:.3g}" if plain else f"{100.0 * value:.1f} %"

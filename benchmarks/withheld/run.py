@@ -24,6 +24,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from benchmarks import results_file
 from benchmarks.results_file import MixedSettingsError, ResultsFile, read_only
 from benchmarks.withheld.cases import BATCH, FULL, plan
 from benchmarks.withheld.lane import LaneOptions, RunFailed, run_lane
@@ -115,7 +116,14 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
             with lock:
                 _append(
                     options.log,
-                    {"run": _run_id(out), "begun": _now(), "n": len(slots), "after": len(done), "seed": commitment},
+                    {
+                        "run": _run_id(out),
+                        "begun": _now(),
+                        "n": len(slots),
+                        "after": len(done),
+                        "seed": commitment,
+                        "catalogue": catalogue_digest(),
+                    },
                 )
 
     lane = LaneOptions(
@@ -147,6 +155,11 @@ def code_digest() -> str:
         for file in sorted((ROOT / name).rglob("*.py")):
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
+
+
+def catalogue_digest() -> str:
+    """Hash of the effects that the diagnosis knows, logged before a plant's final forms meet them."""
+    return results_file.code_digest("calibration/effects")
 
 
 def default_folder(options: argparse.Namespace, settings: dict[str, Any]) -> Path:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.withheld.coordinates import first_kind, true_kinds
+from calibration.base.errors import InputError
+from calibration.diagnosis.diagnose import withheld_with
+from calibration.effects.catalogue import load_catalogue
+from calibration.recording.folder import read_folder
 
 Array = NDArray[np.float64]
 
@@ -19,6 +25,9 @@ STEPS = {"foundation_settling": ("step",), "smr_reseat": ("step", "put_back")}
 PERIODIC = ("screw_periodic_error", "encoder_interpolation")
 NONE, UNKNOWN = "none", "unknown"
 WHOLE = "whole"  # the arm of a case that is diagnosed again with the whole catalogue
+GROSS = "gross"  # that of a case whose verdict was sure, with gross readings
+LEAST_P = 1.0e-6  # log score of an answer that was called impossible
+WORTH_ADDING = 1.0  # sigma, visible: what the true effect in the model would have reached
 AS_SCORED = ("verdict", "equivalent", "named", "ranked", "p")  # what is kept of that answer
 
 
@@ -44,11 +53,16 @@ def score_batch(folder: Path) -> list[dict[str, Any]]:
             data = predictions.read_bytes()
             if hashlib.sha256(data).hexdigest() != answer["withheld_sha256"]:
                 raise Tampered(f"{predictions}: was changed after the answers were fixed")
-            row |= achieved(case, np.load(predictions), arrays[name], arrays[f"{name}_rows"])
+            true = (arrays[name], arrays[f"{name}_rows"])
+            row |= achieved(case, np.load(predictions), *true)
+            if case["kind"] == "effect" and case["visible"] >= WORTH_ADDING:
+                row["reached_with_truth"] = reached_with_truth(folder / "recordings" / name, case, *true)
         for retry, of in truth["longer"].items():
             if of["of"] == name and of["arm"] == WHOLE:
                 again = score_case(case, longer[retry])
                 row[WHOLE] = {key: again[key] for key in AS_SCORED}
+            elif of["of"] == name and of["arm"] == GROSS:
+                row["held_against_gross"] = verdict(longer[retry]) == verdict(answer)
             elif of["of"] == name:
                 row[f"after_{of['arm']}"] = in_class(case, longer[retry])
         rows.append(row)
@@ -94,6 +108,8 @@ def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
     if diagnosis is None:
         return {**row, "verdict": "", "equivalent": [], "named": [], "ranked": [], "p": 0.0, "first_kind": ""}
     ranked = sorted(diagnosis["ranking"].items(), key=lambda pair: -pair[1])
+    if len(facts) < 2:
+        row["p_true"] = max(float(diagnosis["ranking"].get(only_answer(case), 0.0)), LEAST_P)
     named = [effect["effect"] for effect in diagnosis["effects"]]
     row |= {
         "verdict": diagnosis["verdict"],
@@ -126,6 +142,11 @@ def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
     if fact["place"]:
         out["place_right"] = effect["place"] == fact["place"]
         out["place_p"] = effect["place_probability"]
+    if fact["plausible"]:
+        out |= raw_sizes(same, fact["raw"])
+        if effect["size"]["name"] == fact["size_name"] and effect["size"]["u"] > 0.0:
+            off = abs(effect["size"]["value"]) - abs(fact["size"])
+            out["size_error_u"] = off / effect["size"]["u"]
     quantities = {q["name"]: q["value"] for q in (effect["size"], *effect["others"])}
     if fact["variant"] in STEPS.get(fact["effect"], ()):
         out["step_error_s"] = _difference(quantities.get("onset_s"), fact["onset_s"])
@@ -133,6 +154,28 @@ def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
         error = _difference(quantities.get("period_m"), fact["period_m"])
         out["period_error"] = None if error is None else error / fact["period_m"]
     return out
+
+
+def only_answer(case: dict[str, Any]) -> str:
+    """The right verdict of a case with one effect or none."""
+    return {"null": NONE, "outside": UNKNOWN}.get(case["kind"]) or str(case["effects"][0]["effect"])
+
+
+def verdict(answer: dict[str, Any]) -> str:
+    """The verdict of an answer; empty if the diagnosis failed."""
+    return str(answer["diagnosis"]["verdict"]) if "diagnosis" in answer else ""
+
+
+def raw_sizes(found: Sequence[Mapping[str, Any]], true: float) -> dict[str, float]:
+    """Raw size of an effect, as one or several findings, with its standard uncertainty, beside the true one."""
+    sizes = np.array([f["size"]["value"] for f in found], dtype=np.float64)
+    u = np.array([f["size"]["u"] for f in found], dtype=np.float64)
+    raw = np.array([f["raw_sigma"] for f in found], dtype=np.float64)
+    if not (np.all(sizes != 0.0) and np.all(np.isfinite(u)) and np.any(raw > 0.0)):
+        return {}
+    # At different places their shifts hardly correlate: squares add up.
+    together = float(np.linalg.norm(raw))
+    return {"raw_named": together, "raw_true": true, "raw_u": float(np.linalg.norm(raw**2 * u / sizes)) / together}
 
 
 def _difference(diagnosis: float | None, true: float) -> float | None:
@@ -152,6 +195,20 @@ def achieved(case: dict[str, Any], predictions: Any, noise_free_m: Array, platfo
     if np.all(np.isfinite(sizes)) and sizes[0] > 0.0:
         out |= {"before_m": sizes[0], "after_m": sizes[1], "achieved": 1.0 - sizes[1] / sizes[0]}
     return out
+
+
+def reached_with_truth(
+    recording: Path, case: dict[str, Any], noise_free_m: Array, platform: NDArray[np.intp]
+) -> float | None:
+    """The shrink that the true effect reaches once it is in the model, with the forms that the case may use; None if
+    the recording is unsuitable."""
+    catalogue = load_catalogue().without_forms([*case.get("left_out", {}), *case.get("decoys", [])])
+    try:
+        withheld = withheld_with(read_folder(recording), {f["effect"] for f in case["effects"]}, catalogue)
+    except InputError:
+        return None
+    reached = achieved(case, asdict(withheld), noise_free_m, platform).get("achieved")
+    return None if reached is None else float(reached)
 
 
 def in_class(case: dict[str, Any], answer: dict[str, Any]) -> bool:

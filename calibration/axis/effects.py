@@ -106,18 +106,21 @@ def _range(signals: Signals, column: Array) -> tuple[float, float]:
 
 
 def _delay(signals: Signals) -> AxisEffect:
-    """The second position is that of a time earlier."""
+    """The second position is that of a time earlier; not quite alike in both directions."""
+
+    def late(by_time: Law) -> LawSets:
+        sets = LawSets(signals)
+        main = sets.add_law(by_time)
+        sets.add_one(main)
+        sets.add_one(main, sets.add_law(_uneven))
+        return sets
 
     def built() -> LawSets:
-        sets = LawSets(signals)
-        sets.add_one(sets.add_law(lambda s: -s.velocity))
-        return sets
+        return late(lambda s: -s.velocity)
 
     def refined(delay_s: float) -> LawSets:
         delay_s = math.copysign(max(abs(delay_s), SHORTEST_DELAY_S), delay_s)
-        sets = LawSets(signals)
-        sets.add_one(sets.add_law(lambda s: s.moved_late(delay_s) / delay_s))
-        return sets
+        return late(lambda s: s.moved_late(delay_s) / delay_s)
 
     meaning = "time by which the second position is later than the motor's"
     size = EffectParameter("delay_s", SHORTEST_DELAY_S, LONGEST_DELAY_S, "s", meaning)
@@ -132,12 +135,17 @@ def _viscous(signals: Signals) -> AxisEffect:
         sets = LawSets(signals)
         main = sets.add_law(lambda s: -s.velocity)
         sets.add_one(main)
-        sets.add_one(main, sets.add_law(lambda s: -np.abs(s.velocity)), asymmetry=0.0)
+        sets.add_one(main, sets.add_law(_uneven), asymmetry=0.0)
         sets.add_one(main, sets.add_law(lambda s: -s.velocity * np.abs(s.velocity) / fastest))
         return sets
 
     size = EffectParameter("windup_s", SHORTEST_DELAY_S, LONGEST_DELAY_S, "s", "wind-up per speed")
     return AxisEffect("viscous", size, built, one_sign=True, others=(_ASYMMETRY,), friction=True)
+
+
+def _uneven(signals: Signals) -> Array:
+    """What makes an effect that goes with the velocity differ between its two directions."""
+    return -np.abs(signals.velocity)
 
 
 def _coulomb(signals: Signals) -> AxisEffect:

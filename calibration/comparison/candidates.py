@@ -14,7 +14,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.comparison.two_campaigns import curve_of_drive, reflector_shifts_m
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.machine.description import FIXED, Machine, across
 from calibration.model.parameters import ParameterSet
 
@@ -195,7 +195,7 @@ def _together(on: str) -> tuple[Move, ...]:
 class MoveColumns:
     """Whitened columns (n, 3) of a campaign's readings by one unit of each move, computed when first asked for."""
 
-    linear: LinearModel
+    linear: LinearisedReadings
     channels: Channels = field(init=False)
     _kept: dict[tuple[str, ...], Array] = field(init=False, default_factory=dict)
 

@@ -22,10 +22,17 @@ from calibration.comparison.search import (
     weigh,
 )
 from calibration.comparison.two_campaigns import TwoCampaigns, again_at, curve_of_drive, linearise_pair
+from calibration.comparison.two_folders import (
+    TwoFolders,
+    candidates_of_folders,
+    linearise_folders,
+    require_one_measured_machine,
+)
 from calibration.comparison.workspace import WorkspaceChanges
 from calibration.diagnosis.linear_model import usable_rows
 from calibration.diagnosis.settings import VERDICT
 from calibration.machine.description import Machine
+from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 
 ROUGH_SCATTER = 1.5  # of readings about the fit of their own campaign, over the stated: then it is said
@@ -46,6 +53,13 @@ def compare(before: Recording, after: Recording) -> Comparison:
         pair = _about_changes(weighed)
         weighed = weigh(pair, every)
     return _result(weighed, _remarks(plain, pair))
+
+
+def compare_measurements(before: MeasuredMachine, after: MeasuredMachine) -> Comparison:
+    """The same of two measurement folders. Raises InputError if they cannot be compared."""
+    require_one_measured_machine(before, after)
+    pair = linearise_folders(before, after)
+    return _result(weigh(pair, candidates_of_folders(pair)), _remarks_on_folders(pair))
 
 
 def _about_changes(weighed: Weighed) -> TwoCampaigns:
@@ -94,8 +108,8 @@ def _result(weighed: Weighed, remarks: list[str]) -> Comparison:
     if any(_largest_m(change) > LARGE_M for change in changes):
         remarks.append(f"a change of more than {LARGE_M * 1e3:g} mm: its size holds to some per cent only")
     return Comparison(
-        before=pair.before.recording.file.campaign,
-        after=pair.after.recording.file.campaign,
+        before=pair.before.campaign,
+        after=pair.after.campaign,
         verdict=verdict,
         place=changes[0].candidate.place if changes else "",
         equivalent=tuple(found.name for found in alike),
@@ -105,7 +119,7 @@ def _result(weighed: Weighed, remarks: list[str]) -> Comparison:
         workspace=workspace.of_changes(of_machine) if workspace else None,
         hidden_m=largest_hidden_change_m(weighed),
         scatter=pair.scatter,
-        readings=(len(pair.before.rows), len(pair.after.rows)),
+        readings=(len(set(pair.before.source_rows.tolist())), len(set(pair.after.source_rows.tolist()))),
         remarks=tuple(remarks),
     )
 
@@ -161,16 +175,30 @@ def _largest_m(change: Found) -> float:
     return float(max(lengths, default=0.0))
 
 
+def _rough(name: str, scatter: float) -> list[str]:
+    if scatter <= ROUGH_SCATTER:
+        return []
+    return [
+        f"{name}: readings scatter {scatter:.1f} times as much as stated about the fit of their campaign and "
+        f"count for less; `pkm-rig diagnose {name}` says why"
+    ]
+
+
+def _remarks_on_folders(pair: TwoFolders) -> list[str]:
+    out = []
+    for linear, scatter in zip((pair.before, pair.after), pair.scatter, strict=True):
+        out += _rough(linear.campaign, scatter)
+        if linear.wrong_names:
+            out.append(f"{linear.campaign}: left out, as they do not fit the others: {', '.join(linear.wrong_names)}")
+    return out
+
+
 def _remarks(recordings: tuple[Recording, Recording], pair: TwoCampaigns) -> list[str]:
     out = []
     for recording, linear, scatter in zip(recordings, (pair.before, pair.after), pair.scatter, strict=True):
         name = recording.file.campaign
-        if scatter > ROUGH_SCATTER:
-            out.append(
-                f"{name}: readings scatter {scatter:.1f} times as much as stated about the fit of their campaign and "
-                f"count for less; `pkm-rig diagnose {name}` says why"
-            )
-        if wrong := len(usable_rows(recording)) - len(linear.rows):
+        out += _rough(name, scatter)
+        if wrong := len(usable_rows(recording)) - len(linear.source_rows):
             out.append(f"{name}: {wrong} of its readings, which do not fit the others, left out")
         unknown = int(np.sum((recording["compensation"] > 0.0) & (np.asarray(recording["phase"]) != "nests")))
         if unknown:

@@ -229,8 +229,8 @@ def _log_evidence_of_any(model: Model) -> float:
 def _polynomials(model: Model) -> tuple[Array, list[float]]:
     """Columns (m, k) of the pose's coordinates times polynomials of the commanded ones; their relative sizes (k,)."""
     linear = model.pair.after
-    machine, visits = linear.machine, linear.poses.visits
-    shapes = _shapes(machine, visits.target_m)
+    machine = linear.machine
+    shapes = _shapes(machine, linear.places())
     out, relative = [], []
     for coordinate in machine.dof:
         response = model.columns(Move("pose", "", 1.0, channel=f"pose.{COORDINATES[coordinate]}"))
@@ -243,10 +243,10 @@ def _polynomials(model: Model) -> tuple[Array, list[float]]:
     return np.stack(out, axis=1), relative
 
 
-def _shapes(machine: Machine, target_m: Array) -> list[tuple[int, Array]]:
-    """Polynomials (v,) of the commanded coordinates of visits (v, 6), each with its degree."""
+def _shapes(machine: Machine, places: Array) -> list[tuple[int, Array]]:
+    """Polynomials (v,) of the commanded coordinates (v, c) of visits, each with its degree."""
     low, high = machine.commanded_limits.T
-    place = (target_m[:, machine.commanded] - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-9)
+    place = (places - 0.5 * (low + high)) / np.maximum(0.5 * (high - low), 1e-9)
     return [(int(sum(powers)), np.prod(place**powers, axis=1)) for powers in _powers(place.shape[1])]
 
 
@@ -267,8 +267,8 @@ def largest_hidden_change_m(weighed: Weighed) -> float:
     sizes = np.geomspace(1.0e-8, 1.0e-3, 60)
     logs = log_evidence_of_sizes(weighed_columns, sizes)
     share = np.cumsum(np.exp(logs - logs.max()))
-    machine, visits = model.pair.after.machine, model.pair.after.poses.visits
-    shapes = np.stack([SHARE_OF_DEGREE**degree * shape for degree, shape in _shapes(machine, visits.target_m)], axis=1)
+    machine, places = model.pair.after.machine, model.pair.after.places()
+    shapes = np.stack([SHARE_OF_DEGREE**degree * shape for degree, shape in _shapes(machine, places)], axis=1)
     moving = int(np.sum(machine.dof < 3))
     spread = float(np.sqrt(moving * np.mean(np.sum(shapes**2, axis=1))))
     return float(sizes[int(np.searchsorted(share / share[-1], 0.95))]) * spread

@@ -8,7 +8,7 @@ temperatures and disturbances: a station that was set up anew, or another instru
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.linearisation import STIFFNESS_LIMIT_SIGMA
-from calibration.diagnosis.linearised_readings import inverse_covariance_factor
+from calibration.diagnosis.linearised_readings import LinearisedReadings, inverse_covariance_factor
 from calibration.effects.basis_functions import cosine_basis
 from calibration.instruments.setups import range_shifts
 from calibration.recording.recording import Recording
@@ -39,8 +39,8 @@ class TwoCampaigns:
     is larger than one. shared: reflectors that both have in one place.
     """
 
-    before: LinearModel
-    after: LinearModel
+    before: LinearisedReadings
+    after: LinearisedReadings
     residual: Array
     columns: Array
     names: tuple[str, ...]
@@ -101,44 +101,54 @@ def linearise_pair(before: Recording, after: Recording, shared: frozenset[str]) 
 def again_at(pair: TwoCampaigns, machine: Mapping[str, float], changed: Mapping[str, float]) -> TwoCampaigns:
     """The same readings, linear about other values of the machine's parameters; changed: what is added after."""
     later = {name: value + changed.get(name, 0.0) for name, value in machine.items()}
-    models = [
-        linearise_recording(linear.recording.take(linear.rows), judge=False, held=held)
-        for linear, held in ((pair.before, machine), (pair.after, later))
-    ]
+    models = []
+    for linear, held in ((pair.before, machine), (pair.after, later)):
+        if not isinstance(linear, LinearModel):
+            raise TypeError("only recordings are linearised again")
+        models.append(linearise_recording(linear.recording.take(linear.rows), judge=False, held=held))
     return _joined(models[0], models[1], pair.shared)
 
 
-def _held(linear: LinearModel) -> frozenset[str]:
+def _held(linear: LinearisedReadings) -> frozenset[str]:
     """Names of the unknowns that both campaigns are linearised at: the machine's own."""
     parameters = {p.name for p in linear.poses.model.parameters.parameters}
     return frozenset(name for name in linear.names if name in parameters or name.startswith("expansion."))
 
 
 def _joined(before: LinearModel, after: LinearModel, shared: frozenset[str]) -> TwoCampaigns:
-    scatter = _scatter(before), _scatter(after)
+    scatter = scatter_of(before), scatter_of(after)
     parts = [_with_more(before), _with_more(after)]
     sizes = before.residual.size, after.residual.size
     anew = _anew(after, shared)
     anew = np.concatenate([np.zeros((sizes[0], anew.shape[1])), anew / max(scatter[1], LEAST_SCATTER)])
     common = [name for name in parts[0] if name in parts[1] and _is_common(name, before, shared)]
-    own = [[(k, name) for name in part if name not in set(common)] for k, part in enumerate(parts)]
-    names = [*common, *(f"{'before' if k == 0 else 'after'}: {name}" for part in own for k, name in part)]
-    columns = np.zeros((sum(sizes), len(names)))
-    rows = slice(0, sizes[0]), slice(sizes[0], None)
-    for k, part in enumerate(parts):
-        columns[rows[k], : len(common)] = np.stack([part[name] for name in common], axis=1)
-    start = len(common)
-    for k, part in enumerate(parts):
-        width = len(own[k])
-        columns[rows[k], start : start + width] = np.stack([part[name] for _, name in own[k]], axis=1)
-        start += width
-    residual = np.concatenate([before.residual.ravel(), after.residual.ravel()])
-    for k in range(2):
-        weight = 1.0 / max(scatter[k], LEAST_SCATTER)
-        residual[rows[k]] *= weight
-        columns[rows[k]] *= weight
+    weights = [1.0 / max(each, LEAST_SCATTER) for each in scatter]
+    names, columns = joint_columns(parts, common, weights)
+    residual = np.concatenate([weights[0] * before.residual.ravel(), weights[1] * after.residual.ravel()])
     q = inverse_covariance_factor(columns[:, None, :])[:, 0]
-    return TwoCampaigns(before, after, residual, columns, tuple(names), q, anew, scatter, shared)
+    return TwoCampaigns(before, after, residual, columns, names, q, anew, scatter, shared)
+
+
+def joint_columns(
+    parts: Sequence[Mapping[str, Array]], common: Sequence[str], weights: Sequence[float]
+) -> tuple[tuple[str, ...], Array]:
+    """Names (b,) and columns (m, b) of both campaigns, those in common first; parts: each one's columns by name.
+
+    weights: of the rows of each.
+    """
+    own = [[name for name in part if name not in set(common)] for part in parts]
+    sizes = [len(next(iter(part.values()))) for part in parts]
+    names = [*common, *(f"before: {name}" for name in own[0]), *(f"after: {name}" for name in own[1])]
+    columns = np.zeros((sum(sizes), len(names)))
+    start = len(common)
+    for part, of_part, rows, weight in zip(
+        parts, own, (slice(0, sizes[0]), slice(sizes[0], None)), weights, strict=True
+    ):
+        columns[rows, : len(common)] = weight * np.stack([part[name] for name in common], axis=1)
+        if of_part:
+            columns[rows, start : start + len(of_part)] = weight * np.stack([part[name] for name in of_part], axis=1)
+        start += len(of_part)
+    return tuple(names), columns
 
 
 def _is_common(name: str, linear: LinearModel, shared: frozenset[str]) -> bool:
@@ -148,7 +158,7 @@ def _is_common(name: str, linear: LinearModel, shared: frozenset[str]) -> bool:
     return kind in (*COMMON, "curve") or name in {p.name for p in linear.poses.model.parameters.parameters}
 
 
-def _scatter(linear: LinearModel) -> float:
+def scatter_of(linear: LinearisedReadings) -> float:
     """Birge's ratio of one campaign: root of chi-squared over degrees of freedom of the readings about their fit."""
     left = linear.apply(linear.residual)
     freedom = left.size - float(np.sum(linear.q**2))
@@ -194,7 +204,7 @@ def curve_of_drive(travel: Array, at: Array, terms: int) -> Array:
     return cosine_basis(ends, terms, roughness=1.5)[2:]
 
 
-def reflector_shifts_m(linear: LinearModel, smr: int) -> list[Array]:
+def reflector_shifts_m(linear: LinearisedReadings, smr: int) -> list[Array]:
     """Shifts (n, 3), machine's frame, of the readings of one reflector by each coordinate of its place on its part."""
     rows: NDArray[np.intp] = np.flatnonzero(linear.smr == smr)
     turn = np.broadcast_to(np.eye(3), (len(rows), 3, 3))

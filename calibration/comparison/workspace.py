@@ -15,7 +15,7 @@ from calibration.comparison.candidates import Move, drive_function
 from calibration.comparison.result import WorkspaceChange
 from calibration.comparison.search import Found
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.machine.description import FIXED, Smr
 from calibration.machine.inverse import nominal_drives
@@ -25,7 +25,7 @@ from calibration.model.visits import Visits
 FINE, COARSE = 11, 3  # points along the two widest coordinates of the tool, and along its third
 
 
-def grid_of_workspace(machine_model: LinearModel, machine_values: Mapping[str, float]) -> tuple[Poses, Array]:
+def grid_of_workspace(machine_model: LinearisedReadings, machine_values: Mapping[str, float]) -> tuple[Poses, Array]:
     """Poses of the fitted machine over the workspace without payload, and which (n,) lie on the level of the picture.
 
     Orientations that the drives command are those in the middle. Points that the drives do not reach are left out.
@@ -52,7 +52,7 @@ def grid_of_workspace(machine_model: LinearModel, machine_values: Mapping[str, f
 class WorkspaceChanges:
     """Shifts of the tool point over the workspace by moves, on the machine that was fitted."""
 
-    def __init__(self, linear: LinearModel, machine_values: Mapping[str, float]) -> None:
+    def __init__(self, linear: LinearisedReadings, machine_values: Mapping[str, float]) -> None:
         poses, self.shown = grid_of_workspace(linear, machine_values)
         count, tool = len(poses.visits), linear.machine.tool_point_m
         machine = replace(linear.machine, smrs=(Smr("tool", "platform", FIXED, tool),))

@@ -77,12 +77,16 @@ class FolderRows:
     def factor_of(self, columns: Array) -> Array:
         """q (n, 1, r) such that 1 - q q' is the inverse covariance of the rows with columns (n, 1, b), the same at both
         ends of a distance; with what is open of the ends."""
+        return np.concatenate([inverse_covariance_factor(columns), self.open_ends()], axis=2)
+
+    def open_ends(self) -> Array:
+        """The part (n, 1, r) of such a factor by which the ends of distances are open to one another."""
         first = np.flatnonzero(self.has_two_ends & self.is_first)
         ends = np.zeros((len(self), 1, first.size))
         share = np.sqrt(OPEN**2 / (1.0 + 2.0 * OPEN**2))
         ends[first, 0, np.arange(first.size)] = share
         ends[self.partner[first], 0, np.arange(first.size)] = -share
-        return np.concatenate([inverse_covariance_factor(columns), ends], axis=2)
+        return ends
 
 
 def rows_of(

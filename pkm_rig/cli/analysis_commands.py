@@ -153,17 +153,22 @@ def compare(
     by_sequence: SequenceOption = False,
 ) -> None:
     """Say what changed on the machine between two campaigns, and what that does at the tool point."""
-    from pkm_rig.jobs.compare import run_comparison
+    from pkm_rig.jobs.compare import run_comparison, run_folder_comparison
     from pkm_rig.jobs.measured_machine import find_measurement_folder
     from pkm_rig.report.comparison_text import describe_comparison
     from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import find_recording
 
-    for campaign in (before, after):
-        if find_measurement_folder(campaign, out) is not None:
-            raise InputError(
-                f"{campaign}: a measurement folder; a comparison needs recordings (docs/reference/recording.md)"
-            )
+    first, second = (find_measurement_folder(campaign, out) for campaign in (before, after))
+    if first is not None and second is not None:
+        comparison, result = run_folder_comparison(first, second, out)
+        print_result(json, result, describe_comparison(comparison, result))
+        return
+    if first is not None or second is not None:
+        raise InputError(
+            f"compare: {before if first is not None else after} is a measurement folder and the other is not; give two "
+            "folders or two recordings"
+        )
     recordings = [find_recording(campaign, out, by_sequence=by_sequence) for campaign in (before, after)]
     for recording in recordings:
         say_repaired(recording)

@@ -47,3 +47,26 @@ def test_too_few_readings_are_refused(run, tmp_path):
     refused = run("diagnose", tmp_path / "few", "--out", tmp_path)
     assert refused.returncode == 2
     assert "4 different poses are too few" in refused.stderr
+
+
+@pytest.fixture
+def two_folders(tmp_path, monkeypatch):
+    """Two measurement folders of one machine, whose drive b counts another length in the second."""
+    monkeypatch.chdir(tmp_path)
+    for name, measured in zip(("one", "other"), two(DISTANCES, longer), strict=True):
+        write_measurements(measured, tmp_path / name)
+    return tmp_path
+
+
+def test_two_folders_are_compared(two_folders, run):
+    done = run("compare", "one", "other", "--out", "runs")
+    assert done.returncode == 0
+    assert "drive b: its scale" in done.stdout
+    assert (two_folders / "runs" / "later" / "compared-with" / "measured" / "workspace.png").is_file()
+
+
+def test_a_folder_and_a_recording_are_not_compared(two_folders, run):
+    (two_folders / "recording").mkdir()
+    done = run("compare", "one", "recording", "--out", "runs")
+    assert done.returncode == 2
+    assert "one is a measurement folder and the other is not; give two folders or two recordings" in done.stderr

@@ -25,13 +25,14 @@ from calibration.diagnosis.findings.withheld_blocks import (
 )
 from calibration.diagnosis.folder_effects import effects_of_unknowns
 from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
-from calibration.diagnosis.linear_folder import linearise_measurements
+from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
 from calibration.diagnosis.search import SearchResult, detectable_effects, include_effects
+from calibration.diagnosis.twin.folder_twin import FolderTwin, score_folder_twin, twin_of_folder
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
 from calibration.diagnosis.twin.twin import Twin
@@ -76,11 +77,28 @@ def diagnose_measurements(measured: MeasuredMachine, catalogue: Catalogue | None
     Where the folder knows of a former fit, the kinds of errors which that left alone are possible causes too
     (`folder_effects`). Raises InputError if the readings are unsuitable.
     """
-    linear = linearise_measurements(measured)
+    return _diagnose_folder(linearise_measurements(measured), catalogue).diagnosis
+
+
+def diagnose_measurements_and_score(
+    measured: MeasuredMachine, catalogue: Catalogue | None = None
+) -> tuple[Diagnosis, FolderTwin, TwinScore]:
+    """The same, the machine fitted together with the effects that were found, and how well that predicts readings
+    withheld from it."""
+    found = _diagnose_folder(linearise_measurements(measured), catalogue)
+    linear = found.likelihood.linear  # with the levels of disturbances that were found
+    if not isinstance(linear, LinearFolder):
+        raise TypeError("a measurement folder stays one")
+    twin = twin_of_folder(linear, found.likelihood, found.causes)
+    return found.diagnosis, twin, score_folder_twin(linear, found.likelihood, found.truth_likelihood, found.causes)
+
+
+def _diagnose_folder(linear: LinearFolder, catalogue: Catalogue | None) -> _DiagnosisWithModels:
     catalogue = catalogue or load_catalogue()
     left_alone = tuple(effects_of_unknowns(linear.left_unknowns, KINDS))
-    diagnosis = _diagnose_with_models(linear, Catalogue((*catalogue.effects, *left_alone))).diagnosis
-    return replace(diagnosis, remarks=(*remarks_on_folder(linear), *diagnosis.remarks))
+    found = _diagnose_with_models(linear, Catalogue((*catalogue.effects, *left_alone)))
+    remarks_of_all = (*remarks_on_folder(linear), *found.diagnosis.remarks)
+    return replace(found, diagnosis=replace(found.diagnosis, remarks=remarks_of_all))
 
 
 def withheld_with(recording: Recording, names: Collection[str], catalogue: Catalogue | None = None) -> Withheld:

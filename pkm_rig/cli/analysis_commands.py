@@ -108,11 +108,9 @@ def diagnose(
         return
     measurements = find_measurement_folder(campaign, out)
     if measurements is not None:
-        if add or estimate_disturbances:
-            raise InputError(
-                "diagnose: --add and --estimate-disturbances are for recordings; leave them out for a folder"
-            )
-        diagnosis, result = run_folder_diagnosis(measurements, out, effects or ())
+        if estimate_disturbances:
+            raise InputError("diagnose: --estimate-disturbances is for recordings; leave it out for a folder")
+        diagnosis, result = run_folder_diagnosis(measurements, out, effects or (), add=add)
         print_result(json, result, describe_diagnosis(diagnosis, result))
         return
     recording = find_recording(campaign, out, by_sequence=by_sequence)

@@ -8,8 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from calibration.base.errors import InputError
-from calibration.diagnosis.diagnose import diagnose, diagnose_and_score, diagnose_measurements
+from calibration.diagnosis.diagnose import (
+    diagnose,
+    diagnose_and_score,
+    diagnose_measurements,
+    diagnose_measurements_and_score,
+)
 from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.twin.folder_twin import FolderTwin
 from calibration.diagnosis.twin.score import TwinScore
 from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
@@ -22,7 +28,7 @@ from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import additions_by_gain, diagnosis_json, gap_json
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.store.place import campaign_folder
-from pkm_rig.virtual.twin_files import TWIN_FOLDER, write_twin
+from pkm_rig.virtual.twin_files import PREDICTED_NAME, TWIN_FOLDER, write_folder_twin, write_twin
 
 PICTURES_FOLDER = "diagnosis"
 
@@ -69,21 +75,32 @@ def run_diagnosis(
             twin, score = twin_and_score
             twin_folder = campaign_folder(out, readings.file.campaign) / TWIN_FOLDER
             write_twin(twin, readings, twin_folder)
-            result["twin"] = twin_json(twin, score, twin_folder)
+            result["twin"] = twin_json([added.effect for added in twin.added], score, twin_folder)
     return diagnosis, result
 
 
 def run_folder_diagnosis(
-    measured: MeasuredMachine, out: Path, effects: Sequence[Path] = ()
+    measured: MeasuredMachine, out: Path, effects: Sequence[Path] = (), *, add: bool = False
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """The same of a measurement folder, which says nothing of simulated devices. Raises InputError."""
     catalogue = load_catalogue(tuple(effects))
+    twin_and_score: tuple[FolderTwin, TwinScore] | None = None
     with _named(effects):
-        diagnosis = diagnose_measurements(measured, catalogue)
+        if add:
+            diagnosis, twin, score = diagnose_measurements_and_score(measured, catalogue)
+            twin_and_score = twin, score
+        else:
+            diagnosis = diagnose_measurements(measured, catalogue)
     with _writing(out, diagnosis.campaign) as folder:
         result = diagnosis_json(diagnosis) | {"simulated": False}
         figures = diagnosis_pictures.draw_all(diagnosis, measured.machine)
         result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=False)
+        if twin_and_score is not None:
+            twin, score = twin_and_score
+            twin_folder = campaign_folder(out, diagnosis.campaign) / TWIN_FOLDER
+            write_folder_twin(twin, measured, twin_folder)
+            said = twin_json([effect for effect, _ in twin.effects], score, twin_folder)
+            result["twin"] = said | {"predictions": str(twin_folder / PREDICTED_NAME)}
     return diagnosis, result
 
 
@@ -112,11 +129,11 @@ def _writing(out: Path, campaign: str) -> Iterator[Path]:
         raise InputError(f"diagnose: {error}; choose another --out") from error
 
 
-def twin_json(twin: Twin, score: TwinScore, folder: Path) -> dict[str, Any]:
+def twin_json(effects: Sequence[str], score: TwinScore, folder: Path) -> dict[str, Any]:
     """Agreement of each region's readings with the campaign simulated on a twin of the other regions."""
     return {
         "folder": str(folder),
-        "effects": [added.effect for added in twin.added],
+        "effects": list(effects),
         "readings": score.readings,
         **gap_json(score.figures),
         "before_sigma": score.before_sigma,

@@ -189,7 +189,9 @@ def _twin(twin: Mapping[str, Any]) -> list[RenderableType]:
         f"that were recorded there: missed by {_length(twin['after_m'])} RMS, without the effect by "
         f"{_length(twin['before_m'])}, shrink {'not known' if shrink is None else percent(shrink)} (noise included: "
         f"{twin['after_sigma']:.2f} and {twin['before_sigma']:.2f} sigma)",
-        f"serve it: pkm-rig mock --rig RIG.toml --twin {twin['folder']}",
+        f"each number read, beside what machine and twin predict: {twin['predictions']}"
+        if "predictions" in twin
+        else f"serve it: pkm-rig mock --rig RIG.toml --twin {twin['folder']}",
     ]
     return [_title("the rig's twin"), *(_line(line) for line in lines)]
 

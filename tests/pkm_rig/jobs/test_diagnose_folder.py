@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 
 from calibration.recording.measurement_folder import write_measurements
+from tests.calibration.comparison.test_two_folders import DISTANCES, longer, two
 from tests.calibration.diagnosis.measured import Wanted, made, wave
 
 
@@ -36,10 +39,44 @@ def test_the_result_the_text_and_the_pictures(run, folder, tmp_path, request):
 
 
 def test_what_needs_a_recording_is_refused(run, folder, tmp_path):
-    for option in ("--add", "--estimate-disturbances"):
-        refused = run("diagnose", folder, option, "--out", tmp_path)
-        assert refused.returncode == 2
-        assert "leave them out for a folder" in refused.stderr
+    refused = run("diagnose", folder, "--estimate-disturbances", "--out", tmp_path)
+    assert refused.returncode == 2
+    assert "leave it out for a folder" in refused.stderr
+
+
+def test_machine_and_effect_are_fitted_together_and_written_as_a_twin(run, folder, tmp_path, request):
+    done = run("diagnose", folder, "--add", "--json", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    schema = request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json"
+    jsonschema.validate(result, json.loads(schema.read_text(encoding="utf-8")))
+    twin = result["twin"]
+    assert twin["effects"] == ["screw_cumulative_error"]
+    assert twin["readings"] == 320
+    assert twin["after_sigma"] < 1.25 < twin["before_sigma"]
+    written = json.loads((Path(twin["folder"]) / "folder-twin.json").read_text(encoding="utf-8"))
+    assert written["effects"] == [{"effect": "screw_cumulative_error", "place": "a"}]
+    length = next(value for name, value in written["unknowns"].items() if name.startswith("strut_length."))
+    assert length["unit"] == "m"
+    assert 0.0 < length["u"] < 1e-4
+    rows = list(csv.DictReader(Path(twin["predictions"]).read_text(encoding="utf-8").splitlines()))
+    assert [row["of"] for row in (rows[0], rows[-1])] == ["visit 0, z_m", rows[-1]["of"]]
+    assert rows[-1]["of"].startswith("distance, visit ")
+    missed = [
+        np.mean([((float(row["read"]) - float(row[by])) / float(row["sd"])) ** 2 for row in rows])
+        for by in ("by_machine", "by_twin")
+    ]
+    assert missed[1] < 1.1 < missed[0]
+    served = run("mock", "--rig", "any.toml", "--twin", twin["folder"])
+    assert served.returncode == 2
+
+
+def test_without_an_effect_the_twin_is_the_machine_as_it_was_fitted(run, tmp_path):
+    write_measurements(made(Wanted(columns=("x_m", "y_m", "z_m"))), tmp_path / "good")
+    done = run("diagnose", tmp_path / "good", "--add", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "no effect: none was found" in done.stdout
+    assert "predicted.csv" in done.stdout.replace("\n", "")
 
 
 def test_too_few_readings_are_refused(run, tmp_path):

@@ -26,12 +26,12 @@ from calibration.diagnosis.findings.withheld_blocks import (
 from calibration.diagnosis.folder_effects import effects_of_unknowns
 from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
-from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
-from calibration.diagnosis.search import SearchResult, detectable_effects, include_effects
+from calibration.diagnosis.search import NO_INSTRUMENT, SearchResult, detectable_effects, include_effects
 from calibration.diagnosis.twin.folder_twin import FolderTwin, score_folder_twin, twin_of_folder
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
@@ -154,7 +154,9 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
     gap = gap if noise_floor_m is None else replace(gap, noise_floor_m=noise_floor_m)
     equivalent, difference = equivalent_effects(search_result, likelihood, verdict) if is_effect else ((), 0.0)
     acting = _strongest_channels(search_result, likelihood, causes)
-    untested = tuple(effect for effect in catalogue.effects if effect.name in not_tested)
+    # Further visits do not show what is written down of none, nor what no instrument is there for.
+    unsaid = {*linear.context.missing.values(), NO_INSTRUMENT}
+    untested = tuple(e for e in catalogue.effects if e.name in not_tested and not_tested[e.name] not in unsaid)
     diagnosis = Diagnosis(
         campaign=linear.campaign,
         verdict=verdict,
@@ -181,9 +183,8 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
         inside_geometry=_inside_geometry(linear),
         clues=_clues(search_result) if verdict == UNKNOWN else (),
         next_measurement=(
-            rank_additions(linear, search_result, ranking, untested)
-            if isinstance(linear, LinearModel)
-            else further_columns(linear, not_tested)
+            *rank_additions(linear, search_result, ranking, untested),
+            *further_columns(linear, not_tested),
         ),
         withheld=_withheld(linear, before, after),
         visits=_visit_gaps(linear, field),

@@ -24,11 +24,12 @@ from calibration.diagnosis.disturbances import machine_disturbance_columns
 from calibration.diagnosis.folder_context import context_of_visits
 from calibration.diagnosis.folder_fit import fit_folder
 from calibration.diagnosis.folder_rows import NO_AXIS, FolderRows, rows_of
-from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, Load, inverse_covariance_factor
 from calibration.diagnosis.observed_model import TOOL, ObservedModel
 from calibration.identification.measured_gate import without_wrong_readings
 from calibration.model.model import Unknown
 from calibration.model.payload import PayloadEntry
+from calibration.model.visits import Visits
 from calibration.recording.header import DeclaredLevels, DisturbanceLevels
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.reduction.data_checks import require_enough_poses
@@ -38,13 +39,15 @@ from calibration.reduction.data_checks import require_enough_poses
 class LinearFolder(LinearisedReadings):
     """The linearised readings of a measurement folder.
 
-    measured: without wrong_lines, the readings that do not fit the others. rows: what each row is. declared: levels of
-    the disturbances. left_unknowns: those whose responses are in `left_alone`, in its order.
+    measured: without wrong_lines, the readings that do not fit the others. rows: what each row is. used (v,): rows of
+    the folder's visits. declared: levels of the disturbances. left_unknowns: those whose responses are in `left_alone`,
+    in its order.
     """
 
     measured: MeasuredMachine
     rows: FolderRows
     wrong_lines: tuple[str, ...]
+    used: NDArray[np.intp]
     declared: DisturbanceLevels
     left_unknowns: tuple[Unknown, ...]
 
@@ -67,6 +70,32 @@ class LinearFolder(LinearisedReadings):
     def payloads(self) -> Sequence[PayloadEntry]:
         """Nothing is stated of them but their masses and centres."""
         return ()
+
+    @cached_property
+    def _loads(self) -> tuple[Array, NDArray[np.intp]]:
+        different, load = different_loads(self.measured.visits)
+        return different, load[self.used[self.visit]]
+
+    @property
+    def loads(self) -> Sequence[Load]:
+        """What visits of the folder carried, the lightest first."""
+        return [Load(float(mass), (float(x), float(y), float(z))) for mass, x, y, z in self._loads[0]]
+
+    @property
+    def load(self) -> NDArray[np.intp]:
+        """Number (n,) of the load at each reading."""
+        return self._loads[1]
+
+    @property
+    def read_shares(self) -> Array:
+        """1 along axes that are read; of distances alone, which lie in any direction, the same along all."""
+        read = np.unique(self.rows.axis[self.rows.axis != NO_AXIS])
+        return np.isin(np.arange(3), read).astype(np.float64) if read.size else np.full(3, 3.0**-0.5)
+
+    @property
+    def sigma_of_length_m(self) -> float:
+        """Median standard deviation of the lengths read."""
+        return float(np.median(self.rows.sigma[self.rows.is_length]))
 
     @property
     def wrong_names(self) -> Sequence[str]:
@@ -151,6 +180,13 @@ class LinearFolder(LinearisedReadings):
         return
 
 
+def different_loads(visits: Visits) -> tuple[Array, NDArray[np.intp]]:
+    """Masses and centres (k, 4) that visits carried, the lightest first, and which of them each visit (v,) had."""
+    loads = np.column_stack([visits.payload_kg, visits.payload_com_m])
+    different, load = np.unique(loads, axis=0, return_inverse=True)
+    return different, np.asarray(load).ravel().astype(np.intp)
+
+
 def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
     """Fit the model to the readings of a folder and linearise it there, wrong readings left out.
 
@@ -191,6 +227,7 @@ def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
         left_alone={names[i]: by_unknowns[:, :, i] for i in np.flatnonzero(~fit.fitted)},
         measured=measured,
         rows=rows,
+        used=fit.used,
         wrong_lines=tuple(f"{reading.name} ({reading.of})" for reading in left_out),
         declared=levels,
         left_unknowns=tuple(fit.layout.unknowns[i] for i in np.flatnonzero(~fit.fitted)),

@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
-from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, Load, inverse_covariance_factor
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights
 from calibration.effects.context import context_of_recording
@@ -74,6 +74,16 @@ class LinearModel(LinearisedReadings):
     def payloads(self) -> Sequence[PayloadEntry]:
         """What was mounted, by number from 0 (none)."""
         return self.recording.file.payloads
+
+    @property
+    def loads(self) -> Sequence[Load]:
+        """The payloads of the recording."""
+        return [Load(payload.mass_kg, payload.com_m) for payload in self.payloads]
+
+    @property
+    def load(self) -> NDArray[np.intp]:
+        """Number (n,) of the payload at each reading."""
+        return np.asarray(self.recording["payload"][self.rows]).astype(np.intp)
 
     @property
     def wrong_names(self) -> Sequence[str]:

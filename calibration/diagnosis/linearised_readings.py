@@ -35,6 +35,14 @@ class GapScale:
 
 
 @dataclass(frozen=True)
+class Load:
+    """What a visit carried: its mass and centre, platform's frame."""
+
+    mass_kg: float
+    com_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class LinearisedReadings(ObservedModel, ABC):
     """Readings, linear in all unknowns of the calibration.
 
@@ -74,6 +82,26 @@ class LinearisedReadings(ObservedModel, ABC):
     @abstractmethod
     def payloads(self) -> Sequence[PayloadEntry]:
         """What was mounted, and how well it is known."""
+
+    @property
+    @abstractmethod
+    def loads(self) -> Sequence[Load]:
+        """What further visits may carry, by number."""
+
+    @property
+    @abstractmethod
+    def load(self) -> NDArray[np.intp]:
+        """Number (n,) of each reading's load."""
+
+    @property
+    def read_shares(self) -> Array:
+        """How much a reading says of a shift along each axis (3,): 1 where it is read."""
+        return np.ones(3)
+
+    @property
+    def sigma_of_length_m(self) -> float:
+        """Standard deviation of a typical length read."""
+        return float(np.median(1.0 / np.linalg.norm(self.whiten[:, 0], axis=1)))
 
     @property
     @abstractmethod

@@ -127,7 +127,7 @@ def write_measurements(measured: MeasuredMachine, folder: Path) -> None:
         raise InputError(f"{folder}: exists already; choose another folder")
     machine, visits = measured.machine, measured.visits
     table = {"visit": measured.number}
-    table |= {name: visits.drives[:, a] for a, name in enumerate(_drive_columns(machine))}
+    table |= {name: visits.drives[:, a] for a, name in enumerate(drive_columns(machine))}
     table |= {f"{sensor}_temperature_c": t for sensor, t in visits.temperatures_c.items()}
     table |= {name: visits.target_m[:, c] for c, name in enumerate(TARGETS)}
     table |= measured.conditions
@@ -155,7 +155,7 @@ def read_measurements(folder: Path) -> MeasuredMachine:
     machine = parse_machine(read_text(folder / MACHINE), str(folder / MACHINE))
     _check_names(file, machine, header)
     path = folder / COORDINATE_TABLE
-    drives = _drive_columns(machine)
+    drives = drive_columns(machine)
     sensors = tuple(dict.fromkeys(machine.sensors.values()))
     warm = [f"{sensor}_temperature_c" for sensor in sensors]
     table = read_table(path, ["visit", *drives, *file.columns], [*warm, *TARGETS, *names_of(machine)], file.columns)
@@ -198,7 +198,8 @@ def read_measurements(folder: Path) -> MeasuredMachine:
     )
 
 
-def _drive_columns(machine: Machine) -> list[str]:
+def drive_columns(machine: Machine) -> list[str]:
+    """Names of the columns of the drives' coordinates."""
     kinds = zip(machine.drive_names, machine.drive_kinds, strict=True)
     return [f"{name}_actual_{'rad' if kind == 'crank' else 'm'}" for name, kind in kinds]
 

@@ -65,7 +65,7 @@ def write_campaign_files(
     for number, candidate in enumerate(candidates, start=1):
         files[candidate.name] = None
         if candidate.visits:
-            path = folder / f"next-{number}-{_file_name(candidate.name)}.toml"
+            path = folder / f"next-{number}-{file_name(candidate.name)}.toml"
             path.write_text(campaign_text(candidate, machine, payloads, campaign), encoding="utf-8")
             files[candidate.name] = str(path)
     return files
@@ -90,7 +90,8 @@ def _entry(visit: ProposedVisit, machine: Machine) -> VisitEntry:
     )
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
+    """A candidate's name as a part of a file's."""
     return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-").lower()[:60] or "candidate"
 
 

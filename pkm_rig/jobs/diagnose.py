@@ -24,6 +24,7 @@ from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import drop_unclosed_readings
 from pkm_rig.jobs.campaign_file import write_campaign_files
+from pkm_rig.jobs.visit_file import write_visit_files
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import additions_by_gain, diagnosis_json, gap_json
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
@@ -92,7 +93,8 @@ def run_folder_diagnosis(
         else:
             diagnosis = diagnose_measurements(measured, catalogue)
     with _writing(out, diagnosis.campaign) as folder:
-        result = diagnosis_json(diagnosis) | {"simulated": False}
+        files = write_visit_files(additions_by_gain(diagnosis), measured, folder)
+        result = diagnosis_json(diagnosis, files) | {"simulated": False}
         figures = diagnosis_pictures.draw_all(diagnosis, measured.machine)
         result["pictures"] = diagnosis_pictures.save(figures, folder, simulated=False)
         if twin_and_score is not None:

@@ -116,6 +116,8 @@ def describe_diagnosis(
 
 
 def _measure_line(file: str, measure_with: str | None) -> str:
+    if file.endswith(".csv"):
+        return f"to measure it: visit the rows of {file}, and append them with what was read to coordinates.csv"
     if measure_with is None:
         return f"to measure it: `pkm-rig measure --campaign {shlex.quote(file)}`, with the campaign's rig file as --rig"
     return f"next: {measure_with} {shlex.quote(file)}"

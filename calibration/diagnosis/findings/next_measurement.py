@@ -19,8 +19,8 @@ from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.findings.proposals import VISITS, Proposal, duration_min, proposals
-from calibration.diagnosis.linear_model import LinearModel
-from calibration.diagnosis.observed_model import ObservedModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.diagnosis.observed_model import TOOL, ObservedModel
 from calibration.diagnosis.result import NONE, UNKNOWN, CampaignAddition
 from calibration.diagnosis.search import SearchResult
 from calibration.effects.api import Effect
@@ -41,7 +41,7 @@ LEAST_SWING_K, SWING_MIN, REFLECTORS_MIN = 1.0, 120.0, 60.0
 
 
 def rank_additions(
-    linear: LinearModel,
+    linear: LinearisedReadings,
     search_result: SearchResult,
     ranking: Mapping[str, float],
     untested: tuple[Effect, ...],
@@ -59,7 +59,7 @@ def rank_additions(
         for proposal, predictions in zip(proposed, parts, strict=True)
     ]
     out.sort(key=lambda addition: -addition.gain_bit_per_min)
-    return (*out[:MAX_ADDITIONS], *_additions_without_visits(linear))
+    return (*out[:MAX_ADDITIONS], *(_additions_without_visits(linear) if linear.by_station else ()))
 
 
 class _Hypotheses:
@@ -67,7 +67,7 @@ class _Hypotheses:
 
     def __init__(
         self,
-        linear: LinearModel,
+        linear: LinearisedReadings,
         search_result: SearchResult,
         ranking: Mapping[str, float],
         untested: tuple[Effect, ...],
@@ -94,7 +94,7 @@ class _Hypotheses:
     def evaluate(self, proposal: Proposal, predictions: Array, minutes: float) -> CampaignAddition:
         """A proposal with its gain and the names that it would distinguish; predictions (h, r) at its visits."""
         distance = np.sum((predictions[:, None] - predictions[None]) ** 2, axis=2) / 8.0
-        gain = -float(self.prior @ np.log2(np.exp(-distance) @ self.prior))
+        gain = max(0.0, -float(self.prior @ np.log2(np.exp(-distance) @ self.prior)))
         settles = {
             name
             for i, name in enumerate(self.names)
@@ -150,8 +150,8 @@ class _Hypotheses:
         drives = np.where(np.isfinite(drives), drives, np.nanmean(drives, axis=0))
         pace = float(np.median(np.diff(context.history.arrived_s)))
         times = np.asarray(float(context.t_s.max()) + pace * (1.0 + np.arange(n) % VISITS), dtype=np.float64)
-        payloads = linear.recording.file.payloads
-        payload = np.array([payloads[visit.payload].mass_kg for visit in proposal.visits])
+        loads = linear.loads
+        payload = np.array([loads[visit.payload].mass_kg for visit in proposal.visits])
         median_payload = float(np.median(context.payload_kg))
         weight = (machine.moving_mass_kg + payload) / (machine.moving_mass_kg + median_payload)
         direction = np.array([visit.direction for visit in proposal.visits], dtype=np.float64)
@@ -166,7 +166,7 @@ class _Hypotheses:
             speed_m_per_s=np.array([visit.speed_m_per_s for visit in proposal.visits]),
             dwell_s=np.array([visit.dwell_s for visit in proposal.visits]) + READING_S,
             payload_kg=payload,
-            payload_com_m=np.array([payloads[visit.payload].com_m for visit in proposal.visits]),
+            payload_com_m=np.array([loads[visit.payload].com_m for visit in proposal.visits]),
             exchanges=np.full(n, float(context.exchanges.max())),
             air_refractivity=np.full(n, float(np.median(context.air_refractivity))),
             temperatures_c={name: np.full(n, float(np.median(t))) for name, t in context.temperatures_c.items()},
@@ -205,7 +205,7 @@ class _Hypotheses:
         return replace(
             observed,
             context=appended,
-            smr=np.zeros(len(appended), dtype=np.intp),
+            smr=np.full(len(appended), 0 if linear.by_station else TOOL, dtype=np.intp),
             visit=visit,
             poses=poses,
             position_m=np.concatenate([linear.sight_m, middle]),
@@ -216,10 +216,10 @@ class _ChannelResponse:
     """Shifts of the readings at planned visits by a column, beyond its shift at the nearest measured visits."""
 
     def __init__(
-        self, linear: LinearModel, observed: ObservedModel, rows: NDArray[np.intp], nearest_row: NDArray[np.intp]
+        self, linear: LinearisedReadings, observed: ObservedModel, rows: NDArray[np.intp], nearest_row: NDArray[np.intp]
     ) -> None:
         self._channels, self._rows, self._nearest_row = Channels(observed), rows, nearest_row
-        self._sigma_m = float(np.median(1.0 / np.linalg.norm(linear.whiten[:, 0], axis=1)))
+        self._by_axis = linear.read_shares / linear.sigma_of_length_m
 
     def __call__(self, contributions: Contributions, *, absolute: bool = False) -> Array:
         """In sigma, (m,); `absolute`: without subtracting the shift at the nearest measured visit."""
@@ -228,10 +228,10 @@ class _ChannelResponse:
             self._channels.shift_m(name) * (shape[self._rows] - measured * shape[self._nearest_row])[:, None]
             for name, shape in contributions
         )
-        return np.nan_to_num(np.asarray(shift).ravel() / self._sigma_m)  # a pose out of reach carries no information
+        return np.nan_to_num(np.asarray(shift * self._by_axis).ravel())  # a pose out of reach carries no information
 
 
-def _additions_without_visits(linear: LinearModel) -> Iterator[CampaignAddition]:
+def _additions_without_visits(linear: LinearisedReadings) -> Iterator[CampaignAddition]:
     """Additions whose gain is not computed: a swing of temperature, reflectors that were not measured."""
     swing_k = max(float(np.ptp(t)) for t in linear.context.temperatures_c.values())
     if swing_k < LEAST_SWING_K:

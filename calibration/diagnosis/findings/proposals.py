@@ -9,13 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.linear_model import LinearModel
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.result import ProposedVisit
 from calibration.machine.description import Machine
 
 VISITS = 60  # of each proposal
 SEED = 4  # of the poses, so that repeated diagnoses agree
 DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+CONDITIONS = ("direction", "dwell_s", "speed_m_per_s")
 SPEED_FACTORS = (0.4, 1.0, 2.0)
 EXCHANGE_S, SET_UP_S = 300.0, 1800.0  # rough durations: exchange of a payload; station, nests and warming up
 
@@ -39,7 +40,7 @@ class _Usual:
     payload: int
 
     @classmethod
-    def of(cls, linear: LinearModel) -> _Usual:
+    def of(cls, linear: LinearisedReadings) -> _Usual:
         """Of the readings at poses."""
         context, on_pose = linear.context, linear.visit >= 0
         side = np.sign(context.direction[on_pose].mean(axis=0) + 1e-9)
@@ -47,16 +48,20 @@ class _Usual:
             direction=tuple(int(s) for s in np.where(side == 0.0, 1.0, side)),
             speed_m_per_s=float(np.median(context.speed_m_per_s[on_pose])),
             dwell_s=_median_dwell_s(linear),
-            payload=int(np.median(linear.recording["payload"][linear.rows])),
+            payload=int(np.median(linear.load)),
         )
 
 
-def proposals(linear: LinearModel) -> Iterator[Proposal]:
-    """Further visits, each varying what a campaign may vary, and all of it together."""
+def proposals(linear: LinearisedReadings) -> Iterator[Proposal]:
+    """Further visits, each varying what a campaign may vary, and all of it together.
+
+    What the readings at hand do not say of themselves is not varied: half of a column would be empty.
+    """
     rng = np.random.default_rng(SEED)
     poses = _poses(linear.machine, rng, VISITS)
     usual = _Usual.of(linear)
-    heaviest = int(np.argmax([payload.mass_kg for payload in linear.recording.file.payloads]))
+    heaviest = int(np.argmax([load.mass_kg for load in linear.loads]))
+    said = {field for field in CONDITIONS if field not in linear.context.missing}
     speeds = tuple(factor * usual.speed_m_per_s for factor in SPEED_FACTORS)
 
     def visits(
@@ -72,14 +77,20 @@ def proposals(linear: LinearModel) -> Iterator[Proposal]:
         return tuple(out)
 
     yield Proposal("random poses", "poses off the campaign's, as it was measured", visits())
-    yield Proposal("both directions", "random poses, approached from either side", visits(sides=True))
-    yield Proposal("varied rest", "random poses, rests from 0.5 to 16 s, three speeds", visits(dwells=True, speed=True))
-    yield Proposal(
-        "directions and rest", "either side, rests from 0.5 to 16 s, three speeds",
-        visits(sides=True, dwells=True, speed=True),
-    )  # fmt: skip
+    rests = {"dwell_s", "speed_m_per_s"} <= said
+    if "direction" in said:
+        yield Proposal("both directions", "random poses, approached from either side", visits(sides=True))
+    if rests:
+        adds = "random poses, rests from 0.5 to 16 s, three speeds"
+        yield Proposal("varied rest", adds, visits(dwells=True, speed=True))
+    if rests and "direction" in said:
+        yield Proposal(
+            "directions and rest", "either side, rests from 0.5 to 16 s, three speeds",
+            visits(sides=True, dwells=True, speed=True),
+        )  # fmt: skip
     if heaviest != usual.payload:
         yield Proposal("another payload", "random poses, half of them with the heaviest payload", visits(loads=True))
+    if heaviest != usual.payload and rests and "direction" in said:
         yield Proposal(
             "everything varied", "either side, varied rest and speed, half with the heaviest payload",
             visits(sides=True, dwells=True, speed=True, loads=True),
@@ -95,7 +106,7 @@ def _poses(machine: Machine, rng: np.random.Generator, count: int) -> Array:
     return out
 
 
-def _median_dwell_s(linear: LinearModel) -> float:
+def _median_dwell_s(linear: LinearisedReadings) -> float:
     """Median over visits of the dwell before their first reading."""
     on_pose = linear.visit >= 0
     first = np.full(int(linear.visit.max()) + 1, np.inf)
@@ -103,10 +114,10 @@ def _median_dwell_s(linear: LinearModel) -> float:
     return float(np.median(first))
 
 
-def duration_min(linear: LinearModel, proposal: Proposal) -> float:
+def duration_min(linear: LinearisedReadings, proposal: Proposal) -> float:
     """Duration in minutes: setting up, visits at the campaign's pace with their dwell, exchanges of payload."""
     pace = float(np.median(np.diff(linear.context.history.arrived_s)))
-    payloads = [linear.recording["payload"][linear.rows][-1], *(visit.payload for visit in proposal.visits)]
+    payloads = [int(linear.load[-1]), *(visit.payload for visit in proposal.visits)]
     exchanges = sum(a != b for a, b in pairwise(payloads))
     without_dwell_s = max(pace - _median_dwell_s(linear), 1.0)
     visits_s = sum(without_dwell_s + visit.dwell_s for visit in proposal.visits)

@@ -32,7 +32,13 @@ def test_the_result_the_text_and_the_pictures(run, folder, tmp_path, request):
     assert (result["verdict"], result["effects"][0]["place"]) == ("screw_cumulative_error", "a")
     assert result["simulated"] is False
     assert result["not_tested"]["drive_scale"] == "coordinates.csv has no column t_rig_s"
-    assert [c["file"] for c in result["next_measurement"]] == [None] * len(result["next_measurement"])
+    by_name = {c["name"]: c["file"] for c in result["next_measurement"]}
+    assert by_name["t_rig_s"] is None
+    assert set(by_name) & {"both directions", "varied rest", "another payload"} == set()  # nobody has written them down
+    rows = list(csv.DictReader(Path(by_name["random poses"]).read_text(encoding="utf-8").splitlines()))
+    assert [row["visit"] for row in rows[:2]] == ["120", "121"]
+    assert all(row["z_m"] == "" for row in rows)
+    assert 50 < len(rows) <= 60
     assert not {"time-line", "error-map"} & result["pictures"].keys()  # of heights, untimed
     for picture in result["pictures"].values():
         assert Path(picture).is_file()

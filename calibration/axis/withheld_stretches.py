@@ -10,7 +10,7 @@ from calibration.axis.result import AxisGap
 from calibration.base.arrays import Array
 from calibration.diagnosis.findings.withheld_blocks import MODEL_ERROR_AFTER, MODEL_ERROR_BEFORE
 
-STRETCHES = 10
+STRETCHES = 5  # longer than a motion: what is withheld for a moment is vouched for by its neighbours
 MOST = 500  # samples, averaged in groups: the matrices are full
 NORMAL_95 = 1.96
 

@@ -6,9 +6,11 @@ __all__ = [
     "likelihood",
     "model",
     "noise",
+    "non_parametric",
     "result",
     "ripple",
     "search",
     "signals",
+    "smooth_function",
     "withheld_stretches",
 ]

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
-from calibration.axis.effects import axis_effects, smooth_function
+from calibration.axis.effects import axis_effects
 from calibration.axis.likelihood import AxisLikelihood
 from calibration.axis.model import AxisModel
 from calibration.axis.noise import cosines
 from calibration.axis.result import AxisDiagnosis, AxisEffectFound
 from calibration.axis.search import AxisCause, AxisSearch, explain_effect, search_axis
 from calibration.axis.signals import Signals
+from calibration.axis.smooth_function import smooth_function
 from calibration.axis.withheld_stretches import gap_figures
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import log_evidence_of_sizes

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.axis.signals import WIDEST_REVERSAL, Signals
+from calibration.axis.smooth_function import smooth_function
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSet, BasisSets, EffectParameter
 
@@ -23,8 +24,6 @@ SMALLEST, LARGEST = {"rad": 1e-7, "m": 1e-8}, {"rad": 0.05, "m": 0.005}  # of an
 NEAR = (0.93, 1.0, 1.07)  # half widths of a reversal over what least squares say
 CROSSED = (0.92, 1.0, 1.08)  # half widths of a crossing over half the play: the load may drift across it
 TURNS_ROUND = (1.0, 1.15)  # half widths of a reversal over the wind-up
-SMOOTH_TERMS = 12
-SMOOTHNESS = 2.0  # power with which the deviations of cosines fall
 SOFT = (0.05, 0.2)  # load over its RMS within which a flank is left
 FLEXIBLE = 0.5  # standard deviation of a departure from the textbook's law, over the size
 AVERAGED_S = (0.0, 0.1, 0.3)  # times over which a torque is averaged before it winds up the drive
@@ -194,7 +193,7 @@ def _backlash(signals: Signals) -> AxisEffect:
     of_torque = signals.torque is not None and float(np.ptp(signals.torque)) > 0.0
 
     def load(s: Signals) -> Array:
-        return _torque(s) if of_torque else s.acceleration
+        return torque_or_zero(s) if of_torque else s.acceleration
 
     rms = max(float(np.sqrt(np.mean(load(signals) ** 2))), 1e-300)
 
@@ -228,7 +227,7 @@ def _backlash(signals: Signals) -> AxisEffect:
 
 def _compliance(signals: Signals) -> AxisEffect:
     """The torque winds up the drive; a motor's also accelerates the motor, and that part does not."""
-    torque = _torque(signals)
+    torque = torque_or_zero(signals)
     largest = max(float(np.max(np.abs(torque))), 1e-300)
     of_motor = float(np.std(torque)) / max(float(np.std(signals.acceleration)), 1e-300)
 
@@ -237,10 +236,10 @@ def _compliance(signals: Signals) -> AxisEffect:
         for width_s in AVERAGED_S:
 
             def transmitted(s: Signals, width_s: float = width_s) -> Array:
-                return -s.averaged(_torque(s), width_s)
+                return -s.averaged(torque_or_zero(s), width_s)
 
             def progressive(s: Signals, width_s: float = width_s) -> Array:
-                x = s.averaged(_torque(s), width_s)
+                x = s.averaged(torque_or_zero(s), width_s)
                 return -x * np.abs(x) / largest
 
             main = sets.add_law(transmitted)
@@ -328,46 +327,8 @@ def ripple_limits(signals: Signals) -> tuple[float, float]:
     return 3.0 * signals.spacing, 0.5 * signals.travel
 
 
-def smooth_function(x: Array) -> Callable[[Array], Array]:
-    """Any smooth function of a coordinate within the range of x (n,), constant beyond: columns (m, k), total RMS 1."""
-    low, span = float(x.min()), max(float(np.ptp(x)), 1e-300)
-    order = np.arange(1, SMOOTH_TERMS + 1)
-    deviations = order**-SMOOTHNESS
-    deviations *= np.sqrt(2.0 / np.sum(deviations**2))
-
-    def columns(of: Array) -> Array:
-        place = np.clip((of - low) / span, 0.0, 1.0)
-        return np.asarray(np.cos(np.pi * np.outer(place, order)) * deviations)
-
-    return columns
-
-
-def non_parametric(signals: Signals) -> dict[str, LawSets]:
-    """Any smooth function of one coordinate, or of two, by its name: what no effect of the catalogue is."""
-    over_position, over_speed = smooth_function(signals.position), smooth_function(signals.velocity)
-    over_acceleration, over_torque = smooth_function(signals.acceleration), smooth_function(_torque(signals))
-    fastest, resolution = max(float(np.abs(signals.velocity).max()), 1e-300), signals.resolution
-
-    def position_and_side(s: Signals) -> Array:
-        side, position = s.side(resolution)[:, None], over_position(s.position)
-        return np.concatenate([position, side, position * side], axis=1)
-
-    laws: dict[str, Law] = {
-        "speed": lambda s: over_speed(s.velocity),
-        "acceleration": lambda s: over_acceleration(s.acceleration),
-        "position and side": position_and_side,
-        "position and speed": lambda s: over_position(s.position) * (s.velocity / fastest)[:, None],
-    }
-    if signals.torque is not None and float(np.ptp(signals.torque)) > 0.0:
-        laws["torque"] = lambda s: over_torque(_torque(s))
-    out = {}
-    for name, law in laws.items():
-        out[name] = LawSets(signals)
-        out[name].add_one(out[name].add_law(law))
-    return out
-
-
-def _torque(signals: Signals) -> Array:
+def torque_or_zero(signals: Signals) -> Array:
+    """The recorded torque (n,), zero where none was."""
     return np.zeros(len(signals)) if signals.torque is None else signals.torque
 
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import log_ndtr
 
-from calibration.axis.effects import AxisEffect, LawSets, axis_effects, non_parametric
+from calibration.axis.effects import AxisEffect, LawSets, axis_effects
 from calibration.axis.likelihood import EXACT, AxisLikelihood, Explanation
+from calibration.axis.non_parametric import non_parametric
 from calibration.axis.ripple import strongest_periods
 from calibration.axis.signals import Signals
 from calibration.base.arrays import Array

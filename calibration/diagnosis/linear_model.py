@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
-from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, Load, inverse_covariance_factor
+from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights
 from calibration.effects.context import context_of_recording
@@ -33,8 +33,7 @@ from calibration.reduction.grouped_readings import group_by_visit, reflector_ind
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 NEST_PRIOR_M = 5.0e-3
-GATINGS = 4
-LEAST_VISITS = 20
+GATINGS, LEAST_VISITS = 4, 20
 LEAST_REPEATED = 3  # visits of one target under the same conditions, for the noise floor
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
@@ -43,9 +42,8 @@ PHASES = ("calibration", "repeatability", "nests", "verification_before")
 class LinearModel(LinearisedReadings):
     """The linearised readings of a recording: reflectors' positions, three numbers each.
 
-    rows (n,): rows of the recording that are used. values (u,): of the model's and the station's unknowns, at the point
-    of linearisation. station: as it was fitted; setup (n,): row
-    of its set-ups. wrong (k,): rows that are left out because they do not fit the others.
+    rows (n,): rows of the recording that are used; wrong (k,): those that are left out because they do not fit the
+    others. values (u,): unknowns of model and station, where it is linear. station: as fitted; setup (n,): its row.
     """
 
     station: StationModel
@@ -74,11 +72,6 @@ class LinearModel(LinearisedReadings):
     def payloads(self) -> Sequence[PayloadEntry]:
         """What was mounted, by number from 0 (none)."""
         return self.recording.file.payloads
-
-    @property
-    def loads(self) -> Sequence[Load]:
-        """The payloads of the recording."""
-        return [Load(payload.mass_kg, payload.com_m) for payload in self.payloads]
 
     @property
     def load(self) -> NDArray[np.intp]:

@@ -84,9 +84,9 @@ class LinearisedReadings(ObservedModel, ABC):
         """What was mounted, and how well it is known."""
 
     @property
-    @abstractmethod
     def loads(self) -> Sequence[Load]:
         """What further visits may carry, by number."""
+        return [Load(payload.mass_kg, payload.com_m) for payload in self.payloads]
 
     @property
     @abstractmethod

@@ -8,12 +8,14 @@ from typing import Any
 from nicegui import run, ui
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.result import Quantity
 from pkm_rig.errors import StoreError
 from pkm_rig.panel.actions import Action, Kind, Visits
 from pkm_rig.panel.files import next_measurements, picture_url, pictures_of, report_of, report_url
 from pkm_rig.panel.page_parts import PageOfWork
 from pkm_rig.panel.titles import title
 from pkm_rig.panel.work import Work
+from pkm_rig.report.diagnosis_text import format_quantity
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.store.place import has_store
 from pkm_rig.store.store import open_existing_store
@@ -97,8 +99,6 @@ class HistoryView:
         self._detail.clear()
         with self._detail:
             title(campaign)
-            for name in detail["pictures"]:
-                ui.image(picture_url(campaign, name)).classes("full-width").style("max-width: 50rem")
             for line in detail["found"]:
                 ui.label(with_symbols(line))
             for visits, resumes in detail["next"]:
@@ -107,6 +107,8 @@ class HistoryView:
                     f"Measure next: {visits.name} ({count} visits)",
                     Action("measure", campaign if resumes else None, visits),
                 )
+            for name in detail["pictures"]:
+                ui.image(picture_url(campaign, name)).classes("full-width").style("max-width: 50rem")
             ui.label("\n".join(detail["events"])).classes("lines")
         self._enable()
         self._card.run_method("scrollIntoView")
@@ -145,12 +147,14 @@ def diagnosis_lines(found: dict[str, Any]) -> list[str]:
     verdict = {"none": "no effect beyond the model", "unknown": "something that no effect explains"}
     lines = [f"diagnosis: {verdict.get(found['verdict'], found['verdict'])}"]
     for effect in found["effects"]:
-        value = "" if effect["value"] is None else f", {effect['value']:.3g} {effect['unit']}"
+        size = Quantity("", effect["value"] or 0.0, effect["u"] or 0.0, effect["unit"])
+        value = "" if effect["value"] is None else f", {format_quantity(size)}"
         share = "" if effect["probability"] is None else f", probability {effect['probability']:.2f}"
         lines.append(f"{effect['effect']} at {effect['place'] or 'no single place'}{value}{share}")
     gap = found["gap"]
     if gap["before_m"] is not None and gap["after_m"] is not None:
-        lines.append(f"gap on withheld data: {gap['before_m'] * 1e6:.1f} um, {gap['after_m'] * 1e6:.1f} um with it")
+        after = f", {gap['after_m'] * 1e6:.1f} um with it" if found["effects"] else ""
+        lines.append(f"gap on withheld data: {gap['before_m'] * 1e6:.1f} um{after}")
     for entry in found["next_measurement"]:
         minutes = "" if entry["minutes"] is None else f", {entry['minutes']:.0f} min"
         lines.append(f"to measure next: {entry['name']}: {entry['adds']}{minutes}")

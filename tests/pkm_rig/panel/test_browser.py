@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -101,6 +102,7 @@ def test_a_campaign_by_two_pages_through_interlock_lost_page_and_knocked_station
     expect(narrow.get_by_role("button", name="Go on")).to_be_hidden()
     expect(narrow.locator(".light-bad").first).to_be_visible()
     fits_its_width(narrow)
+    names_stand_apart(narrow)
     assert not any(drive.axis.powered for drive in bench.mock.drives)
 
     context = narrow.context
@@ -223,6 +225,17 @@ def test_over_tls_by_the_command(pages, tmp_path):
         finally:
             panel.send_signal(signal.SIGINT)
             panel.communicate(timeout=LIMIT_S)
+
+
+def names_stand_apart(page):
+    """Names in the picture of the machine: left, base line and width of each."""
+    page.wait_for_function("document.querySelector('canvas').dataset.labels")
+    named = json.loads(page.evaluate("document.querySelector('canvas').dataset.labels"))
+    assert len(named) >= 2
+    for number, (left, base, wide) in enumerate(named):
+        for other_left, other_base, other_wide in named[:number]:
+            beside = left >= other_left + other_wide or other_left >= left + wide
+            assert beside or abs(base - other_base) >= 12
 
 
 def fits_its_width(page):

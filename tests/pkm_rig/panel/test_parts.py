@@ -228,6 +228,23 @@ def test_what_a_campaign_has_told_so_far_is_what_identification_says():
         estimate_so_far(recording.take(np.arange(3)))
 
 
+def test_a_diagnosis_in_a_few_lines_says_what_an_effect_takes_away_only_where_there_is_one():
+    view = pytest.importorskip("pkm_rig.panel.history_view", reason="NiceGUI, the extra [ui], is not installed")
+    effect = {"effect": "backlash", "place": "left", "value": 2e-5, "u": 1e-6, "unit": "m", "probability": 0.97}
+    found = {
+        "verdict": "backlash", "effects": [effect], "gap": {"before_m": 4e-6, "after_m": 2.3e-6},
+        "next_measurement": [{"name": "random poses", "adds": "poses off the campaign's", "minutes": 47.2}],
+    }  # fmt: skip
+    assert view.diagnosis_lines(found) == [
+        "diagnosis: backlash",
+        "backlash at left, 20.0 +- 2.0 um, probability 0.97",
+        "gap on withheld data: 4.0 um, 2.3 um with it",
+        "to measure next: random poses: poses off the campaign's, 47 min",
+    ]
+    nothing = view.diagnosis_lines(found | {"verdict": "none", "effects": []})
+    assert nothing[:2] == ["diagnosis: no effect beyond the model", "gap on withheld data: 4.0 um"]
+
+
 def test_the_trend_is_made_of_numbers():
     assert trend_svg([], []) == ""
     drawn = trend_svg([30, 60, 120], [0.9, 0.5, 0.25])

@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
     data = folder / f"{len(chosen)}-of-{len(plans)}"
     archive = pack(folder / "cases", data, [one.name for one in chosen])
     append_once(options.log, plant, len(chosen))
-    given = ["--data", str(data), "--out", str(folder / "scores"), "--jobs", str(options.processes)]
+    given = ["--data", str(data), "--out", str(folder / "scores"), "--jobs", str(options.processes), "--gross"]
     status = independent.main([*given, *(["--unsealed"] if options.unsealed else [])])
     details = folder / "scores" / f"{independent.code_digest('')}-{digest_of(archive)}" / "even" / "results.json"
     if status != 2:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections import Counter
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -175,6 +176,20 @@ def test_all_recordings_of_a_design_look_alike(tmp_path):
     assert all(len(kinds) == 1 for kinds in (*rows.values(), *headers.values()))
     assert len(headers) < len(m._cases)
     assert len(machines) == 1
+
+
+def test_a_sure_verdict_is_asked_for_again_with_six_gross_readings(tmp_path):
+    m, case = maker(), case_of(replace(NULL, spoiled=True))
+    m._cases = {"sure": case, "other": case_of(NULL)}
+    assert m.add_cases(tmp_path / "unsure", {}, []) == 0
+    assert m.add_cases(tmp_path / "longer", {}, ["sure", "other"]) == 1
+    ((name, asked),) = m._longer.items()
+    assert asked == {"of": "sure", "arm": "gross"}
+    clean = np.stack([case.clean.columns[column] for column in ("x_m", "y_m", "z_m")], axis=1)
+    off_m = np.linalg.norm(read_folder(tmp_path / "longer" / name).positions_m - clean, axis=1)
+    assert np.sum(off_m > 5e-5) == 6
+    assert off_m.max() < 1.1e-2
+    assert set(json.loads((tmp_path / "longer" / "options.json").read_text())) == {name}
 
 
 def test_every_torque_holds_friction():

@@ -106,6 +106,29 @@ def test_the_noise_is_found_from_its_cosines():
     np.testing.assert_allclose(cosines(from_cosines(coefficients)), coefficients, atol=1e-12)
 
 
+def test_noise_that_falls_faster_than_a_random_walk_is_unlikely_before_data():
+    shape = NoiseShape.of(1024)
+    octave = np.arange(11.0)
+    white, walk, motion = (shape.log_prior(slope * octave) for slope in (0.0, -np.log(4.0), -4.0))
+    assert white > -6.0
+    assert walk > -6.0
+    assert motion < -80.0
+
+
+def test_the_fitted_noise_is_the_likeliest():
+    """Against any small change of a knot, by the likelihood and the prior as they are written down."""
+    shape = NoiseShape.of(400)
+    squares = (np.random.default_rng(3).standard_normal(400) * np.arange(1, 401) ** -1.5) ** 2
+
+    def log_posterior(knots):
+        power = shape.power(knots)
+        return -0.5 * float(np.sum(np.log(power) + squares / power)) + shape.log_prior(knots)
+
+    found = shape.fit(squares)
+    around = [found + 0.05 * sign * step for step in np.eye(len(found)) for sign in (1.0, -1.0)]
+    assert all(log_posterior(other) < log_posterior(found) for other in around)
+
+
 def test_units_of_a_linear_axis(seen):
     """The same numbers in metres: the same delay, which without a torque is none but a wind-up, and no lever of a
     weight."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets
+from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_families
 from calibration.effects.api import BasisSet, Curve, Tangent
 from calibration.effects.columns import Contributions
 
@@ -66,7 +66,7 @@ class _CurveOnReadings:
 
     def fit(self) -> CurveFit | None:
         """The best point of the curve; None if the readings ask for a negative size."""
-        points = [point for start in self.curve.starts if (point := self._evaluate(start)) is not None]
+        points = self._evaluate([*self.curve.starts])
         points.sort(key=lambda point: -point.log_posterior)
         optima = [self._optimise_from(point) for point in points[:MAX_STARTS]]
         optima = [point for point in optima if point.size > 0.0]
@@ -77,18 +77,32 @@ class _CurveOnReadings:
         evidence = replace(best.evidence, covariance=covariance)
         return CurveFit(best.log_posterior - penalty, evidence, best.tangent.contributions)
 
-    def _evaluate(self, parameters: Array) -> _EvaluatedPoint | None:
-        """None if the tangent has columns that are not finite."""
-        tangent = self.curve.tangent(parameters)
-        if not all(np.all(np.isfinite(shape)) for column in tangent.contributions for _, shape in column):
-            return None
-        columns = tuple(range(len(tangent.contributions)))
-        point = (self.number, tuple(parameters.tolist()))
-        basis_set = BasisSet(columns, tangent.relative, curve=point, size=tangent.size)
-        information = self.likelihood.information_and_score(tangent.contributions)
-        (evidence,) = evidence_of_basis_sets(information, [basis_set], self.low, self.high)
-        log_prior = -0.5 * float(np.sum((parameters / self.curve.spread) ** 2))
-        return _EvaluatedPoint(parameters, tangent, evidence, evidence.log_evidence + log_prior)
+    def _evaluate(self, points: Sequence[Array]) -> list[_EvaluatedPoint]:
+        """Points of the curve; without those where the tangent has columns that are not finite."""
+        tangents = [(parameters, self.curve.tangent(parameters)) for parameters in points]
+        finite = [
+            (parameters, tangent)
+            for parameters, tangent in tangents
+            if all(np.all(np.isfinite(shape)) for column in tangent.contributions for _, shape in column)
+        ]
+        if not finite:
+            return []
+        basis_sets = [
+            BasisSet(
+                tuple(range(len(tangent.contributions))),
+                tangent.relative,
+                curve=(self.number, tuple(parameters.tolist())),
+                size=tangent.size,
+            )
+            for parameters, tangent in finite
+        ]
+        families = self.likelihood.of_families([tangent.contributions for _, tangent in finite])
+        evidence = evidence_of_families(families, basis_sets, self.low, self.high)
+        log_priors = [-0.5 * float(np.sum((parameters / self.curve.spread) ** 2)) for parameters, _ in finite]
+        return [
+            _EvaluatedPoint(parameters, tangent, entry, entry.log_evidence + log_prior)
+            for (parameters, tangent), entry, log_prior in zip(finite, evidence, log_priors, strict=True)
+        ]
 
     def _optimise_from(self, start: _EvaluatedPoint) -> _EvaluatedPoint:
         curve = self.curve
@@ -96,9 +110,9 @@ class _CurveOnReadings:
         current, step_length = start, 1.0
         for _ in range(MAX_STEPS):
             step = np.clip(step_length * current.tangent.step(current.evidence.coefficients), -largest, largest)
-            trial = self._evaluate(np.clip(current.parameters + step, curve.low, curve.high))
-            if trial is not None and trial.log_posterior > current.log_posterior + MIN_GAIN:
-                current, step_length = trial, min(1.0, 2.0 * step_length)
+            trial = self._evaluate([np.clip(current.parameters + step, curve.low, curve.high)])
+            if trial and trial[0].log_posterior > current.log_posterior + MIN_GAIN:
+                current, step_length = trial[0], min(1.0, 2.0 * step_length)
             else:
                 step_length /= 3.0
                 if step_length < MIN_STEP_LENGTH:

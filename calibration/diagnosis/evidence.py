@@ -21,7 +21,7 @@ from calibration.diagnosis.linearised_readings import LinearisedReadings, projec
 from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
-SIZES = 9
+SIZE_STEPS = np.linspace(0.0, 1.0, 9)  # logarithms of the sizes tried, over the plausible range
 UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 
 
@@ -51,6 +51,13 @@ class ChannelResponses:
         self.channels = Channels(linear)
         self._linear = linear
         self._responses: dict[str, Array] = {}
+        self._norms: dict[str, Array] = {}
+
+    def norm(self, channel: str) -> Array:
+        """Norm (n,) of each reading's response to a channel."""
+        if channel not in self._norms:
+            self._norms[channel] = np.linalg.norm(self(channel), axis=1)
+        return self._norms[channel]
 
     def __call__(self, channel: str) -> Array:
         """The response (n, w) to a channel."""
@@ -157,10 +164,27 @@ class MarginalLikelihood:
                     block = shapes.T @ (product[:, None] * other_shapes)
                     information[np.ix_(numbers, other_numbers)] += block
                     information[np.ix_(other_numbers, numbers)] += block.T
-            square = np.einsum("nj,nj->n", response, response)
-            information[np.ix_(numbers, numbers)] += shapes.T @ (square[:, None] * shapes)
+            weighted = self.response.norm(channel)[:, None] * shapes
+            information[np.ix_(numbers, numbers)] += weighted.T @ weighted
             done.append(channel)
         return InformationAndScore(information - along_factor.T @ along_factor, score)
+
+    def of_families(self, families: Sequence[Sequence[Contributions]]) -> list[InformationAndScore]:
+        """Information and score of several families of columns, each by itself, of which only few are like another."""
+        channels = {channel for family in families for column in family for channel, _ in column}
+        if len(channels) != 1 or any(len(column) != 1 for family in families for column in family):
+            return [self.information_and_score(family) for family in families]
+        (channel,) = channels
+        shapes = [np.stack([column[0][1] for column in family], axis=1) for family in families]
+        every = np.concatenate(shapes, axis=1)
+        along, score = self._projection(channel).T @ every, self._score(channel) @ every
+        norm, out, first = self.response.norm(channel)[:, None], [], 0
+        for shape in shapes:
+            own, weighted = slice(first, first + shape.shape[1]), norm * shape
+            first = own.stop
+            information = weighted.T @ weighted - along[:, own].T @ along[:, own]
+            out.append(InformationAndScore(information, score[own]))
+        return out
 
     def observable_columns(self, channels: Sequence[str], shapes: Array, rows: NDArray[np.intp]) -> Array:
         """Rows (m, w, k c) of shapes (n, k) acting through channels (c), after the calibration has been refitted."""
@@ -237,32 +261,49 @@ def evidence_of_basis_sets(
     columns: InformationAndScore, basis_sets: Sequence[BasisSet], low: float, high: float
 ) -> list[BasisSetEvidence]:
     """Evidence of basis sets for sizes between two limits, from the information and score of all their columns."""
-    sizes = np.geomspace(low, high, SIZES)
     out: list[BasisSetEvidence | None] = [None] * len(basis_sets)
     by_length: dict[int, list[int]] = {}
     for number, basis_set in enumerate(basis_sets):
         by_length.setdefault(len(basis_set.columns), []).append(number)
     for members in by_length.values():
         pick = np.array([basis_sets[i].columns for i in members])
-        relative = np.array([basis_sets[i].relative for i in members])
-        f = columns.information[pick[:, :, None], pick[:, None, :]] * relative[:, :, None] * relative[:, None, :]
-        g = columns.score[pick] * relative
-        values, vectors = np.linalg.eigh(0.5 * (f + f.transpose(0, 2, 1)))
-        values = np.maximum(values, 0.0)
-        along = np.einsum("mkj,mk->mj", vectors, g)
-        square = sizes[None, :, None] ** 2
-        grown = 1.0 + square * values[:, None, :]
-        logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
-        evidence = log_sum(logs, axis=1) - np.log(len(sizes))
-        best = np.argmax(logs, axis=1)
-        for row, number in enumerate(members):
-            a = float(sizes[best[row]])
-            shrunk = a * a / (1.0 + a * a * values[row])
-            coefficients = relative[row] * (vectors[row] @ (shrunk * along[row]))
-            scaled = vectors[row] * relative[row][:, None]
-            covariance = (scaled * shrunk) @ scaled.T
-            out[number] = BasisSetEvidence(basis_sets[number], float(evidence[row]), a, coefficients, covariance)
+        information = columns.information[pick[:, :, None], pick[:, None, :]]
+        alike = [basis_sets[i] for i in members]
+        for number, entry in zip(members, _evidence(information, columns.score[pick], alike, low, high), strict=True):
+            out[number] = entry
     return [entry for entry in out if entry is not None]
+
+
+def evidence_of_families(
+    families: Sequence[InformationAndScore], basis_sets: Sequence[BasisSet], low: float, high: float
+) -> list[BasisSetEvidence]:
+    """Evidence of basis sets of equally many columns, each of all columns of a family of its own."""
+    information = np.array([family.information for family in families])
+    return _evidence(information, np.array([family.score for family in families]), basis_sets, low, high)
+
+
+def _evidence(
+    information: Array, score: Array, basis_sets: Sequence[BasisSet], low: float, high: float
+) -> list[BasisSetEvidence]:
+    """The same from the information (m, k, k) and score (m, k) of the columns of each."""
+    sizes = low * (high / low) ** SIZE_STEPS
+    relative = np.array([basis_set.relative for basis_set in basis_sets])
+    f = information * relative[:, :, None] * relative[:, None, :]
+    values, vectors = np.linalg.eigh(0.5 * (f + f.transpose(0, 2, 1)))
+    values = np.maximum(values, 0.0)
+    along = np.einsum("mkj,mk->mj", vectors, score * relative)
+    square = sizes[None, :, None] ** 2
+    grown = 1.0 + square * values[:, None, :]
+    logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
+    evidence = log_sum(logs, axis=1) - np.log(len(sizes))
+    out = []
+    for row, (basis_set, best) in enumerate(zip(basis_sets, np.argmax(logs, axis=1).tolist(), strict=True)):
+        a = float(sizes[best])
+        shrunk = a * a / (1.0 + a * a * values[row])
+        coefficients = relative[row] * (vectors[row] @ (shrunk * along[row]))
+        scaled = vectors[row] * relative[row][:, None]
+        out.append(BasisSetEvidence(basis_set, float(evidence[row]), a, coefficients, (scaled * shrunk) @ scaled.T))
+    return out
 
 
 def log_evidence_of_sizes(columns: InformationAndScore, sizes: Array) -> Array:

@@ -19,7 +19,6 @@ MOST_ALIKE = 3.0  # giants that are off alike hide each other: each then looks s
 LARGEST_OUTLIER_SHARE = 0.025
 MOST_SUSPECTS = 0.1  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
-LEFT_OUT = 1e-3  # weight of a reading that is taken for wrong
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
 
@@ -81,10 +80,34 @@ class _LeaveOneOut:
     """
 
     def __init__(self, stand: NDArray[np.intp], by_stand: Array, residual: Array, columns: Array) -> None:
-        self._by_stand = by_stand
-        self._target = np.concatenate([columns, residual[:, :, None]], axis=2)
+        n, width = len(residual), columns.shape[2]
         order = np.argsort(stand, kind="stable")
         self._stands = np.split(order, np.flatnonzero(np.diff(stand[order])) + 1)
+        self._stand_of = np.empty(n, dtype=np.intp)
+        self._within: list[Array] = []  # B^-1 of each stand
+        white, y, inverses = np.empty((n, 3, width)), np.empty((n, 3)), []
+        for number, rows in enumerate(self._stands):
+            z = by_stand[rows].reshape(3 * len(rows), -1)
+            inverse = np.linalg.inv(np.linalg.cholesky(np.eye(len(z)) + z @ z.T))
+            white[rows] = (inverse @ columns[rows].reshape(len(z), -1)).reshape(len(rows), 3, -1)
+            y[rows] = (inverse @ residual[rows].ravel()).reshape(-1, 3)
+            inverses.append(inverse)
+            self._within.append(inverse.T @ inverse)
+            self._stand_of[rows] = number
+        # C^-1 = B^-1 - D D', by the whitened columns W of which 1 + W'W = R'R: D = B^-1/2' W R^-1.
+        flat = white.reshape(3 * n, width)
+        upper = np.linalg.cholesky(np.eye(width) + flat.T @ flat).T
+        along = solve_triangular(upper, flat.T, trans="T", lower=False, overwrite_b=True, check_finite=False).T
+        rest = (y.ravel() - along @ (along.T @ y.ravel())).reshape(n, 3)
+        along = along.reshape(n, 3, width)
+        self._score, self._information = np.empty((n, 3)), np.empty((n, 3, 3))
+        for rows, inverse, within in zip(self._stands, inverses, self._within, strict=True):
+            self._score[rows] = (inverse.T @ rest[rows].ravel()).reshape(-1, 3)
+            part = (inverse.T @ along[rows].reshape(3 * len(rows), -1)).reshape(len(rows), 3, -1)
+            own = within.reshape(len(rows), 3, len(rows), 3).diagonal(axis1=0, axis2=2)
+            self._information[rows] = own.transpose(2, 0, 1) - part @ part.transpose(0, 2, 1)
+            along[rows] = part
+        self._along = along.reshape(3 * n, width)
 
     def judge(self, kind: NDArray[np.intp]) -> Array:
         """Own standard deviations (n,) by which each reading is off the others that fit; kind (n,): those of one scale.
@@ -111,41 +134,51 @@ class _LeaveOneOut:
 
     def _sigmas(self, keep: NDArray[np.bool_], kind: NDArray[np.intp]) -> Array:
         """Deviations (n,) in own standard deviations, whose scales those that are kept determine."""
-        distance = self._distances(np.where(keep, 1.0, LEFT_OUT))
+        distance = self._distances(keep)
         for one in np.unique(kind):
             if np.any(keep & (kind == one)):
                 distance[kind == one] /= scale_of(distance[keep & (kind == one)], 3)
         return distance
 
-    def _distances(self, weight: Array) -> Array:
-        """Roots (n,) of the square forms of the deviations from the prediction by all others, weighted (n,).
+    def _distances(self, keep: NDArray[np.bool_]) -> Array:
+        """Roots (n,) of the square forms of the deviations from the prediction by all others that are kept (n,).
 
-        A reading of small weight w has next to no influence, and its own deviation is to be had all the same: times w
-        it has the variance 1 + w^2 V, with V that of its prediction.
+        With P = C^-1 of all readings, those that are kept have P - P_S P_SS^-1 P_S' without the others S, and these are
+        off the prediction by what is kept by P_SS^-1 (P y)_S with the covariance P_SS^-1 (block elimination).
         """
-        n, _, width = self._target.shape
-        target, by_stand = self._target * weight[:, None, None], self._by_stand * weight[:, None, None]
-        white, inverses = np.empty_like(target), []
-        for rows in self._stands:
-            z = by_stand[rows].reshape(3 * len(rows), -1)
-            inverses.append(np.linalg.inv(np.linalg.cholesky(np.eye(len(z)) + z @ z.T)))
-            white[rows] = (inverses[-1] @ target[rows].reshape(len(z), -1)).reshape(len(rows), 3, -1)
-        flat, y = white[:, :, :-1].reshape(3 * n, width - 1), white[:, :, -1].ravel()
-        upper = np.linalg.cholesky(np.eye(width - 1) + flat.T @ flat).T
-        along = solve_triangular(upper, flat.T, trans="T", lower=False).T
-        rest = (y - along @ (along.T @ y)).reshape(n, 3)
-        along = along.reshape(n, 3, width - 1)
-        score, information = np.empty((n, 3)), np.empty((n, 3, 3))
-        for rows, inverse in zip(self._stands, inverses, strict=True):
-            score[rows] = (inverse.T @ rest[rows].ravel()).reshape(-1, 3)
-            part = (inverse.T @ along[rows].reshape(3 * len(rows), -1)).reshape(len(rows), 3, -1)
-            own = (inverse.T @ inverse).reshape(len(rows), 3, len(rows), 3).diagonal(axis1=0, axis2=2)
-            information[rows] = own.transpose(2, 0, 1) - part @ part.transpose(0, 2, 1)
-        variance = np.linalg.inv(information + SINGULAR * np.eye(3))
-        deviation = (variance @ score[:, :, None])[:, :, 0] / weight[:, None]
-        variance = np.eye(3) + (variance - np.eye(3)) / weight[:, None, None] ** 2
-        square = np.sum(deviation * np.linalg.solve(variance, deviation[:, :, None])[:, :, 0], axis=1)
-        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+        score, information = self._score, self._information
+        out = np.flatnonzero(~keep)
+        if not out.size:
+            return _roots(score, information + SINGULAR * np.eye(3))
+        coupled = self._coupled(out)
+        by_reading = coupled.reshape(len(keep), 3, -1)
+        of_out = by_reading[out].reshape(3 * len(out), -1)
+        own_information = 0.5 * (of_out + of_out.T) + SINGULAR * np.eye(len(of_out))
+        covariance = np.asarray(np.linalg.inv(own_information), dtype=np.float64)
+        deviation = covariance @ score[out].ravel()
+        information = information - by_reading @ covariance @ by_reading.transpose(0, 2, 1)
+        distance = _roots(score - (coupled @ deviation).reshape(-1, 3), information + SINGULAR * np.eye(3))
+        own = covariance.reshape(len(out), 3, len(out), 3).diagonal(axis1=0, axis2=2).transpose(2, 0, 1)
+        distance[out] = _roots(deviation.reshape(-1, 3), own)
+        return distance
+
+    def _coupled(self, rows: NDArray[np.intp]) -> Array:
+        """Columns (3 n, 3 m) of the inverse covariance of all readings, of some of them (m,)."""
+        along = self._along.reshape(-1, 3, self._along.shape[1])
+        out = -self._along @ along[rows].reshape(3 * len(rows), -1).T
+        by_reading = out.reshape(len(along), 3, len(rows), 3)
+        for number, row in enumerate(rows.tolist()):
+            stand = self._stand_of[row]
+            members = self._stands[stand]
+            own = self._within[stand].reshape(len(members), 3, len(members), 3)
+            by_reading[members, :, number] += own[:, :, int(np.flatnonzero(members == row)[0])]
+        return out
+
+
+def _roots(deviation: Array, covariance: Array) -> Array:
+    """Roots (n,) of the square forms of deviations (n, 3) by their covariances (n, 3, 3)."""
+    square = np.sum(deviation * np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0], axis=1)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def outlier_weights(residual: Array, q: Array) -> Array | None:

@@ -80,6 +80,11 @@ class Periodogram:
         centred = self.position_m - 0.5 * (self.position_m.max() + self.position_m.min())
         for width, count in ((0.6, 13), (0.1, 11)):
             near = frequency + np.linspace(-width, width, count) * self.resolution
-            amplitude = np.abs(np.exp(2.0j * np.pi * np.outer(near, centred)) @ self.score)
+            turned = self.score * np.exp(2.0j * np.pi * near[0] * centred)
+            step = np.exp(2.0j * np.pi * (near[1] - near[0]) * centred)
+            amplitude = np.empty(count)
+            for k in range(count):
+                amplitude[k] = abs(turned.sum())
+                turned *= step
             frequency = float(near[np.argmax(amplitude)])
         return frequency

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,13 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.effects.former_names import former_name
+from calibration.effects.memory import lag_behind
 from calibration.instruments.air import refractivity
 from calibration.recording.header import KnownTable
 from calibration.recording.recording import Recording
 from calibration.recording.sessions import breaks_s
 
 TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
-LAG_GRID = 400  # points in time at which the temperature of a part is integrated
 # Fields with one row per reading; they are also keys of a twin's file.
 ARRAYS = (
     "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
@@ -118,16 +119,16 @@ class ReadingContext:
 
     def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
         """Temperature of a part of time constant tau_s minus its sensor (n,) in kelvin; zero at the start."""
-        order = np.argsort(self.t_s, kind="stable")
-        t, sensor_c = self.t_s[order], np.asarray(self.temperatures_c[sensor])[order]
-        grid = np.linspace(t[0], t[-1], LAG_GRID)
-        on_grid = np.interp(grid, t, sensor_c)
-        decay = float(np.exp(-(grid[1] - grid[0]) / tau_s))
-        lag, lag_on_grid = 0.0, np.empty(len(grid))
-        for i, change in enumerate(np.diff(on_grid, prepend=on_grid[0]).tolist()):
-            lag = (lag - change) * decay
-            lag_on_grid[i] = lag
-        return np.asarray(np.interp(self.t_s, grid, lag_on_grid))
+        if (sensor, tau_s) not in self._lags_k:
+            self._lags_k[sensor, tau_s] = self._integrated_lag_k(sensor, tau_s)
+        return self._lags_k[sensor, tau_s]
+
+    @cached_property
+    def _lags_k(self) -> dict[tuple[str, float], Array]:
+        return {}
+
+    def _integrated_lag_k(self, sensor: str, tau_s: float) -> Array:
+        return lag_behind(self.t_s, np.asarray(self.temperatures_c[sensor]), tau_s)
 
     def part_temperature_k(self, sensor: str, tau_s: float) -> Array:
         """Change (n,) in kelvin since the start, of a part that follows a sensor with a time constant, 0: at once."""

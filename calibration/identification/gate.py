@@ -119,7 +119,10 @@ class LinearReadings:
     def _factor(self, keep: list[NDArray[np.bool_]]) -> Array:
         """R (u, u), R^T R being the information of the readings that are kept and of the priors."""
         rows = [j[k].reshape(-1, self.z.size) for j, k in zip(self.jacobian, keep, strict=True)]
-        return np.asarray(np.linalg.qr(np.vstack([*rows, np.eye(self.z.size)]), mode="r"))
+        information = np.eye(self.z.size)
+        for part in rows:
+            information += part.T @ part
+        return np.asarray(np.linalg.cholesky(information).T)
 
     def _step(self, factor: Array, keep: list[NDArray[np.bool_]]) -> Array:
         gradient = self.z.copy()

@@ -1,0 +1,23 @@
+"""Memory: what a part does late that follows a recorded quantity with a time constant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.base.arrays import Array
+
+LAG_GRID = 400  # points in time at which what follows a smooth quantity is integrated
+
+
+def lag_behind(t_s: Array, values: Array, tau_s: float) -> Array:
+    """What follows smooth values (n,) at times (n,), minus these; zero at the start."""
+    order = np.argsort(t_s, kind="stable")
+    t, in_time = t_s[order], values[order]
+    grid = np.linspace(t[0], t[-1], LAG_GRID)
+    on_grid = np.interp(grid, t, in_time)
+    decay = float(np.exp(-(grid[1] - grid[0]) / tau_s))
+    lag, lag_on_grid = 0.0, np.empty(len(grid))
+    for i, change in enumerate(np.diff(on_grid, prepend=on_grid[0]).tolist()):
+        lag = (lag - change) * decay
+        lag_on_grid[i] = lag
+    return np.asarray(np.interp(t_s, grid, lag_on_grid))

@@ -7,7 +7,7 @@ points) worse than the goal.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 WORSE = 0.05
 BOOTSTRAPS, BOOTSTRAP_SEED = 1000, 5
+FEW = 10  # values, whose mean shows nothing
 SHOWN, MET, SHORT = "shown", "met", "short"
 
 
@@ -81,7 +82,10 @@ def mean(name: str, values: Sequence[float], most: float | None = None) -> Measu
         middle = float(np.mean(values))
         spread = Z95 * float(np.std(values)) / float(np.sqrt(len(values)))
         found = middle, middle - spread, middle + spread, len(values)
-    return plain(name, found) if most is None else held_to(name, found, f"at most {most:g}", -np.inf, most)
+    if most is None:
+        return plain(name, found)
+    measure = held_to(name, found, f"at most {most:g}", -np.inf, most)
+    return replace(measure, shown=False) if 0 < len(values) < FEW else measure  # their spread says little
 
 
 def median(name: str, x: Array, less: Array, most: float | None = None) -> Measure:

@@ -61,6 +61,7 @@ def test_a_median_and_a_mean_have_the_intervals_of_independent_computations():
     of = mean("x", x.tolist(), 0.9)
     assert (of.high - of.low) / 2.0 == pytest.approx(1.96 * x.std() / np.sqrt(60), rel=1e-3)
     assert status(mean("x", x.tolist(), 0.7).data()) == "short"
+    assert status(mean("x", [0.8] * 9, 0.9).data()) == "met"
 
 
 def test_every_check_is_held_to_the_same_goals():

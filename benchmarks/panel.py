@@ -64,7 +64,10 @@ def main() -> int:
         return 2
     with Panel() as panel:
         bench = Bench(panel)
-        rows = [bench.computing_time(options.seconds), bench.time_to_pixel(), *bench.memory()]
+        rows: list[Row] = []
+        for part in (lambda: [bench.computing_time(options.seconds)], lambda: [bench.time_to_pixel()], bench.memory):
+            rows += part()
+            print(*rows[-1], file=sys.stderr, flush=True)  # what follows may be stopped
         with closing(panel_stops.pairs_of(panel.shown, seed=1)) as measured:
             pairs = list(islice(measured, options.pairs))
         rows += panel_stops.lines_of(pairs)[0]

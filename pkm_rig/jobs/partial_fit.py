@@ -15,6 +15,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.identification.fit import Fit
 from calibration.identification.from_prior import Prior, identify_from_prior
+from calibration.instruments.setups import RANGE_ERRORS
 from calibration.instruments.smr_positions import SmrPositions, StationModel
 from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.drift import DriftSettings
@@ -86,14 +87,18 @@ def walk_of(reference: Reference, design: CheckDesign, age_s: float, drift: Drif
 def fit_partly(reference: Reference, recording: Recording, growth: Array) -> Fit:
     """The former calibration, brought up to date by the few readings of a recording.
 
-    growth (k, k): covariance of what its unknowns may have changed by since.
+    growth (k, k): covariance of what its unknowns may have changed by since. What the ranges of this session have in
+    common, which few readings of the nests leave open by some ten micrometres, is fitted and then left out: predictions
+    are in the scale of the former calibration, which had many more.
     """
     observed = observe(recording, reference, CALIBRATION).observations
     accuracy = recording.file.station.accuracy.to_station_accuracy()
     smrs = tuple(sorted(set(observed.smr.tolist())))
     station = StationModel.from_accuracy(machine_frame(reference, observed), smrs, accuracy)
     prior = Prior(reference.names, reference.values, reference.covariance + growth)
-    return identify_from_prior(reference.model, observed.visits, [SmrPositions(observed, station)], prior)
+    fit = identify_from_prior(reference.model, observed.visits, [SmrPositions(observed, station)], prior)
+    of_session = np.array([name in RANGE_ERRORS for name in fit.layout.names])
+    return replace(fit, unknowns=np.where(of_session, 0.0, fit.unknowns))
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def _axes(machine: Machine) -> str:
 def _of_drives(machine: Machine) -> Iterator[Candidate]:
     for a, (drive, kind) in enumerate(zip(machine.drive_names, machine.drive_kinds, strict=True)):
         crank = kind == "crank"
-        unit, per_m = ("rad", 1.0 / _arm_m(machine, a)) if crank else ("m", 1.0)
+        unit, per_m = ("rad", 1.0 / machine.crank_arm_m(a)) if crank else ("m", 1.0)
         span = float(np.max(np.abs(machine.travel[a])))
         channel = f"travel.{drive}"
         offset = Move("offset", unit, per_m, channel=channel)
@@ -99,11 +99,6 @@ def _of_drives(machine: Machine) -> Iterator[Candidate]:
         yield Candidate(SCREW_CURVE, drive, (Way(curve),))
         if column := _column_ways(machine, a):
             yield Candidate(COLUMN, drive, column)
-
-
-def _arm_m(machine: Machine, drive: int) -> float:
-    arms = machine.nominal.base_joint_m[machine.strut_drive == drive]
-    return max(float(np.max(np.linalg.norm(arms, axis=1))), 1e-3)
 
 
 def _column_ways(machine: Machine, drive: int) -> tuple[Way, ...]:

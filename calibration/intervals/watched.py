@@ -62,12 +62,6 @@ def carried_shift(machine: Machine, drive: int, point_m: Array) -> Array:
     return np.asarray(np.cross(axis, point_m) if machine.drive_kinds[drive] == "crank" else axis)
 
 
-def crank_arm_m(machine: Machine, drive: int) -> float:
-    """Longest arm of a crank: from its axis to a joint that it carries."""
-    joints = machine.nominal.base_joint_m[machine.strut_drive == drive]
-    return float(np.max(np.linalg.norm(np.cross(machine.nominal.axis[drive], joints), axis=1)))
-
-
 def smr_response(poses: Poses, smrs: tuple[int, ...], mounting_m: Array) -> Array:
     """Shift of reflectors (v, s, 3, p) at poses with a unit of every machine parameter; zero for floor nests.
 

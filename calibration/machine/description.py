@@ -115,6 +115,11 @@ class Machine:
         """Whether the platform moves in the plane z = 0 only."""
         return not np.any(np.isin(self.dof, [2, 3, 4]))
 
+    def crank_arm_m(self, drive: int) -> float:
+        """Longest arm of a crank: from its axis to a joint that it carries."""
+        joints = self.nominal.base_joint_m[self.strut_drive == drive]
+        return float(np.max(np.linalg.norm(np.cross(self.nominal.axis[drive], joints), axis=1)))
+
     @property
     def rotary_drives(self) -> tuple[str, ...]:
         """Names of the drives whose coordinate is an angle."""

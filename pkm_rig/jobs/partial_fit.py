@@ -21,7 +21,7 @@ from calibration.intervals.check_estimate import CheckDesign
 from calibration.intervals.drift import DriftSettings
 from calibration.intervals.extent import Measurement
 from calibration.intervals.partial import grown_covariance
-from calibration.intervals.watched import carried_shift, crank_arm_m, drive_offset
+from calibration.intervals.watched import carried_shift, drive_offset
 from calibration.machine.description import PARTS, Machine
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import figure_axes
@@ -67,7 +67,7 @@ def offset_u(machine: Machine, drive: int) -> float:
     """By how much (m; rad of a crank) a drive that has lost its reference may stand off: OFFSET_U_M at its joint."""
     if machine.drive_kinds[drive] != "crank":
         return OFFSET_U_M
-    return OFFSET_U_M / crank_arm_m(machine, drive)
+    return OFFSET_U_M / machine.crank_arm_m(drive)
 
 
 def walk_of(reference: Reference, design: CheckDesign, age_s: float, drift: DriftSettings) -> Array:

@@ -12,7 +12,6 @@ from calibration.compensation.samples import CorrectionSamples
 from calibration.intervals.envelope import judge
 from calibration.intervals.facts import CalibrationFact, ErrorFigure, MachineHistory
 from calibration.intervals.settings import IntervalSettings
-from calibration.intervals.watched import crank_arm_m
 from calibration.machine.description import Machine
 from calibration.model.parameters import ParameterSet
 from drivers.drives.table_image import TableImage, decode_table
@@ -52,7 +51,7 @@ def correction_change_m(
 def _arms_m(machine: Machine) -> Array:
     """Metres (d,) at a drive's joint for a unit of its coordinate."""
     kinds = enumerate(machine.drive_kinds)
-    return np.array([crank_arm_m(machine, drive) if kind == "crank" else 1.0 for drive, kind in kinds])
+    return np.array([machine.crank_arm_m(drive) if kind == "crank" else 1.0 for drive, kind in kinds])
 
 
 def table_change_m(rig: Rig, former: Mapping[str, bytes], change: TableChange) -> float:

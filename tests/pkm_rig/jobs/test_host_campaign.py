@@ -36,7 +36,7 @@ from tests.pkm_rig.conftest import SHORT, silent
 SETTINGS = {
     **SHORT,
     "calibration_poses": 8,
-    "verification_poses": 4,
+    "verification_poses": 12,  # of fewer the fall is not always shown
     "verification_payloads": (0,),
     "readings_per_smr": 1,
     "speeds_m_per_s": (0.4, 0.2),
@@ -139,7 +139,7 @@ def proposed(calibrated, tmp_path_factory):
     path = tmp_path_factory.mktemp("proposed") / "rig.toml"
     path.write_text(demo_rig_path("rrr4").read_text(encoding="utf-8") + LIFE, encoding="utf-8")
     file, _ = load_rig(path)
-    campaign = file.campaign.model_copy(update={**SETTINGS, "verification_poses": 12})
+    campaign = file.campaign.model_copy(update=SETTINGS)
     rig.file = rig.file.model_copy(update={"campaign": campaign, "recalibration": file.recalibration})
     rig.mock.drives[0].recount(LOST_RAD)
 

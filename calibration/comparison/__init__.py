@@ -7,5 +7,6 @@ __all__ = [
     "same_machine",
     "search",
     "two_campaigns",
+    "two_folders",
     "workspace",
 ]

@@ -5,6 +5,7 @@ __all__ = [
     "decomposition",
     "error_map",
     "formats",
+    "free_part",
     "grid",
     "host",
     "kinematics",

@@ -14,6 +14,7 @@ __all__ = [
     "former_names",
     "guides",
     "instrument",
+    "memory",
     "partial_context",
     "reversal",
     "stated_values",

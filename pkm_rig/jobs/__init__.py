@@ -45,5 +45,6 @@ __all__ = [
     "tables_in_force",
     "verify",
     "verify_folders",
+    "visit_file",
     "worker_pool",
 ]

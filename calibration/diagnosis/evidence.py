@@ -21,7 +21,8 @@ from calibration.diagnosis.linearised_readings import LinearisedReadings, projec
 from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
-SIZE_STEPS = np.linspace(0.0, 1.0, 9)  # logarithms of the sizes tried, over the plausible range
+SIZES = 9
+SIZE_STEPS = np.linspace(0.0, 1.0, SIZES)  # logarithms of the sizes tried, over the plausible range
 UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 
 

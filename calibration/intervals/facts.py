@@ -292,6 +292,10 @@ class MachineHistory:
         last = self.last_calibration
         return self.events if last is None else tuple(e for e in self.events if e.t_utc_s > last.t_utc_s)
 
+    def happened_since_calibration(self) -> tuple[EventFact, ...]:
+        """Of these what has happened to the machine: another tolerance is none of it."""
+        return tuple(e for e in self.events_since_calibration() if e.kind != "tolerance changed")
+
     def instrument(self, serial: str) -> InstrumentFact | None:
         """The instrument of a serial number, None if it is not known."""
         return next((i for i in self.instruments if i.serial == serial), None)

@@ -100,7 +100,7 @@ def temperature(history: MachineHistory, settings: IntervalSettings, now_utc_s: 
 
 def event(history: MachineHistory, settings: IntervalSettings, now_utc_s: float) -> RuleResult:
     """Due when something has happened to the machine since the last calibration."""
-    found = [e for e in history.events_since_calibration() if e.kind != "tolerance changed"]
+    found = history.happened_since_calibration()
     if not found:
         return RuleResult("event", "fit", "nothing has happened")
     words = ", ".join(f"{e.kind} {e.part}".strip() for e in found)

@@ -91,7 +91,8 @@ def plan(situation: Situation, file: RigFile, *, scheduled: bool) -> Plan:
         hindrance = _hindrance(situation, file.recalibration)
     if hindrance is not None:
         return Plan("skipped", f"{hindrance} ({due})")
-    is_checked = situation.check_is_due and situation.history.last_calibration is not None
+    happened = situation.history.happened_since_calibration()
+    is_checked = situation.check_is_due and situation.history.last_calibration is not None and not happened
     return Plan("check" if situation.state == "fit" or is_checked else "calibration", due)
 
 
@@ -185,8 +186,7 @@ class Recalibration:
         found: ErrorFigure | None = None
         checked: str | None = None
         before = self._now(rig)
-        events = before.history.events_since_calibration()
-        if intended.what == "check" and not events:
+        if intended.what == "check" and not before.history.happened_since_calibration():
             checkup = health(rig, self.store, self.notify, self.progress, self.now_s)
             found, checked = checkup.fact.error, checkup.fact.id
         situation = self._now(rig)

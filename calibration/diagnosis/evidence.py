@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+from scipy.special import log_ndtr
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
@@ -23,6 +24,7 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 
 SIZES = 9
 SIZE_STEPS = np.linspace(0.0, 1.0, SIZES)  # logarithms of the sizes tried, over the plausible range
+LOG_2 = float(np.log(2.0))
 UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 
 
@@ -303,8 +305,20 @@ def _evidence(
         shrunk = a * a / (1.0 + a * a * values[row])
         coefficients = relative[row] * (vectors[row] @ (shrunk * along[row]))
         scaled = vectors[row] * relative[row][:, None]
-        out.append(BasisSetEvidence(basis_set, float(evidence[row]), a, coefficients, (scaled * shrunk) @ scaled.T))
+        covariance = (scaled * shrunk) @ scaled.T
+        log_evidence = float(evidence[row])
+        if basis_set.sign:
+            log_evidence += _log_share_of_sign(basis_set.sign * coefficients[0], covariance[0, 0])
+        out.append(BasisSetEvidence(basis_set, log_evidence, a, coefficients, covariance))
     return out
+
+
+def _log_share_of_sign(mean: float, variance: float) -> float:
+    """What it changes in the log evidence that a coefficient is positive: its posterior probability over the prior's.
+
+    The prior is then half a normal distribution (Gelman et al., Bayesian Data Analysis, CRC 2013, ch. 2).
+    """
+    return float(log_ndtr(mean / np.sqrt(max(variance, 1e-300)))) + LOG_2
 
 
 def log_evidence_of_sizes(columns: InformationAndScore, sizes: Array) -> Array:

@@ -6,6 +6,8 @@ import numpy as np
 
 from calibration.base.arrays import Array
 
+CURVE_TERMS = 4
+
 
 def scale_to_unit(x: Array) -> Array:
     """A coordinate (n,) scaled to [0, 1]; zeros if it does not vary."""
@@ -44,3 +46,14 @@ def fourier_basis(t_s: Array, shortest_s: float, pairs: int) -> Array:
 def tensor_product(a: Array, b: Array) -> Array:
     """Products (n, j k) of each column of one family with each of another."""
     return np.asarray((a[:, :, None] * b[:, None, :]).reshape(len(a), -1))
+
+
+def curve_over(course: Array) -> Array:
+    """A straight line and cosines (n, 1 + CURVE_TERMS) over the range of a course (n,): any smooth curve."""
+    return np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
+
+
+def rises_of_curve() -> tuple[float, ...]:
+    """By how much straight lines through the columns of a curve rise over its course: its ends say little."""
+    even = np.linspace(-0.5, 0.5, 1001)
+    return tuple(float(rise) for rise in even @ curve_over(even) / (even @ even))

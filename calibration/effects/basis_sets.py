@@ -30,7 +30,8 @@ class BasisSet:
     parameters: values of the effect's other parameters in this basis set; weight: its prior against the effect's other
     basis sets. size: weights with which the first coefficients add up to the size, where that is not what the effect
     says. For the tangent of a curve, curve: the point at which it was taken. departures: further columns, after the
-    others (`calibration.effects.departures`).
+    others (`calibration.effects.departures`). sign: that of the first coefficient, where mechanics has
+    only one; else 0.
     """
 
     columns: tuple[int, ...]
@@ -40,6 +41,7 @@ class BasisSet:
     curve: CurvePoint | None = None
     size: tuple[float, ...] = ()
     departures: tuple[Departure, ...] = ()
+    sign: float = 0.0
 
     @property
     def main(self) -> tuple[int, ...]:
@@ -84,17 +86,19 @@ class BasisSets:
         share: float = FLEXIBLE_SHARE,
         weight: float = 1.0,
         size: float | tuple[float, ...] = 1.0,
+        sign: float = 0.0,
         **parameters: float,
     ) -> None:
         """A basis set of the main columns, and a second one with flexible columns of `share` times the size.
 
         size: weights with which the first coefficients add up to the size; -1.0 where its sign is not the first one's.
+        sign: that of the first coefficient, where mechanics has only one.
         """
         weights = size if isinstance(size, tuple) else () if size == 1.0 else (size,)
-        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=weights))
+        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=weights, sign=sign))
         if flexible:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
-            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights))
+            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights, sign=sign))
 
     def without_forms(self, names: Collection[str]) -> BasisSets:
         """The same columns; basis sets without those of some forms, and without sets that are made of them."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.effects.former_names import former_name
-from calibration.effects.memory import lag_behind
+from calibration.effects.memory import following, lag_behind
 from calibration.instruments.air import refractivity
 from calibration.recording.header import KnownTable
 from calibration.recording.recording import Recording
@@ -134,6 +134,10 @@ class ReadingContext:
         """Change (n,) in kelvin since the start, of a part that follows a sensor with a time constant, 0: at once."""
         change = np.asarray(self.temperatures_c[sensor]) - self.temperatures_c[sensor][int(np.argmin(self.t_s))]
         return change + self.thermal_lag_k(sensor, tau_s) if tau_s > 0.0 else np.asarray(change)
+
+    def lagging(self, values: Array, tau_s: float) -> Array:
+        """What follows values (n,) of the readings with a time constant; it begins where they do."""
+        return following(self.t_s, values, tau_s)
 
     def refractivity_change(self, delay_s: float) -> Array:
         """Refractivity (n,) of the recorded air less that of delay_s before; the first one's, where that is earlier."""

@@ -75,7 +75,7 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
         any_way = sets.add((travel, behind[:, None] * rest))
         for tau in DWELL_TIMES_S:
             lagging = sets.add((travel, behind * np.exp(-context.dwell_s / tau)), form=form)
-            sets.add_set(lagging, any_way, share=0.4, tau_s=tau)
+            sets.add_set(lagging, any_way, share=0.4, sign=1.0, tau_s=tau)
         for tau in DWELL_TIMES_S[1::2] if form == "exponential" else ():
             t = context.dwell_s / tau
             ringing = np.stack([np.exp(-0.5 * t) * np.cos(w * t) for w in (1.5, 2.5, 4.0)], axis=1)

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
-from calibration.effects.basis_functions import random_walk_basis, scale_to_symmetric, tensor_product
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis, scale_to_symmetric, tensor_product
 from calibration.effects.context import ReadingContext
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
@@ -15,6 +15,8 @@ WARM_UP_S = (900.0, 2700.0)
 CREEP_S = 900.0
 PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
+WALK_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
+SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
 LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
@@ -50,6 +52,7 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     across, height = scale_to_symmetric(p[:, 0]), scale_to_symmetric(p[:, 2])
     warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
+    any_time = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
     angle_per_gradient = 0.5 * PER_KELVIN
     for channel, towards_warm in TOWARDS_WARM.items():
         uniform = sets.add((channel, angle_per_gradient * one), form="uniform")
@@ -66,6 +69,12 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         sets.add_set(uniform, varying, share=0.5, size=towards_warm)
         sets.add_set(varying)
         sets.add_set(warm, (*uniform, *slowly), share=0.5, size=towards_warm)
+        at_times = sets.add((channel, angle_per_gradient * any_time))
+        elsewhere = tensor_product(any_time[:, :SLOW_TERMS], np.stack([across, height], axis=1))
+        sets.add_set(at_times, sets.add((channel, angle_per_gradient * elsewhere)), share=0.5)
+        for place in (across, height):
+            along = sets.add((channel, angle_per_gradient * cosine_basis(place, SIGHT_TERMS, constant=True)))
+            sets.add_set(along)
     _add_range_scale(sets, inputs.context)
     return sets
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -21,3 +23,14 @@ def lag_behind(t_s: Array, values: Array, tau_s: float) -> Array:
         lag = (lag - change) * decay
         lag_on_grid[i] = lag
     return np.asarray(np.interp(t_s, grid, lag_on_grid))
+
+
+def following(t_s: Array, values: Array, tau_s: float) -> Array:
+    """What follows values (n,) at times (n,) that change in steps; it begins where they do."""
+    order = np.argsort(t_s, kind="stable")
+    out = np.empty(len(values))
+    late, before_s = float(values[order[0]]), float(t_s[order[0]])
+    for row, now_s, now in zip(order.tolist(), t_s[order].tolist(), values[order].tolist(), strict=True):
+        late = now + (late - now) * math.exp(-(now_s - before_s) / tau_s)
+        out[row], before_s = late, now_s
+    return out

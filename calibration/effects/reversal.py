@@ -32,14 +32,14 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     main = sets.add((travel, side), form="play")
     place = sets.add((travel, side[:, None] * cosine_basis(inputs.context.drives[:, drive], 6, roughness=1.0)))
     resting = [sets.add((travel, side * column), form="closing_at_rest") for column in rest.T]
-    sets.add_set(main)
-    sets.add_set(main, place, share=0.5)
+    sets.add_set(main, sign=1.0)
+    sets.add_set(main, place, share=0.5, sign=1.0)
     for pressed in PRESSED_SHARES:
         narrower = sets.add((travel, side * (1.0 - pressed * inputs.payload_ratio)), form="pressed_by_load")
-        sets.add_set(narrower, place, share=0.1)
+        sets.add_set(narrower, place, share=0.1, sign=1.0)
     for column in resting:
-        sets.add_set((*main, *column))
-    sets.add_set(main, (*place, *resting[1]), share=0.3)
+        sets.add_set((*main, *column), sign=1.0)
+    sets.add_set(main, (*place, *resting[1]), share=0.3, sign=1.0)
     return sets
 
 

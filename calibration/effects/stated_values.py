@@ -12,7 +12,8 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis
+from calibration.effects.basis_functions import cosine_basis, curve_over, random_walk_basis, rises_of_curve
+from calibration.effects.thermal import FOLLOWING_TIME_CONSTANTS_S
 from calibration.machine.description import PARTS, Machine
 from calibration.model.payload import PayloadEntry
 
@@ -23,10 +24,13 @@ MOUNTINGS, WALK_TERMS = 6, 12  # terms of what may be otherwise each time, or at
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
+COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
+EACH_TIME_TERMS = 12  # of any function of the number of the exchange
 EXCHANGES_WEIGHT = 0.02  # of one at each payload exchange, whose moment is known
 COEFFICIENT_WEIGHT = (
     0.006  # of each form: a material is stated wrongly more rarely than a part is warmer than its sensor
 )
+LATE_SHARE = 0.3  # of it: for growth that lags behind the sensor, or is no straight line over it
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
 
 
@@ -45,6 +49,16 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
         bent = about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)
         rising = sets.add((f"growth.{part}", bent), form="rising")
         sets.add_set(main, rising, share=0.1, weight=COEFFICIENT_WEIGHT)
+        # A part that is warm later than its sensor, and one that grows along any smooth curve.
+        sensor = inputs.machine.sensors[part]
+        span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
+        for tau_s in FOLLOWING_TIME_CONSTANTS_S:
+            change_k = inputs.context.part_temperature_k(sensor, tau_s)
+            if tau_s > 0.0:
+                late = sets.add((f"growth.{part}", change_k), form="lagging")
+                sets.add_set(late, weight=LATE_SHARE * COEFFICIENT_WEIGHT)
+            curve = sets.add((f"growth.{part}", span_k * curve_over(change_k)))
+            sets.add_set(curve, weight=LATE_SHARE * COEFFICIENT_WEIGHT, size=rises_of_curve())
     return sets
 
 
@@ -140,10 +154,16 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
             steps = np.column_stack([after(onset) for onset, _ in changes])
             first, prior = changes[0]
             sets.add_set(column(steps), other(steps), share=1.0, weight=weight * SEVERAL_WEIGHT * prior, onset_s=first)
+    # Any course in time.
+    walk = random_walk_basis(t / max(float(t.max()), 1.0), COURSE_TERMS)
+    sets.add_set(scale(walk), zero(walk), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
+    sets.add_set(zero(walk), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
     exchanges = np.unique(inputs.context.exchanges)[1:]
     if exchanges.size:  # somebody was in the cell: the drives were switched off, and homed again
         since = (inputs.context.exchanges[:, None] >= exchanges).astype(np.float64)
         sets.add_set(zero(since, "exchanges"), (), weight=EXCHANGES_WEIGHT, **strongest_onset(zeros))
+        each_time = cosine_basis(inputs.context.exchanges, min(EACH_TIME_TERMS, exchanges.size), roughness=0.5)
+        sets.add_set(zero(each_time), (), weight=EXCHANGES_WEIGHT, **strongest_onset(zeros))
     return sets
 
 

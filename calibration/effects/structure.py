@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter, Textbook
+from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter, Textbook, varies
 from calibration.effects.basis_functions import cosine_basis
 from calibration.effects.strut_laws import (
     ElongationLaw,
@@ -28,6 +28,9 @@ from calibration.effects.strut_laws import (
 LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
+LOAD_TERMS, LOAD_WEIGHT = 3, 0.1  # of any function of the load, against proportion
+LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
+CREEP_TIMES_S = (400.0, 1600.0)
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
 NARROW = 0.02  # tension over which a one-sided spring sets in, over the typical tension
 
@@ -41,6 +44,12 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
     directions = [(c, pull @ np.eye(3)["xyz".index(c[-1])]) for c in inputs.channels_of_drive("sideways", drive)]
     directions += [(c, inputs.moment_nm[:, drive] / LEVER_M**2) for c in inputs.channels_of_drive("turn", drive)]
     directions += [(f"travel.{inputs.drive(drive)}", pull @ axis)]
+    # By any function of the load, at once or as a part that creeps.
+    loads = [
+        cosine_basis(load, LOAD_TERMS)
+        for load in (inputs.payload_ratio, *_creeping_loads(inputs))
+        if varies(load, LEAST_LOAD_CHANGE)
+    ]
     for channel, force in directions:
         size = max(float(np.std(force)), 1.0)
         mean = force.mean()
@@ -49,10 +58,21 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         placed = sets.add((channel, force[:, None] * higher), form="force_by_travel")
         bent = np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)
         hard = sets.add((channel, bent), form="force_bent")
-        sets.add_set(main)
-        sets.add_set(main, placed, share=0.6)
-        sets.add_set(main, (*placed, *hard, *loaded), share=0.2)
+        sets.add_set(main, sign=1.0)
+        sets.add_set(main, placed, share=0.6, sign=1.0)
+        sets.add_set(main, (*placed, *hard, *loaded), share=0.2, sign=1.0)
+        typical = float(np.sqrt(np.mean(force**2)))
+        for load in loads:
+            sets.add_set(sets.add((channel, typical * load)), weight=LOAD_WEIGHT)
     return sets
+
+
+def _creeping_loads(inputs: EffectInputs) -> list[Array]:
+    """The payload (n,) over the largest one as a part feels it that creeps (Findley, Lai, Onaran, Creep and Relaxation
+    of Nonlinear Viscoelastic Materials: Kelvin's element), with several time constants."""
+    if "t_s" in inputs.context.not_said:
+        return []
+    return [inputs.context.lagging(inputs.payload_ratio, tau_s) for tau_s in CREEP_TIMES_S]
 
 
 def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -70,18 +90,21 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     one_sided = sets.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)), form="one_sided")
     away = t - t.mean()
     bent = sets.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)), form="tension_bent")
-    sets.add_set(main)
-    sets.add_set(loaded[:1], (*main, *loaded[1:]), share=0.6)
+    anyhow_loaded = sets.add((name, t[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
+    sets.add_set(main, sign=1.0)
+    if varies(inputs.payload_ratio, LEAST_LOAD_CHANGE):
+        sets.add_set(main, anyhow_loaded, share=0.6, sign=1.0)
+    sets.add_set(loaded[:1], (*main, *loaded[1:]), share=0.6, sign=1.0)
     sets.add_set(by_angle[:2], (*main, *angle_alone[:2]), share=0.6)
     # At a large angle the joint yields more than in proportion, and so does the strut's own share of the preload.
     others = [inputs.normalised_travel(other) for other in inputs.other_drives(drive)] if drive >= 0 else []
     coupled = [
         c for v in others for c in sets.add((name, np.stack([t * v, size * v, size * u * v, size * v**2], axis=1)))
     ]
-    sets.add_set((*main, *by_angle), (*angle_alone, *loaded, *coupled), share=0.7)
+    sets.add_set((*main, *by_angle), (*angle_alone, *loaded, *coupled), share=0.7, sign=1.0)
     sets.add_set(one_sided)
-    sets.add_set((*main, *bent), loaded, share=0.7)
-    sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5)
+    sets.add_set((*main, *bent), loaded, share=0.7, sign=1.0)
+    sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5, sign=1.0)
     return sets
 
 
@@ -97,7 +120,7 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
             main = sets.add((name, side), form="sides_by_tension")
             by_load = np.stack([side * inputs.payload_ratio, inputs.payload_ratio], axis=1)
             loaded = sets.add((name, by_load), form="sides_by_payload")
-            sets.add_set(main, loaded, share=0.7)
+            sets.add_set(main, loaded, share=0.7, sign=1.0)
     if drive >= 0:
         # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
         seated = sets.add((name, cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)))

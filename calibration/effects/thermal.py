@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series
-from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve
 
 TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)
 LAG_TIME_CONSTANTS_S = geometric_series(400.0, 5000.0, 4)
@@ -25,7 +25,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
     "base": ("column", "base", "frame", "tower", "bed"),
     "drives": ("screw", "spindle", "nut"),
 }
-CURVE_TERMS, CURVE_WEIGHT = 4, 0.3  # what grows with a temperature may do so along any smooth curve
+CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
 LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
@@ -63,17 +63,6 @@ def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float
     return rises, lags
 
 
-def _curve(course: Array) -> Array:
-    """A straight line and cosines (n, 1 + CURVE_TERMS) over the range of a course (n,)."""
-    return np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
-
-
-def _rises() -> tuple[float, ...]:
-    """By how much straight lines through the columns of a curve rise over its course: its ends say little."""
-    even = np.linspace(-0.5, 0.5, 1001)
-    return tuple(float(rise) for rise in even @ _curve(even) / (even @ even))
-
-
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
     return None if np.ptp(inputs.context.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
 
@@ -109,7 +98,7 @@ def _add_thermal_sets(
     for following, tau in _followed(inputs, part):
         column, tau_s = through(following, "following"), max(tau, _TAU.low)
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
-        sets.add_set(through(_curve(following)), weight=CURVE_WEIGHT, size=_rises(), tau_s=tau_s)
+        sets.add_set(through(curve_over(following)), weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=tau_s)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -171,9 +160,9 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(high, tau_s=max(tau, _TAU.low))
     # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
     for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "drives"))):
-        curves = alpha * _curve(course)
+        curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
-        sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * _rises())
+        sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * rises_of_curve())
     return sets
 
 

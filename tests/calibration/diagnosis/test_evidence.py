@@ -350,3 +350,15 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
     found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sign_that_mechanics_knows_is_half_a_prior(sign):
+    """Against the integral over the coefficient, for one size: a half normal prior has twice the density."""
+    information, score, size = 2.0, 1.5, 0.8
+    columns = InformationAndScore(np.array([[information]]), np.array([score]))
+    low, high = size * (1.0 - 1e-9), size * (1.0 + 1e-9)
+    (got,) = evidence_of_basis_sets(columns, [BasisSet((0,), (1.0,), sign=sign)], low, high)
+    x = sign * np.linspace(0.0, 12.0 * size, 200_001)
+    density = 2.0 * np.exp(score * x - 0.5 * information * x**2 - 0.5 * (x / size) ** 2) / (size * np.sqrt(2.0 * np.pi))
+    assert got.log_evidence == pytest.approx(np.log(np.sum(density) * abs(x[1])), abs=1e-4)

@@ -27,7 +27,7 @@ TOOL_AXES = ("X", "Y", "Z", "A", "B", "C")
 DRIVE_AXES = ("X", "Y", "Z", "A", "B", "C", "U", "V")
 DECIMALS = 6
 LONGEST_DWELL_S = 3600.0
-SEEN_APART_S = 10.0  # at the approach point, where a pose is visited twice running: else nobody sees it leave
+SEEN_APART_S = 30.0  # at the approach point, where a pose is visited twice running: else nobody sees it leave
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ LONGEST_WAIT_S = 3600.0  # for the machine to stand at the next pose
 LOOK_S = 1.0  # between two looks at a machine that does not stand yet
 SEEK_S, LONG_LOOK_S = 30.0, 5.0  # after so long it is sought at all poses, if it is lost, and looked at less often
 STILL_S = 5.0  # within which a reflector that stands has come to rest
-LEFT = 0.25  # of the approach's length: farther off the machine has left its last pose
+LEFT = 0.05  # of the approach's length: farther off the machine has left its last pose
 SAME_PLACE = 0.4  # of the approach's length: within it a reflector is where a pose has it
 FIRST_TOLERANCE_M = 0.020  # before the frame is known by more than the floor nests
 MOVED_SIGMA = 5.0
@@ -228,13 +228,13 @@ class WatchedMachine:
         self._rig.station.point_and_aim(float(hz[0]), float(v[0]), window)
 
     def _likely(self, visit: PlannedVisit, *, seek: bool) -> list[Array]:
-        """Platform poses (6,) at which it may be: the next visit's, the last one's, or all of the program."""
+        """Platform poses (6,) at which it may be: the next visit's and before it, the last one's; or all poses."""
         if seek:
             machine = self._rig.machine
             middle = nominal_poses(machine, machine.commanded_limits.mean(axis=1)[None])[0]
             return [*{v.pose: v.target_m for v in (visit, *self._visits)}.values(), middle]
         last = [] if self._last_visit is None else [self._last_visit.target_m]
-        return [visit.target_m, *last]
+        return [visit.target_m, *last, *self._approaches(visit)]
 
     def _approaches(self, visit: PlannedVisit) -> list[Array]:
         """Platform poses (6,) from which a program of the drives, and one of the tool, approaches a visit."""

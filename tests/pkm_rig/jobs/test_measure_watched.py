@@ -16,9 +16,10 @@ from pkm_rig.jobs.measure import measure
 from pkm_rig.jobs.measure_watched import measure_watched
 from pkm_rig.jobs.nc_program import NcChoice
 from pkm_rig.jobs.verify_folders import largest_error_poses, verify_folders
+from pkm_rig.rig.config import demo_rig_path, load_rig
 from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.store.store import open_store
-from tests.pkm_rig.conftest import Stopped, mock_and_rig, short_rig_file, silent, stop_after
+from tests.pkm_rig.conftest import SHORT, Stopped, mock_and_rig, short_rig_file, silent, stop_after
 from tests.pkm_rig.jobs.watched_rig import controlled_rig, operator
 
 POSES = 8
@@ -187,3 +188,22 @@ def test_what_cannot_be_is_one_line(run, tmp_path, arguments, complaint):
     done = run("measure", *arguments, "--out", tmp_path / "runs")
     assert done.returncode == 2
     assert complaint in done.stderr.splitlines()[-1]
+
+
+def test_a_hexapod_whose_control_commands_the_tool_is_measured(tmp_path):
+    """Six legs, led by its own control along lines of the tool: every visit is found and is the one of the program."""
+    path = demo_rig_path("stewart6")
+    file, machine = load_rig(path)
+    short = {**SHORT, "calibration_poses": 4, "readings_per_smr": 1}
+    file = file.model_copy(update={"campaign": file.campaign.model_copy(update=short)})
+    choice = NcChoice(coordinates="tool")
+    with (
+        open_store(tmp_path / "runs") as store,
+        controlled_rig(file, machine, tmp_path, choice=choice, path=path) as (player, rig),
+    ):
+        recording = store.recording(measure_watched(rig, store, operator(player), silent))
+    assert recording.file.drive_positions == "commanded"
+    calibration = recording.rows("calibration")
+    planned = {(v.pose, v.pass_): v for block in calibration_blocks(machine, file.campaign) for v in block.visits}
+    assert set(zip(calibration["pose"].tolist(), calibration["pass"].tolist(), strict=True)) == set(planned)
+    assert set(calibration["payload"].tolist()) == {0.0, 2.0}

@@ -7,7 +7,7 @@ that an effect is credited only with what they cannot explain. Rows are readings
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -248,15 +248,7 @@ def _linearise_rows(
         q = inverse_covariance_factor(columns)
         whiten, residual = whiten * weight[:, None, None], residual * weight[:, None]
     linear = LinearModel(
-        machine=observed.machine,
-        context=observed.context,
-        smr=observed.smr,
-        visit=observed.visit,
-        poses=observed.poses,
-        frame=observed.frame,
-        mounted_m=observed.mounted_m,
-        position_m=observed.position_m,
-        station_m=observed.station_m,
+        **{field.name: getattr(observed, field.name) for field in fields(observed)},
         station=unknowns.station,
         setup=setups.rows(used["station"]),
         recording=recording,

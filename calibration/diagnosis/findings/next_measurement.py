@@ -18,6 +18,7 @@ from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
+from calibration.diagnosis.evidence import UNKNOWN_CHANNEL
 from calibration.diagnosis.findings.proposals import VISITS, Proposal, duration_min, proposals
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.observed_model import TOOL, ObservedModel
@@ -125,6 +126,9 @@ class _Hypotheses:
             if basis_set.parameters.keys() & {"period_m", "onset_s"} or max(basis_set.columns) >= len(contributions):
                 predictions.append(no_change)  # periods and onsets of the campaign do not tell about later visits
                 continue
+            if any(name.startswith(UNKNOWN_CHANNEL) for column in contributions for name, _ in column):
+                predictions.append(no_change)  # how such an unknown acts is known of the measured readings alone
+                continue
             columns = lasting_columns(contributions, inputs, cause.effect, place, basis_set)
             coefficients = best.coefficients[: len(columns)]
             shifts = [c * response(column) for column, c in zip(columns, coefficients, strict=True)]
@@ -152,8 +156,8 @@ class _Hypotheses:
         times = np.asarray(float(context.t_s.max()) + pace * (1.0 + np.arange(n) % VISITS), dtype=np.float64)
         loads = linear.loads
         payload = np.array([loads[visit.payload].mass_kg for visit in proposal.visits])
-        median_payload = float(np.median(context.payload_kg))
-        weight = (machine.moving_mass_kg + payload) / (machine.moving_mass_kg + median_payload)
+        carried_kg = machine.moving_mass_kg + float(np.median(context.payload_kg))
+        weight = (machine.moving_mass_kg + payload) / carried_kg if carried_kg > 0.0 else np.ones(n)  # none stated
         direction = np.array([visit.direction for visit in proposal.visits], dtype=np.float64)
         planned = ReadingContext(
             history=ArrivalHistory(times, drives),

@@ -1,4 +1,4 @@
-"""Limits of the rivals: set on years of development, each to the false-alarm rate of the project's own rules there.
+"""How the rivals' limits were set: on years of development, each to the false-alarm rate of the project's own rules.
 
 `python -m benchmarks.year_study.rival_limits` prints that rate and those of the limits that it is given.
 """
@@ -8,16 +8,14 @@ from __future__ import annotations
 import argparse
 import sys
 
-LIMITS = {"Shewhart": 4.35, "EWMA": 5.9, "CUSUM": 24.0, "ILAC staircase": 71.0}  # the last in weeks
+from benchmarks.year_study.policies import run_year
+from benchmarks.year_study.tasks import DEVELOPMENT, decider
+from benchmarks.year_study.truths import WEEKS, draw_year
+from benchmarks.year_study.workshop import workshop
 
 
 def main() -> int:
     """The command: NAME=LIMIT, any number of them."""
-    from benchmarks.year_study.policies import run_year  # noqa: PLC0415
-    from benchmarks.year_study.tasks import DEVELOPMENT, decider  # noqa: PLC0415
-    from benchmarks.year_study.truths import WEEKS, draw_year  # noqa: PLC0415
-    from benchmarks.year_study.workshop import workshop  # noqa: PLC0415
-
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("limits", nargs="*", metavar="NAME=LIMIT")
     parser.add_argument("--years", type=int, default=30)

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext, suppress
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -35,6 +35,7 @@ from pkm_rig.panel.server import Place, serving
 from pkm_rig.panel.work import Work
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.rig.rig import Rig
+from tests.kept_results import until_stopped
 
 SEEN_S, CPU_SHARE, GROWTH_MB = 0.5, 0.15, 20.0
 CHANGES = 150
@@ -120,7 +121,8 @@ class Panel:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stack.__exit__(kind, error, trace)
+        with suppress(Exception) if error is not None else nullcontext():  # a browser that Ctrl-C has ended too
+            self._stack.__exit__(kind, error, trace)
 
     def open(self) -> Any:
         """A page that has logged in."""
@@ -246,4 +248,4 @@ def _resident_mb() -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

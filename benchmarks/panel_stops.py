@@ -21,7 +21,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ import numpy as np
 from benchmarks import stop_latency
 from benchmarks.results_file import ResultsFile, code_digest
 from pkm_rig.rig.rig import Rig
+from tests.kept_results import until_stopped
 
 GOAL = 1.10  # times as long
 TRIPS, FAULTS = 16, 48  # stops of each kind in a block
@@ -136,7 +137,8 @@ def page_of(work: Any, open_one: Callable[[], Any], rig: Rig, feed: Callable[[An
         ended.set()
         changes.join()
         work.live.leave()
-        page.context.close()
+        with suppress(Exception):  # of a browser that Ctrl-C has ended too
+            page.context.close()
         time.sleep(6.0)  # until the server has forgotten the page
 
 
@@ -182,4 +184,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

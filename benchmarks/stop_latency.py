@@ -165,7 +165,8 @@ def at_work(path: Path, seed: int) -> Iterator[tuple[Rig, Callable[[str], dict[s
     """
     file, machine = load_rig(path)
     command = [sys.executable, "-m", "benchmarks.stop_latency", "--serve", str(path), "--seed", str(seed)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as mock:
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "start_new_session": True}
+    with subprocess.Popen(command, text=True, **pipes) as mock:  # Ctrl-C ends it by the end of its input
         assert mock.stdin is not None
         assert mock.stdout is not None
         mock.stdout.readline()

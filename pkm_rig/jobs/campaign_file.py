@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from calibration.base.toml_text import to_toml
@@ -55,18 +56,27 @@ def write_campaign_files(
     campaign: str,
     folder: Path,
 ) -> dict[str, str | None]:
+    """As `write_candidates`, for `pkm-rig measure --campaign`."""
+    return write_candidates(
+        candidates, folder, "toml", lambda candidate: campaign_text(candidate, machine, payloads, campaign)
+    )
+
+
+def write_candidates(
+    candidates: Sequence[CampaignAddition], folder: Path, ending: str, text: Callable[[CampaignAddition], str]
+) -> dict[str, str | None]:
     """Write one file a candidate that has visits, in the order given; name to path, None without visits.
 
     Files of an earlier diagnosis in that folder go first, so that none is taken for one of this. Raises OSError.
     """
-    for old in folder.glob("next-*.toml"):
+    for old in folder.glob(f"next-*.{ending}"):
         old.unlink()
     files: dict[str, str | None] = {}
     for number, candidate in enumerate(candidates, start=1):
         files[candidate.name] = None
         if candidate.visits:
-            path = folder / f"next-{number}-{file_name(candidate.name)}.toml"
-            path.write_text(campaign_text(candidate, machine, payloads, campaign), encoding="utf-8")
+            path = folder / f"next-{number}-{file_name(candidate.name)}.{ending}"
+            path.write_text(text(candidate), encoding="utf-8")
             files[candidate.name] = str(path)
     return files
 

@@ -14,7 +14,7 @@ from calibration.diagnosis.result import CampaignAddition
 from calibration.machine.inverse import rigid_drives
 from calibration.recording.measurement_conditions import CENTRE, PAYLOAD
 from calibration.recording.measurement_folder import TARGETS, MeasuredMachine, drive_columns
-from pkm_rig.jobs.campaign_file import file_name
+from pkm_rig.jobs.campaign_file import write_candidates
 
 DECIMALS = 9  # of a coordinate: well below what a drive can resolve
 
@@ -22,20 +22,8 @@ DECIMALS = 9  # of a coordinate: well below what a drive can resolve
 def write_visit_files(
     candidates: Sequence[CampaignAddition], measured: MeasuredMachine, folder: Path
 ) -> dict[str, str | None]:
-    """Write one file a candidate that has visits, in the order given; name to path, None without visits.
-
-    Files of an earlier diagnosis in that folder go first. Raises OSError.
-    """
-    for old in folder.glob("next-*.csv"):
-        old.unlink()
-    files: dict[str, str | None] = {}
-    for number, candidate in enumerate(candidates, start=1):
-        files[candidate.name] = None
-        if candidate.visits:
-            path = folder / f"next-{number}-{file_name(candidate.name)}.csv"
-            path.write_text(visit_rows(candidate, measured), encoding="utf-8")
-            files[candidate.name] = str(path)
-    return files
+    """As `write_candidates`, rows for a folder's coordinates.csv."""
+    return write_candidates(candidates, folder, "csv", lambda candidate: visit_rows(candidate, measured))
 
 
 def visit_rows(candidate: CampaignAddition, measured: MeasuredMachine) -> str:

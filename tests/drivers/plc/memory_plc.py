@@ -23,6 +23,7 @@ class MemoryPlc:
         self.words[4:18] = struct.unpack(">14H", struct.pack(">7f", *_TEMPERATURES_C, 1002.5, 45.0))
         self.flip: tuple[int, int] | None = None
         self.skip = 0
+        self.deaf = False  # what is written is answered and not kept
         self.answers: list[bytes] = []
         self.commands = 0
 
@@ -49,6 +50,8 @@ class MemoryPlc:
         return struct.pack(f">BB{count}H", function, 2 * count, *self.words[address : address + count])
 
     def _write(self, address: int, words: tuple[int, ...]) -> None:
+        if self.deaf:
+            return
         self.words[address : address + len(words)] = words
         if address == 31 and self.words[34] != words[0]:
             self.words[34], self.words[2] = words[0], words[2]

@@ -112,3 +112,15 @@ def test_a_payload_is_requested_once_whichever_bit_is_spoilt(
             if memory.commands > commands + 1:
                 wrong.append(f"byte {at}, bit {bit}: {memory.commands - commands} commands")
     assert wrong == []
+
+
+@pytest.mark.parametrize("deaf", [False, True])
+def test_a_write_whose_answer_is_lost_is_done_only_if_it_reads_back(
+    memory: MemoryPlc, opened: Callable[[float], Plc], deaf: bool
+) -> None:
+    plc = opened(0.5)
+    memory.flip, memory.deaf = (0, 0), deaf
+    with pytest.raises(NoAnswer) if deaf else contextlib.nullcontext():
+        plc.write_word(33, 7)
+    assert memory.flip is None  # the answer was spoilt
+    assert plc.read_word(33) == (0 if deaf else 7)

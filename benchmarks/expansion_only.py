@@ -1,12 +1,12 @@
 """What a calibration of expansion alone leaves: warmer machines, and their true errors, free of noise.
 
-    python -m benchmarks.expansion_only [--seeds 1,2,3] [--warmer 7] [--noise 1]
+    python -m benchmarks.expansion_only [--seeds 1,2,3] [--warmer 7] [--noise 1] [--out runs/expansion-only]
 
 Each seed's planar machine is calibrated over the protocols of the embedded mock, made warmer, and calibrated anew from
 twelve visits, with the former calibration as the prior. The plant then tells where the reflectors truly were at the
 verification poses, with the former tables and with the new ones. A rigid motion of all poses is taken off: the
 machine's frame is known up to one, and so is the place of a station that drifts. --noise: the station's noise and
-drift as a share of what the rig file states.
+drift as a share of what the rig file states. Lines are kept as they come: stopped, it goes on.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results_file import code_digest
 from calibration.base.frame import Frame
 from calibration.compensation.tables import CompensationTable, correction_at
 from calibration.intervals.extent import EXPANSION_VISITS, Measurement
@@ -38,6 +39,8 @@ from pkm_rig.rig.rig import Rig
 from pkm_rig.store.life_facts import machine_history
 from pkm_rig.store.store import Store, open_store
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
+from tests.kept_results import KeptResults, until_stopped
+from tests.kept_results import key_of as result_key
 
 SHORT = {
     "calibration_poses": 12,
@@ -46,6 +49,7 @@ SHORT = {
     "warm_up_rate_k_per_h": 20.0,
     "nest_every_visits": 8,
 }
+PROGRAMS = ("calibration", "drivers", "mock_devices", "pkm_rig", "benchmarks/expansion_only.py")
 NOISY = ("angle_sd_rad", "range_sd_m", "drift_rad_per_sqrt_h", "drift_of_level_rad_per_sqrt_h", "drift_m_per_sqrt_h")
 
 
@@ -55,15 +59,18 @@ def main() -> int:
     parser.add_argument("--seeds", default="1,2,3,4")
     parser.add_argument("--warmer", type=float, default=7.0, help="kelvin, all parts")
     parser.add_argument("--noise", type=float, default=1.0)
+    parser.add_argument("--out", type=Path, default=Path("runs/expansion-only"))
     options = parser.parse_args()
+    results, code = KeptResults(options.out / "results.jsonl"), code_digest(*PROGRAMS)
     print("error of the tool, um RMS    former tables      new tables")
     print("seed  warmer  noise       measured    true   measured    true")
     for seed in options.seeds.split(","):
-        with tempfile.TemporaryDirectory() as folder, machine_of(int(seed), options.noise, Path(folder)) as parts:
-            print(
-                f"{seed:>4s} {options.warmer:5.1f} K {options.noise:6.2f}  {line_of(*parts, options.warmer)}",
-                flush=True,
-            )
+        key = result_key(code, seed, options.warmer, options.noise)
+        if key not in results:
+            with tempfile.TemporaryDirectory() as folder, machine_of(int(seed), options.noise, Path(folder)) as parts:
+                results.add({"key": key, "line": line_of(*parts, options.warmer)})
+        line = results[key]["line"]
+        print(f"{seed:>4s} {options.warmer:5.1f} K {options.noise:6.2f}  {line}", flush=True)
     return 0
 
 
@@ -141,4 +148,4 @@ def true_error_m(rows: Recording, mock: MockRig, report: ReportFrame, table: Com
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

@@ -12,36 +12,24 @@ decided, 2 without Chromium.
 from __future__ import annotations
 
 import argparse
-import os
 import random
 import resource
-import shutil
 import sys
-import tempfile
 import time
-from collections.abc import Iterable
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext, suppress
+from contextlib import closing
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Any
 
 import numpy as np
 
 from benchmarks import panel_stops
-from pkm_rig.jobs.session import open_rig
+from benchmarks.panel_browser import HEAD, Panel, Row, chromium, feed, print_table
 from pkm_rig.panel.actions import Action
-from pkm_rig.panel.server import Place, serving
-from pkm_rig.panel.work import Work
-from pkm_rig.rig.config import embedded_rig_path
-from pkm_rig.rig.rig import Rig
 from tests.kept_results import until_stopped
 
 SEEN_S, CPU_SHARE, GROWTH_MB = 0.5, 0.15, 20.0
 CHANGES = 150
 READINGS_AN_HOUR, FED_A_SECOND = 720, 120
-WARM = "\n[campaign]\nwarm_up_step_s = 1.0\nwarm_up_rate_k_per_h = 1000.0\n"
-HEAD = ("added by one page", "without", "with", "added", "goal", "")
 WATCH = """() => {
   window.seen = [];
   const lines = document.querySelector(".lines");
@@ -50,8 +38,6 @@ WATCH = """() => {
     requestAnimationFrame(() => setTimeout(() => window.seen.push([first, Date.now() / 1000]), 0));
   }).observe(lines, { childList: true, characterData: true, subtree: true });
 }"""
-
-Row = tuple[str, str, str, str, str, str]
 
 
 def main() -> int:
@@ -77,64 +63,6 @@ def main() -> int:
         rows.append(("requests for other hosts", "", said, said, "0", "missed" if foreign else "ok"))
     print_table(HEAD, rows)
     return 0 if all(row[-1] == "ok" for row in rows) else 1
-
-
-def chromium() -> str | None:
-    """Where Chromium is; None where there is none."""
-    return os.environ.get("CHROMIUM") or shutil.which("chromium")
-
-
-def print_table(head: Row, rows: Iterable[Row]) -> None:
-    """Print a table with columns as wide as they need to be."""
-    lines = [head, *rows]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
-    for line in lines:
-        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip(), flush=True)
-
-
-class Panel:
-    """A panel on an embedded mock rig, and a browser for it."""
-
-    def __init__(self) -> None:
-        self._stack = ExitStack()
-        self._said: list[str] = []
-        self.asked: set[str] = set()
-
-    def __enter__(self) -> Panel:
-        from playwright.sync_api import sync_playwright  # noqa: PLC0415
-
-        stack = self._stack
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        path = folder / "rig.toml"
-        path.write_text(embedded_rig_path().read_text(encoding="utf-8") + WARM, encoding="utf-8")
-        playwright = stack.enter_context(sync_playwright())
-        self.work = Work(path, folder / "runs", lambda *a, **k: open_rig(*a, **k, real_time=True))
-        stack.callback(self.work.close)
-        address = stack.enter_context(
-            serving(self.work, Place(port=0), lambda at, token: self._said.append(f"{at.url}login#{token}"))
-        )
-        self.host = address.url.split("/")[2]
-        self._browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-gpu"])
-        stack.callback(self._browser.close)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with suppress(Exception) if error is not None else nullcontext():  # a browser that Ctrl-C has ended too
-            self._stack.__exit__(kind, error, trace)
-
-    def open(self) -> Any:
-        """A page that has logged in."""
-        page = self._browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
-        page.on("request", lambda request: self.asked.add(request.url))
-        page.goto(self._said[-1])
-        page.get_by_text("has control").wait_for()
-        return page
-
-    def shown(self, rig: Rig) -> AbstractContextManager[None]:
-        """A page shows this rig, ten changes a second."""
-        return panel_stops.page_of(self.work, self.open, rig, _feed)
 
 
 class Bench:
@@ -211,7 +139,7 @@ class Bench:
         for hour in range(8):
             for _ in range(READINGS_AN_HOUR // 60):
                 for number in range(60):
-                    _feed(self.work, number)
+                    feed(self.work, number)
                 page.wait_for_timeout(60_000.0 / FED_A_SECOND)
             if hour in (1, 7):
                 session.send("HeapProfiler.collectGarbage")
@@ -226,15 +154,6 @@ class Bench:
             )
             for what, before, later in (("server", server, server_later), ("page", heap, heap_later))
         ]  # fmt: skip
-
-
-def _feed(work: Work, number: int) -> None:
-    row = {
-        "sequence": work.live.version, "phase": "calibration", "smr": f"P{1 + number % 3}", "pose": number,
-        "slope_distance_m": 3.0 + 1e-3 * number, "t_rig_s": float(number),
-    }  # fmt: skip
-    work.live.reading(row, np.full(3, 1e-6 * number))
-    work.live.progress(1, 10_000, "calibration")
 
 
 def _computed_s() -> float:

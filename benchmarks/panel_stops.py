@@ -18,10 +18,8 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-import threading
-import time
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import stop_latency
+from benchmarks.panel_browser import HEAD, Panel, chromium, print_table
 from benchmarks.results_file import ResultsFile, code_digest
 from pkm_rig.rig.rig import Rig
 from tests.kept_results import until_stopped
@@ -119,29 +118,6 @@ def pairs_of(shown: Callable[[Rig], AbstractContextManager[None]], seed: int) ->
                 number += 1
 
 
-@contextmanager
-def page_of(work: Any, open_one: Callable[[], Any], rig: Rig, feed: Callable[[Any, int], None]) -> Iterator[None]:
-    """A page shows this rig, ten changes a second."""
-    page, ended = open_one(), threading.Event()
-    work.live.watch(rig)
-
-    def change() -> None:
-        while not ended.wait(0.1):
-            feed(work, 0)
-
-    changes = threading.Thread(target=change, daemon=True)
-    changes.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        changes.join()
-        work.live.leave()
-        with suppress(Exception):  # of a browser that Ctrl-C has ended too
-            page.context.close()
-        time.sleep(6.0)  # until the server has forgotten the page
-
-
 def lines_of(pairs: Sequence[Pair]) -> tuple[list[tuple[str, str, str, str, str, str]], bool]:
     """Rows of a table, and whether every goal is met."""
     rows, good = [], True
@@ -158,8 +134,6 @@ def lines_of(pairs: Sequence[Pair]) -> tuple[list[tuple[str, str, str, str, str,
 
 def main() -> int:
     """Measure and print."""
-    from benchmarks.panel import HEAD, Panel, chromium, print_table  # noqa: PLC0415  # which prints these rows too
-
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=20, help="of blocks of 16 trips and 48 faults; a minute each")
     parser.add_argument("--out", type=Path, default=Path("runs/panel-stops.jsonl"))

@@ -15,7 +15,7 @@ import io
 import multiprocessing
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -239,15 +239,22 @@ def main() -> int:
     for row in rows:
         print(line_of(row), flush=True)
     missing = [seed for seed in seeds if seed not in {row["seed"] for row in rows}]
+    ended = []
     with ProcessPoolExecutor(options.workers) as pool:
-        count = len(missing)
-        for row in pool.map(_quiet_run, [options.machine] * count, missing, [options.out] * count):
-            kept.append(row)
-            rows.append(row)
-            print(line_of(row), flush=True)
-    lines, good = summarise(options.machine, rows)
+        running = {pool.submit(_quiet_run, options.machine, seed, options.out): seed for seed in missing}
+        for future in as_completed(running):
+            if (error := future.exception()) is not None:
+                ended.append(running[future])
+                print(f"seed {running[future]:2d}  ENDED: {error}", flush=True)
+                continue
+            rows.append(future.result())
+            kept.append(rows[-1])
+            print(line_of(rows[-1]), flush=True)
+    lines, good = summarise(options.machine, rows) if rows else ([], False)
+    if ended:
+        lines.append(f"MISS  campaigns that ended before a verdict, none: seeds {sorted(ended)}")
     print("\n".join(lines))
-    return 0 if good else 1
+    return 0 if good and not ended else 1
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from mock_devices.plant.structure import NoEquilibrium
 
 Array = NDArray[np.float64]
 
-_SMALL_STEP = 1e-13
+SMALL_STEP = 1e-13
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.05
 _NEAR = 1e-3  # farther away rods under huge forces would make the expansion curve the wrong way
@@ -92,10 +92,18 @@ class Assembly:
         return float(0.5 * (force**2 / self.stiffness).sum() + 0.5 * (self.plane_stiffness * held**2).sum()) - work
 
 
-def equilibrium(assembly: Assembly, start: SpatialPose, free: tuple[int, ...], *, is_near: bool = False) -> SpatialPose:
+def equilibrium(
+    assembly: Assembly,
+    start: SpatialPose,
+    free: tuple[int, ...],
+    *,
+    is_near: bool = False,
+    small_step: float = SMALL_STEP,
+) -> SpatialPose:
     """The pose at rest nearest to `start` in the free coordinates; raises NoEquilibrium.
 
-    `is_near`: the start is a pose of a moment ago. From there the whole expansion is used at once.
+    `is_near`: the start is a pose of a moment ago. From there the whole expansion is used at once. `small_step`: a step
+    (m, rad) after which the pose is taken; it is then right to some square of that.
     """
     pose, moves = start, np.array(free)
     for _ in range(_MOST_STEPS):
@@ -110,7 +118,7 @@ def equilibrium(assembly: Assembly, start: SpatialPose, free: tuple[int, ...], *
         motion = np.zeros(6)
         motion[moves] = step * min(1.0, _LONGEST_STEP / size if size else 1.0)
         pose = pose.moved(motion)
-        if is_near and size < _SMALL_STEP:
+        if is_near and size < small_step:
             return pose
         is_near = size < _NEAR
     raise NoEquilibrium(f"no equilibrium near {start.vector()}")
@@ -128,9 +136,9 @@ def _expansion(assembly: Assembly, pose: SpatialPose, *, whole: bool) -> tuple[A
     weight = assembly.mass_kg[:, None] * assembly.gravity
     arms = np.concatenate([assembly.platform_m @ turn.T, held, assembly.centre_m @ turn.T])
     forces = np.concatenate([force[:, None] * unit, pull[:, None] * assembly.normal, -weight])
-    slope = np.concatenate([forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)])
+    slope = np.concatenate([forces.sum(axis=0), _cross(arms, forces).sum(axis=0)])
     lines = np.concatenate([unit, assembly.normal])
-    wrench = np.concatenate([lines, np.cross(arms[: len(lines)], lines)], axis=1)
+    wrench = np.concatenate([lines, _cross(arms[: len(lines)], lines)], axis=1)
     count = len(unit)
     if not whole:
         return slope, (wrench.T * np.concatenate([assembly.stiffness, assembly.plane_stiffness])) @ wrench
@@ -142,6 +150,12 @@ def _expansion(assembly: Assembly, pose: SpatialPose, *, whole: bool) -> tuple[A
     second = 0.5 * (arms.T @ forces + forces.T @ arms) - float((arms * forces).sum()) * np.eye(3)
     bend[3:, 3:] += second
     return slope, bend
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products row by row (n, 3): what numpy's own takes to find its axes is longer than the work here."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
 def _motions(arms: Array) -> Array:
@@ -165,9 +179,16 @@ def quaternion_of(vector_rad: Array) -> Array:
 
 def _product(a: Array, b: Array) -> Array:
     """Quaternion of turn b followed by turn a, of length one."""
-    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
-    out = np.concatenate([[w], v])
-    return np.asarray(out / np.linalg.norm(out))
+    (aw, ax, ay, az), (bw, bx, by, bz) = a.tolist(), b.tolist()
+    out = np.array(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + bw * ax + ay * bz - az * by,
+            aw * by + bw * ay + az * bx - ax * bz,
+            aw * bz + bw * az + ax * by - ay * bx,
+        ]
+    )
+    return np.asarray(out / math.sqrt(float(out @ out)))
 
 
 def pose_of(vector: Array) -> SpatialPose:

@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.plant.spatial_equilibrium import Assembly, SpatialPose, equilibrium, pose_of, quaternion_of
+from mock_devices.plant.spatial_equilibrium import (
+    SMALL_STEP,
+    Assembly,
+    SpatialPose,
+    equilibrium,
+    pose_of,
+    quaternion_of,
+)
 from mock_devices.plant.structure import NoEquilibrium
 from mock_devices.spatial_file import GROUND, Actuator, Rod, SpatialMachine
 
@@ -115,10 +122,12 @@ class TrueSpatialMachine:
         t_c: Mapping[str, float],
         start: SpatialPose | None = None,
         departure: Departure | None = None,
+        small_step: float = SMALL_STEP,
     ) -> SpatialPose:
         """The pose at rest; raises NoEquilibrium, also for one on another assembly branch than the machine's."""
         assembly = self.assembly(drives, payload, t_c, departure)
-        pose = equilibrium(assembly, start or middle_pose(self.file), self.file.free, is_near=start is not None)
+        begin = start or middle_pose(self.file)
+        pose = equilibrium(assembly, begin, self.file.free, is_near=start is not None, small_step=small_step)
         reach = assembly.rods(pose)[0]
         for a, drive in enumerate(self.file.drives):
             first = self._first_rods[a]

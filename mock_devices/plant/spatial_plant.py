@@ -24,7 +24,7 @@ from mock_devices.plant.optics import TWO_PI, Polar, StationView
 from mock_devices.plant.sight_lines import hides, looks_here
 from mock_devices.plant.spatial_draw import draw_spatial_machine
 from mock_devices.plant.spatial_effects import SpatialEffects
-from mock_devices.plant.spatial_equilibrium import SpatialPose
+from mock_devices.plant.spatial_equilibrium import SMALL_STEP, SpatialPose
 from mock_devices.plant.spatial_machine import (
     Departure,
     TrueSpatialMachine,
@@ -42,6 +42,7 @@ _GRAVITY_M_PER_S2 = 9.80665
 _FEED_M = 0.010  # of a drive's screw
 _TORQUE_PER_N = _FEED_M / TWO_PI / 10.0  # of the rated one, as in the drives' object 0x6077
 _GEAR = 200.0  # of a crank, whose motor has the rating of the others
+_WATCHED_STEP = 1e-7  # rad or m: what is left then is far below what changes a force
 
 
 class SpatialTruth:
@@ -201,7 +202,7 @@ class SpatialPlant(HistoryPlant):
         """
         drives, temperatures_c = self._drive_positions(t_s), self.thermal.parts_c(t_s)
         try:
-            self._pose_at(drives, temperatures_c)
+            self._pose_at(drives, temperatures_c, small_step=_WATCHED_STEP)
         except NoEquilibrium as error:
             return str(error)
         for rod, force in zip(self.nominal.rods, self._forces_n.tolist(), strict=True):
@@ -213,12 +214,16 @@ class SpatialPlant(HistoryPlant):
         return [drive.encoder_m(t_s) for drive in self._drives]
 
     def _pose_at(
-        self, drives: Sequence[float], temperatures_c: Mapping[str, float], departure: Departure | None = None
+        self,
+        drives: Sequence[float],
+        temperatures_c: Mapping[str, float],
+        departure: Departure | None = None,
+        small_step: float = SMALL_STEP,
     ) -> SpatialPose:
         """The pose at rest, found from the last one; the same to round-off from wherever it is sought."""
         with self._pose_lock:
             try:
-                pose = self._machine.pose(drives, self._payload, temperatures_c, self._pose, departure)
+                pose = self._machine.pose(drives, self._payload, temperatures_c, self._pose, departure, small_step)
             except NoEquilibrium:  # the last pose was far away, or on no good way to this one
                 pose = self._machine.pose(drives, self._payload, temperatures_c, None, departure)
             self._pose = pose

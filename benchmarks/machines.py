@@ -29,6 +29,7 @@ from pkm_rig.jobs.dry_run import dry_run
 from pkm_rig.rig.capabilities import Need, require_capabilities, uses_tables
 from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.rig.config import RigFile, demo_rig_path, load_rig
+from pkm_rig.rig.device_sections import MOVING_HOMING_METHODS
 from pkm_rig.rig.expected_error import expected_error
 from pkm_rig.rig.led_motion import is_led
 from pkm_rig.rig.rig_checks import predicted_floor, undecidable
@@ -89,6 +90,12 @@ def with_effect(file: RigFile) -> RigFile:
     return file.model_copy(update={"mock": file.mock.model_copy(update=update)})
 
 
+def homing_of(file: RigFile) -> str:
+    """How the drives are homed: by moving to the next index, or where they stand."""
+    methods = {drive.homing.method for drive in file.drives if drive.homing is not None}
+    return ("by moving" if methods & set(MOVING_HOMING_METHODS) else "standing") if methods else "none"
+
+
 def effects_of(path: Path) -> str:
     """How many effects of the catalogue the mock has for a machine, at their typical size."""
     found = 0
@@ -134,7 +141,18 @@ def main() -> int:
     commands = ("mock", "check", "home", "measure", "calibrate, verify", "health", "mock --effect")
     commands += ("diagnose --add", "mock --twin") if twins else ()
     print("um, of machines that command rotations /urad; floor: predicted noise of a visit")
-    names = ("drives", "coord.", "motion", "correction", "visits", "expected", "floor", "at 0.1 mm", "decidable")
+    names = (
+        "drives",
+        "coord.",
+        "motion",
+        "homing",
+        "correction",
+        "visits",
+        "expected",
+        "floor",
+        "at 0.1 mm",
+        "decidable",
+    )
     print(f"{'':10}" + "".join(f"{name:>13}" for name in names))
     answers: dict[str, dict[str, str]] = {}
     for name in shipped_machines():
@@ -149,6 +167,7 @@ def main() -> int:
             len(machine.drive_names),
             len(machine.commanded),
             "led" if is_led(machine, file.campaign) else "profile",
+            homing_of(file),
             "drive tables" if uses_tables(file, machine) else "host",
             len(dry_run(file, machine).visits),
             *(f"{e.position_m * 1e6:.1f}{turn}" for e, turn in zip((error, floor, coarse), rotations, strict=True)),

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from calibration.base.errors import InputError
 from drivers.drives.homing import HomingParameters
 from pkm_rig.jobs.life_record import REFERENCE_LOST, note_event
 from pkm_rig.rig.drive_tables import telling_tables
+from pkm_rig.rig.led_rows import require_drives_agree
 from pkm_rig.rig.rig import Rig
 from pkm_rig.rig.table_change import switch_off
 from pkm_rig.store.store import Store
@@ -18,7 +21,8 @@ def home_drives(rig: Rig, *, again: bool = False, store: Store | None = None) ->
 
     One after the other, the others under their brakes; compensation is switched off and stays off (which a
     `store` records, so that `pkm-rig tables rollback` can bring it back). InputError, before anything moves, where the
-    rig file does not say how; raises what a motion raises, with a note which tables are active.
+    rig file does not say how, or where drives that must agree would not; raises what a motion raises, with a note
+    which tables are active.
     """
     homings = [
         _homing(rig, number) if again or not drive.reference.is_valid else None
@@ -26,6 +30,7 @@ def home_drives(rig: Rig, *, again: bool = False, store: Store | None = None) ->
     ]
     lost = [drive.name for drive in rig.drives.drives if not drive.reference.is_valid]
     if any(homings):
+        _require_agreement(rig, homings)
         with telling_tables(rig, store):
             switch_off(rig, store, "home")
             with rig.supervisor.during_motion():
@@ -35,11 +40,13 @@ def home_drives(rig: Rig, *, again: bool = False, store: Store | None = None) ->
                 if homing is not None:
                     why = "the drive had lost it" if name in lost else "homed again on request"
                     note_event(rig, store, REFERENCE_LOST, {"part": name, "detail": why})
-    positions_m = rig.positions_m()
     return {
         "drives": {
-            drive.name: {"homed": homing is not None, "position_m": float(position_m)}
-            for drive, homing, position_m in zip(rig.drives.drives, homings, positions_m, strict=True)
+            drive.name: {
+                "homed": homing is not None,
+                "position_rad" if drive.name in rig.machine.rotary_drives else "position_m": float(position),
+            }
+            for drive, homing, position in zip(rig.drives.drives, homings, rig.positions_m(), strict=True)
         },
         "compensation_switched_off": any(homings),
         "simulated": bool(rig.simulated_devices),
@@ -53,6 +60,19 @@ def _homing(rig: Rig, number: int) -> HomingParameters:
             f"rig file: drives: {entry.name} must be homed but has no [drives.homing]; "
             "add it (docs/reference/drive-objects.md) or home the drive by its own means"
         )
-    return HomingParameters(
-        **entry.homing.model_dump(exclude={"position_m", "position_rad"}), position_m=entry.homing.position
-    )
+    return entry.homing.parameters
+
+
+def _require_agreement(rig: Rig, homings: list[HomingParameters | None]) -> None:
+    """Raise InputError where the drives that keep their reference say that the machine is not where it is homed.
+
+    Only drives that must agree can say it: those that stay give the pose, and with it where the others are.
+    """
+    places = [
+        position_m if homing is None else homing.position_m
+        for homing, position_m in zip(homings, rig.positions_m(), strict=True)
+    ]
+    try:
+        require_drives_agree(rig.machine, np.array(places))
+    except InputError as error:
+        raise InputError(f"homing: {error}; no drive was homed") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from calibration.base.errors import InputError
@@ -23,6 +24,7 @@ from pkm_rig.rig.device_sections import (
     PlcConnection,
     StationConnection,
 )
+from pkm_rig.rig.led_rows import require_drives_agree
 from pkm_rig.rig.recalibration_sections import CertificateEntry, RecalibrationSettings
 from pkm_rig.store.place import Address
 
@@ -167,6 +169,12 @@ def load_rig(path: Path) -> tuple[RigFile, Machine]:
     for drive, profile, (low_m, high_m) in zip(rig.drives, profiles, machine.travel, strict=True):
         if drive.homing is not None:
             _check_homing(drive, profile, (low_m, high_m), machine, path)
+    if all(drive.homing is not None for drive in rig.drives):
+        places = np.array([drive.homing.position for drive in rig.drives if drive.homing is not None])
+        try:
+            require_drives_agree(machine, places)
+        except InputError as error:
+            raise InputError(f"{path}: homing: {error}") from error
     if rig.nest_length is not None:
         for nest in rig.nest_length.nests:
             if machine.smr(nest).on != "floor":
@@ -195,6 +203,12 @@ def _check_units(rig: RigFile, machine: Machine, path: Path) -> None:
         if homing is not None and (homing.position_rad is not None) != (kind == "crank"):
             key, other = ("position_rad", "position_m") if kind == "crank" else ("position_m", "position_rad")
             raise InputError(f"{path}: drives: {drive.name}: homing: a {kind} has {key}, not {other}; correct it")
+        if homing is not None and homing.keys_in_other_unit:
+            unit = "rad" if kind == "crank" else "m"
+            raise InputError(
+                f"{path}: drives: {drive.name}: homing: {homing.keys_in_other_unit[0]}: a {kind} is homed in {unit}; "
+                "correct the key"
+            )
 
 
 def _check_homing(

@@ -79,12 +79,39 @@ class HomingEntry(Section):
         default=HomingParameters.tolerance_m,
         description="Largest overrun past the mark while braking.",
     )
+    speed_rad_per_s: float | None = Field(
+        gt=0.0, le=0.05, default=None, description="Of a crank: speed of the search; 0.002 without it."
+    )
+    acceleration_rad_per_s2: float | None = Field(
+        gt=0.0, le=5.0, default=None, description="Of a crank: acceleration of the search; 0.1 without it."
+    )
+    tolerance_rad: float | None = Field(
+        gt=0.0, le=0.01, default=None, description="Of a crank: largest overrun past the mark; 0.001 without it."
+    )
 
     @property
     def position(self) -> float:
         """Position at the mark, in m, or of a crank in rad."""
         given = self.position_rad if self.position_m is None else self.position_m
         return 0.0 if given is None else given
+
+    @property
+    def parameters(self) -> HomingParameters:
+        """What the drive is told, in m, or of a crank in rad."""
+        return HomingParameters(
+            method=self.method,
+            position_m=self.position,
+            speed_m_per_s=self.speed_rad_per_s or self.speed_m_per_s,
+            acceleration_m_per_s2=self.acceleration_rad_per_s2 or self.acceleration_m_per_s2,
+            limit_s=self.limit_s,
+            tolerance_m=self.tolerance_rad or self.tolerance_m,
+        )
+
+    @property
+    def keys_in_other_unit(self) -> list[str]:
+        """The keys in the file whose unit does not go with that of the position."""
+        wrong = ("_m", "_m_per_s", "_m_per_s2") if self.position_m is None else ("_rad", "_rad_per_s", "_rad_per_s2")
+        return sorted(key for key in self.model_fields_set if key.endswith(wrong) and getattr(self, key) is not None)
 
     @model_validator(mode="after")
     def _one_position(self) -> HomingEntry:

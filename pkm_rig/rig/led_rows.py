@@ -52,7 +52,7 @@ def led_rows(machine: Machine, demand: Array, commanded: Array, order: PathOrder
     permitted, before anything moves.
     """
     start, apart = forward_pose(machine, demand)
-    _require_near(machine, apart, "stands")
+    _require_near(machine, apart, "path: ", "stands")
     ways = np.stack([start, commanded])[None]
     require_clear_ways(machine, ways, payload_kg=order.payload_kg, payload_com_m=order.payload_com_m)
     speed = order.speed_m_per_s
@@ -69,6 +69,12 @@ def led_rows(machine: Machine, demand: Array, commanded: Array, order: PathOrder
     )
 
 
+def require_drives_agree(machine: Machine, drives: Array) -> None:
+    """Raise InputError where drives at (d,) would strain the machine, as only more drives than coordinates can."""
+    if machine.redundantly_actuated:
+        _require_near(machine, forward_pose(machine, drives)[1], "", "would stand")
+
+
 def _rows_at(
     machine: Machine, start: Array, apart: Array, commanded: Array, order: PathOrder, speed_m_per_s: float
 ) -> Array:
@@ -77,7 +83,7 @@ def _rows_at(
     corrections = order.at(pose, drives.shape[1])
     at_start = apart - corrections[0]
     at_end = np.zeros_like(apart) if order.correction is None else order.correction - corrections[-1]
-    _require_near(machine, corrections[-1] + at_end, "would stand")
+    _require_near(machine, corrections[-1] + at_end, "path: ", "would stand")
     change = float(np.max(np.abs(at_end - at_start)))
     if change * float(np.max(np.diff(share))) > MOST_FADED:  # hardly any way, but another correction: slower
         share = _smooth(int(np.ceil(1.5 * change / MOST_FADED * order.speed_m_per_s / speed_m_per_s)) + 2)
@@ -98,11 +104,11 @@ def _fastest(machine: Machine, rows: Array) -> float:
     return float(np.abs(np.diff(rows[:, linear], axis=0)).max(initial=0.0))
 
 
-def _require_near(machine: Machine, offset: Array, what: str) -> None:
+def _require_near(machine: Machine, offset: Array, where: str, what: str) -> None:
     worst = int(np.argmax(np.abs(offset)))
     if abs(offset[worst]) > MOST_APART:
         raise InputError(
-            f"path: drive {machine.drive_names[worst]} {what} {offset[worst] * 1e3:.2f} mm or mrad from where the "
+            f"{where}drive {machine.drive_names[worst]} {what} {offset[worst] * 1e3:.2f} mm or mrad from where the "
             f"others have it, {MOST_APART * 1e3:g} is permitted: they strain the machine; check references and release "
             "it by hand"
         )

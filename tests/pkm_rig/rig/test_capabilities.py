@@ -13,8 +13,8 @@ from pkm_rig.cli import main
 from pkm_rig.rig.capabilities import can_verify
 from pkm_rig.rig.config import demo_rig_path, embedded_rig_path, load_rig
 
+HOMING = re.compile(r"\n\[drives.homing\]\n(.+\n)+")
 NO_TABLES = ("metres_per_increment = 1.0e-8", 'metres_per_increment = 1.0e-8\nprofile = "plain-402"')
-HOMING = "\n[drives.homing]\nmethod = 33\nposition_m = 1.1\n"
 
 
 class Touched(BaseException):
@@ -28,8 +28,10 @@ def refused(monkeypatch, capsys, tmp_path):
     def touched(*_arguments, **_options):
         raise Touched
 
-    def command(name, *options, rig, machine=None):
+    def command(name, *options, rig, machine=None, homing=False):
         text = embedded_rig_path().read_text(encoding="utf-8")
+        if not homing:
+            text = HOMING.sub("", text)
         for old, new in rig:
             assert old in text
             text = text.replace(old, new)
@@ -66,8 +68,7 @@ def test_homing_of_drives_that_have_no_way_to_be_homed(refused):
 
 
 def test_homing_of_a_make_that_cannot_say_whether_it_succeeded(refused):
-    old, new = NO_TABLES
-    assert "needs a profile with [referenced]" in refused("home", "--again", rig=[(old, new + HOMING)])
+    assert "needs a profile with [referenced]" in refused("home", "--again", rig=[NO_TABLES], homing=True)
 
 
 def test_a_payload_that_is_not_in_the_list(refused):
@@ -76,7 +77,7 @@ def test_a_payload_that_is_not_in_the_list(refused):
 
 
 def test_a_crank_counts_in_radians(refused):
-    text = embedded_rig_path().read_text(encoding="utf-8")
+    text = HOMING.sub("", embedded_rig_path().read_text(encoding="utf-8"))
     drives = text[text.index("[[drives]]") : text.index("[plc]")]
     three = "".join(
         f'[[drives]]\nname = "{name}"\nnode_id = {node}\nvendor_id = 1\nproduct_code = 1\nmetres_per_increment = 1e-8\n'
@@ -120,16 +121,35 @@ def test_drives_that_must_agree_are_not_moved_by_profiles(refused_for):
 
 
 @pytest.mark.parametrize("method", [33, 34])
-def test_drives_that_must_agree_are_not_homed_by_moving(refused_for, method):
-    homing = f"torque_limit_ratio = 3.5\n\n[drives.homing]\nmethod = {method}\nposition_m = 0.2"
+@pytest.mark.parametrize("machine", ["delta8", "gough8", "rrr4"])
+def test_drives_that_must_agree_are_not_homed_by_moving(refused_for, machine, method):
     assert f"homing method {method} moves one drive while the others stand" in refused_for(
-        "gough8", ("torque_limit_ratio = 3.5", homing)
+        machine, ("method = 37", f"method = {method}")
     )
 
 
-def test_a_crank_is_homed_in_radians(refused_for):
-    homing = "per_increment = 1.0e-8\n\n[drives.homing]\nmethod = 37\nposition_m = 0.2"
-    assert "a crank has position_rad, not position_m" in refused_for("rrr3", ("per_increment = 1.0e-8", homing))
+@pytest.mark.parametrize(
+    ("machine", "change", "drive"),
+    [
+        ("delta8", ("position_m = 0.8908431", "position_m = 0.9108431"), "[abcd]"),
+        ("gough8", ("position_m = 0.2500005", "position_m = 0.29"), r"leg\d"),
+        ("rrr4", ("position_rad = -0.0000004", "position_rad = 0.04"), "[abcd]"),
+    ],
+)
+def test_positions_of_homing_that_do_not_agree(refused_for, machine, change, drive):
+    line = refused_for(machine, change)
+    assert re.search(f"homing: drive {drive} would stand -?[0-9.]+ mm or mrad from where the others have it", line)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("position_rad = -0.0000012", "position_m = 0.2"), "a crank has position_rad, not position_m"),
+        (("method = 37", "method = 37\nspeed_m_per_s = 0.01"), "speed_m_per_s: a crank is homed in rad"),
+    ],
+)
+def test_a_crank_is_homed_in_radians(refused_for, change, said):
+    assert said in refused_for("rrr3", change)
 
 
 def test_a_crank_has_no_profile_in_metres_a_second(refused_for):
@@ -171,6 +191,6 @@ def test_a_workspace_out_of_reach(refused):
 def test_drives_without_tables_can_be_corrected_by_this_computer_alone(machine, possible, tmp_path):
     source = embedded_rig_path() if machine == "planar4" else demo_rig_path(machine)
     assert can_verify(*load_rig(source), source)
-    path, text = tmp_path / "rig.toml", source.read_text(encoding="utf-8")
+    path, text = tmp_path / "rig.toml", HOMING.sub("", source.read_text(encoding="utf-8"))
     path.write_text(re.sub(r"(\w+_per_increment = \S+)", r'\1\nprofile = "plain-402"', text), encoding="utf-8")
     assert can_verify(*load_rig(path), path) is possible

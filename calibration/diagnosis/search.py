@@ -84,6 +84,19 @@ def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> f
     return settings.excess_threshold + settings.excess_share * max(explained, 0.0)
 
 
+@dataclass(frozen=True)
+class _Explanation:
+    """Causes that were included one after the other: likelihoods without any and after each, their log evidence less
+    the penalty for more than one, alternatives to what remains (empty without causes), and the best log evidence of
+    causes and the strongest of these together."""
+
+    causes: tuple[Cause, ...]
+    likelihoods: tuple[MarginalLikelihood, ...]
+    log_evidence: float = 0.0
+    non_parametric: tuple[NonParametricEffect, ...] = ()
+    best_log_evidence: float = 0.0
+
+
 def _search(
     likelihood: MarginalLikelihood,
     inputs: EffectInputs,
@@ -92,45 +105,73 @@ def _search(
     *,
     by_visit: bool,
 ) -> SearchResult:
-    """The same from the ranking of all effects, each alone."""
-    likelihoods, log_evidence, best_log_evidence = [likelihood], 0.0, 0.0
-    causes: list[Cause] = []
-    non_parametric: list[NonParametricEffect] = []
-    ranked = ranking
-    while ranked and len(causes) < VERDICT.max_causes:
-        gain = ranked[0].log_evidence
-        same_part = any(_same_part_of_machine(inputs, ranked[0], cause) for cause in causes)
-        share = VERDICT.min_gain_share_same_part if same_part else VERDICT.min_gain_share
-        if gain < max(VERDICT.detection_threshold, share * log_evidence):
-            break
-        if causes:
-            share_of_explained = VERDICT.further_cause_penalty_share * (log_evidence + gain)
-            log_evidence -= VERDICT.further_cause_penalty + share_of_explained
-        causes.append(ranked[0])
-        log_evidence += gain
-        likelihoods.append(include_cause(likelihoods[-1], ranked[0]))
-        non_parametric = rank_non_parametric(likelihoods[-1], inputs)
-        best_log_evidence = max(best_log_evidence, log_evidence + non_parametric[0].log_evidence)
-        if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
-            break
-        ranked = rank_effects(likelihoods[-1], inputs, effects, by_visit=by_visit, explained=log_evidence)
-    non_parametric_alone: list[NonParametricEffect] = []
-    if best_log_evidence - log_evidence > VERDICT.residual_search_threshold or not causes:
-        non_parametric_alone = rank_non_parametric(likelihood, inputs)
+    """The same from the ranking of all effects, each alone.
+
+    Two effects may together look most like a third, so that the strongest alone need not be one of those that explain
+    most together. Where one cause is not enough the search also begins with the next in the ranking and with each
+    cause that was found later.
+    """
+    found = best = _include_from(likelihood, inputs, effects, ranking, by_visit=by_visit)
+    if len(found.causes) > 1:
+        later = {cause.effect.name for cause in found.causes[1:]}
+        leaders = [c for place, c in enumerate(ranking[1:], 2) if place <= VERDICT.leaders or c.effect.name in later]
+        for leader in leaders:
+            if leader.log_evidence > VERDICT.leaders_share * found.log_evidence:
+                other = _include_from(likelihood, inputs, effects, [leader], by_visit=by_visit)
+                best = max(best, other, key=lambda explanation: explanation.log_evidence)
+    non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
+    non_parametric_alone: tuple[NonParametricEffect, ...] = ()
+    if best_log_evidence - best.log_evidence > VERDICT.residual_search_threshold or not best.causes:
+        non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))
         best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)
         non_parametric = non_parametric or non_parametric_alone
-    parts = [part for cause in causes for part in cause.parts]
+    parts, likelihoods = [part for cause in best.causes for part in cause.parts], list(best.likelihoods)
     if len(parts) > 1:
         parts, likelihoods = _refit_causes(likelihood, inputs, parts)
     return SearchResult(
         ranking=tuple(ranking),
         causes=tuple(parts),
         likelihoods=tuple(likelihoods),
-        log_evidence=log_evidence,
-        excess_log_evidence=max(best_log_evidence - log_evidence, 0.0),
-        non_parametric=tuple(non_parametric),
-        non_parametric_alone=tuple(non_parametric_alone),
+        log_evidence=best.log_evidence,
+        excess_log_evidence=max(best_log_evidence - best.log_evidence, 0.0),
+        non_parametric=non_parametric,
+        non_parametric_alone=non_parametric_alone,
     )
+
+
+def _include_from(
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effects: Sequence[Effect],
+    ranked: Sequence[Cause],
+    *,
+    by_visit: bool,
+) -> _Explanation:
+    """The first of a ranking, then always the strongest given those before, as long as each adds enough."""
+    found = _Explanation((), (likelihood,))
+    while ranked and len(found.causes) < VERDICT.max_causes:
+        gain, log_evidence = ranked[0].log_evidence, found.log_evidence
+        same_part = any(_same_part_of_machine(inputs, ranked[0], cause) for cause in found.causes)
+        share = VERDICT.min_gain_share_same_part if same_part else VERDICT.min_gain_share
+        if gain < max(VERDICT.detection_threshold, share * log_evidence):
+            break
+        if found.causes:
+            share_of_explained = VERDICT.further_cause_penalty_share * (log_evidence + gain)
+            log_evidence -= VERDICT.further_cause_penalty + share_of_explained
+        log_evidence += gain
+        given = include_cause(found.likelihoods[-1], ranked[0])
+        non_parametric = rank_non_parametric(given, inputs)
+        found = _Explanation(
+            (*found.causes, ranked[0]),
+            (*found.likelihoods, given),
+            log_evidence,
+            tuple(non_parametric),
+            max(found.best_log_evidence, log_evidence + non_parametric[0].log_evidence),
+        )
+        if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
+            break
+        ranked = rank_effects(given, inputs, effects, by_visit=by_visit, explained=log_evidence)
+    return found
 
 
 def _same_part_of_machine(inputs: EffectInputs, one: Cause, other: Cause) -> bool:

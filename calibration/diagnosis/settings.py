@@ -28,6 +28,10 @@ class VerdictSettings:
     """Log evidence that each further cause costs, as several effects together mimic a single one. Source: tuned."""
     further_cause_penalty_share: float = 0.02
     """The same, over what is explained with it. Source: tuned."""
+    leaders: int = 3
+    """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time."""
+    leaders_share: float = 0.2
+    """Of what is explained, what such an effect must explain alone. Source: computing time."""
     residual_search_threshold: float = 4.0
     """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
     curve_fit_share: float = 0.25

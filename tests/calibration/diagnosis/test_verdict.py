@@ -209,6 +209,58 @@ def test_three_causes_are_enough(monkeypatch):
     assert [c.name for c in searched(monkeypatch, *rounds).causes] == ["latency", "refraction", "tracker_drift"]
 
 
+def search_with(monkeypatch, given: dict[str, dict[str, float]]):
+    """A search in which the evidence of each effect is known for what is in the model already ("none+latency")."""
+
+    def ranked(likelihood, *_, **__):
+        logs = given.get(likelihood, {})
+        return sorted((Evidence(name, log, "") for name, log in logs.items()), key=lambda c: -c.log_evidence)
+
+    monkeypatch.setattr(search, "rank_effects", ranked)
+    monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
+    monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
+    monkeypatch.setattr(search, "rank_non_parametric", lambda *_: [Evidence("", 5.0)])
+    return search.search_causes("none", INPUTS, [])
+
+
+TWO_LIKE_A_THIRD = {
+    "none": {"refraction": 1000.0, "latency": 800.0, "tracker_drift": 300.0, "smr_reseat": 290.0},
+    "none+refraction": {"latency": 150.0, "smr_reseat": 100.0},
+    "none+latency": {"smr_reseat": 600.0},
+    "none+smr_reseat": {"latency": 1200.0},
+}
+
+
+def test_two_effects_that_look_like_a_third_are_found_from_the_weaker_one(monkeypatch):
+    """The first of all explains 1,000 and 150 with the next; the second and the last together 1,400."""
+    result = search_with(monkeypatch, TWO_LIKE_A_THIRD)
+    assert sorted(cause.name for cause in result.causes) == ["latency", "smr_reseat"]
+    assert result.log_evidence == pytest.approx(1400.0 - 10.0 - 0.02 * 1400.0)
+
+
+def test_a_weak_effect_begins_a_search_where_it_was_found_later(monkeypatch):
+    """Fourth of the ranking, but found beside the second."""
+    given = TWO_LIKE_A_THIRD | {"none+refraction": {"smr_reseat": 150.0}}
+    assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["latency", "smr_reseat"]
+    monkeypatch.setattr(search, "VERDICT", replace(search.VERDICT, leaders=1))
+    given["none+latency"] = {}
+    assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["latency", "smr_reseat"]
+
+
+def test_no_search_begins_with_an_effect_that_explains_less_than_a_fifth(monkeypatch):
+    given = {
+        "none": {"refraction": 1000.0, "latency": 190.0},
+        "none+refraction": {"tracker_drift": 100.0},
+        "none+latency": {"smr_reseat": 3000.0},
+    }
+    assert [c.name for c in search_with(monkeypatch, given).causes] == ["refraction", "tracker_drift"]
+
+
+def test_where_one_cause_is_enough_no_other_search_begins(monkeypatch):
+    given = {"none": {"refraction": 1000.0, "latency": 990.0}, "none+latency": {"smr_reseat": 500.0}}
+    assert [c.name for c in search_with(monkeypatch, given).causes] == ["refraction"]
+
+
 @pytest.mark.parametrize(("rest", "count"), [(3.9, 1), (4.1, 2)])
 def test_the_search_ends_where_what_remains_has_log_evidence_below_four(monkeypatch, rest, count):
     rounds = [[Evidence("backlash", 100.0)], [Evidence("latency", 50.0, "")]]

@@ -20,7 +20,7 @@ import numpy as np
 
 from calibration.base.errors import InputError
 from calibration.machine.description import shipped_machine, shipped_machines
-from mock_devices.effects import CATALOGUE, GEOMETRY, SPECS, EffectError
+from mock_devices.effects import SPECS, EffectError
 from mock_devices.effects.in_space import IN_SPACE
 from mock_devices.plant.any_plant import parse_effect
 from mock_devices.plant.base_plant import Motion, SetPoint
@@ -97,9 +97,9 @@ def homing_of(file: RigFile) -> str:
 
 
 def effects_of(path: Path) -> str:
-    """How many effects of the catalogue the mock has for a machine, at their typical size."""
+    """How many effects, of the catalogue and outside it, the mock has for a machine, at their typical size."""
     found = 0
-    for name in (*CATALOGUE, *GEOMETRY):
+    for name in SPECS:
         try:
             parse_effect(f"{name}={SPECS[name].size.typical!r}", path)
         except EffectError:
@@ -108,7 +108,7 @@ def effects_of(path: Path) -> str:
             except (EffectError, KeyError, IndexError):
                 continue
         found += 1
-    return f"{found} of {len(CATALOGUE) + len(GEOMETRY)}"
+    return f"{found} of {len(SPECS)}"
 
 
 def twin_of(name: str) -> dict[str, str]:

@@ -118,6 +118,8 @@ class FrictionWindup(_Play):
         a, friction = self.place, self.friction_n(state)
         drives = len(self.site.machine.sliders)
         weight = (self.site.machine.moving_mass_kg + state.payload_kg) * GRAVITY_M_PER_S2 / drives
+        if state.loads_n is not None:
+            weight = state.loads_n[:, a]
         force = weight + friction
         softness = 1.0 / np.sqrt(1.0 + (force / 1500.0) ** 2) if self.variant == "hardening" else 1.0
         deviation.travel_m[:, a] -= self.size * force * softness

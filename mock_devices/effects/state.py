@@ -47,7 +47,10 @@ class Temperatures(Protocol):
 
 @dataclass(frozen=True)
 class MotionState:
-    """The machine at n observations: everything (n,) or (n, drives); `leg` counts each drive's legs."""
+    """The machine at n observations: everything (n,) or (n, drives); `leg` counts each drive's legs.
+
+    loads_n: force of each drive in its positive direction without effects, of a plant that knows it.
+    """
 
     t_s: Array
     q_m: Array
@@ -62,6 +65,7 @@ class MotionState:
     exchanges: Array
     parts_c: dict[str, Array]
     thermal: Temperatures
+    loads_n: Array | None = None
 
     @property
     def since_s(self) -> Array:

@@ -61,10 +61,11 @@ class SpatialPose:
 
 @dataclass(frozen=True)
 class Assembly:
-    """What holds the platform, as it stands: m rods, g planes, h weights.
+    """What holds the platform, as it stands: m rods, g planes, h loads.
 
     platform_m (m, 3) joints in the platform frame, base_m (m, 3), length_m (m,) without force, stiffness (m,);
-    held_m (g, 3) joints that planes hold, point_m, normal (g, 3), plane_stiffness (g,); mass_kg (h,), centre_m (h, 3).
+    held_m (g, 3) joints that planes hold, point_m, normal (g, 3), plane_stiffness (g,); load_n (h, 3) forces that keep
+    their direction, weights above all, at points centre_m (h, 3) of the platform.
     """
 
     platform_m: Array
@@ -75,9 +76,8 @@ class Assembly:
     point_m: Array
     normal: Array
     plane_stiffness: Array
-    mass_kg: Array
+    load_n: Array
     centre_m: Array
-    gravity: Array
 
     def rods(self, pose: SpatialPose) -> tuple[Array, Array]:
         """Vectors (m, 3) from base joint to platform joint, and forces (m,), tension positive."""
@@ -88,7 +88,7 @@ class Assembly:
         """V at a pose."""
         force = self.rods(pose)[1]
         held = ((pose.p + self.held_m @ pose.turn.T - self.point_m) * self.normal).sum(axis=1)
-        work = float(self.mass_kg @ ((pose.p + self.centre_m @ pose.turn.T) @ self.gravity))
+        work = float((self.load_n * (pose.p + self.centre_m @ pose.turn.T)).sum())
         return float(0.5 * (force**2 / self.stiffness).sum() + 0.5 * (self.plane_stiffness * held**2).sum()) - work
 
 
@@ -133,9 +133,8 @@ def _expansion(assembly: Assembly, pose: SpatialPose, *, whole: bool) -> tuple[A
     held = assembly.held_m @ turn.T
     beyond = ((pose.p + held - assembly.point_m) * assembly.normal).sum(axis=1)
     pull = assembly.plane_stiffness * beyond
-    weight = assembly.mass_kg[:, None] * assembly.gravity
     arms = np.concatenate([assembly.platform_m @ turn.T, held, assembly.centre_m @ turn.T])
-    forces = np.concatenate([force[:, None] * unit, pull[:, None] * assembly.normal, -weight])
+    forces = np.concatenate([force[:, None] * unit, pull[:, None] * assembly.normal, -assembly.load_n])
     slope = np.concatenate([forces.sum(axis=0), _cross(arms, forces).sum(axis=0)])
     lines = np.concatenate([unit, assembly.normal])
     wrench = np.concatenate([lines, _cross(arms[: len(lines)], lines)], axis=1)

@@ -1,7 +1,7 @@
 """A machine in space as it truly is: the file's machine with errors drawn within its tolerances, and where parts stand.
 
-Not modelled: friction, backlash and flexibility of joints and drives, flexible platform, straightness of guides,
-hysteresis of any kind.
+Not modelled: friction, backlash and flexibility of joints and drives, flexible platform, hysteresis of any kind; guides
+are straight but for what effects add.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from mock_devices.spatial_file import GROUND, Actuator, Rod, SpatialMachine
 
 Array = NDArray[np.float64]
 
+_APART_M = 1e-6  # joints that are farther apart than this have a line of their own
+
 
 @dataclass(frozen=True)
 class Load:
@@ -43,15 +45,37 @@ class Departure:
 
     travel (d,) in m or rad, length_m and ln_stiffness (m,) of the rods, smr_m (s, 3) of the reflectors on what carries
     them; the payload's mass and the place (3,) of its centre beyond its own; force_n (d,) that drives hold besides.
+    sideways_m, yaw_rad (d,) of sliders (see `Carriage`); platform_m, base_m (m, 3): of joints beside their places;
+    load_n, point_m (h, 3): forces on the platform and where; tilt_rad (3,): of the machine against the floor.
     """
 
     travel: Array
     length_m: Array
     ln_stiffness: Array
     smr_m: Array
+    sideways_m: Array
+    yaw_rad: Array
     payload_kg: float = 0.0
     payload_shift_m: Array = field(default_factory=lambda: np.zeros(3))
     force_n: Array = field(default_factory=lambda: np.zeros(0))
+    platform_m: Array | float = 0.0
+    base_m: Array | float = 0.0
+    load_n: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    point_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    tilt_rad: Array | None = None
+
+
+@dataclass(frozen=True)
+class Carriage:
+    """A slider's directions (3,) in which a guide may lead it astray, and the middle (3,) of its joints.
+
+    `across` its axis, in the plane that its struts span with it in the middle of the workspace; it `turns` about the
+    direction in which that takes its joints along the axis, or about the normal of that plane where they lie along it.
+    """
+
+    across: Array
+    turns: Array
+    middle_m: Array
 
 
 @dataclass(frozen=True)
@@ -76,27 +100,35 @@ class TrueSpatialMachine:
         parts = self._arrays
         length = parts["length_m"] * grown["struts"] + departure.length_m
         length[parts["legs"]] += travel[parts["leg_drives"]] * grown["drives"]
-        joint = parts["joint_m"] * grown["platform"]
+        joint = parts["joint_m"] * grown["platform"] + departure.platform_m
         load = self.payloads[payload]
+        mass_kg = np.array([file.moving_mass_kg, load.mass_kg + departure.payload_kg])
+        centre_m = np.array([file.centre_of_mass_m, load.centre_m + departure.payload_shift_m]) * grown["platform"]
+        foot = np.broadcast_to(departure.base_m, (len(file.rods), 3))
         return Assembly(
             platform_m=joint,
-            base_m=np.array([self._carried(rod.drive, rod.base_joint_m, travel, grown) for rod in file.rods]),
+            base_m=np.array(
+                [
+                    self._carried(rod.drive, rod.base_joint_m + off, travel, grown, departure)
+                    for rod, off in zip(file.rods, foot, strict=True)
+                ]
+            ),
             length_m=length,
             stiffness=parts["stiffness"] * np.exp(departure.ln_stiffness),
             held_m=joint[parts["held"]].reshape(-1, 3),
             point_m=parts["point_m"] * grown["base"],
             normal=parts["normal"],
             plane_stiffness=parts["plane_stiffness"],
-            mass_kg=np.array([file.moving_mass_kg, load.mass_kg + departure.payload_kg]),
-            centre_m=np.array([file.centre_of_mass_m, load.centre_m + departure.payload_shift_m]) * grown["platform"],
-            gravity=file.gravity,
+            load_n=np.concatenate([mass_kg[:, None] * file.gravity, departure.load_n]),
+            centre_m=np.concatenate([centre_m, departure.point_m]),
         )
 
     @cached_property
     def as_it_is(self) -> Departure:
         """No departure."""
         rods, drives, smrs = len(self.file.rods), len(self.file.drives), len(self.file.smrs)
-        return Departure(np.zeros(drives), np.zeros(rods), np.zeros(rods), np.zeros((smrs, 3)))
+        of_drives, of_rods = np.zeros(drives), np.zeros(rods)
+        return Departure(of_drives, of_rods, of_rods, np.zeros((smrs, 3)), of_drives, of_drives)
 
     @cached_property
     def _arrays(self) -> dict[str, NDArray[Any]]:
@@ -195,12 +227,19 @@ class TrueSpatialMachine:
             elif smr.on == "floor":
                 place = smr.position_m + shift_m
             else:
-                place = self._carried(smr.drive, smr.position_m + shift_m, travel, grown)
+                place = self._carried(smr.drive, smr.position_m + shift_m, travel, grown, departure)
                 drive = self.file.drives[smr.drive]
                 if facing is not None and drive.kind == "crank":
                     facing = _turned(facing, drive.axis, float(travel[smr.drive]))
+            if departure.tilt_rad is not None and smr.on != "floor":
+                size = float(np.linalg.norm(departure.tilt_rad))
+                place = _turned(place, departure.tilt_rad / max(size, 1e-300), size)
             out.append((place, facing))
         return out
+
+    @cached_property
+    def _carriages(self) -> dict[int, Carriage]:
+        return {a: carriage_of(self.file, a) for a, drive in enumerate(self.file.drives) if drive.kind == "slider"}
 
     def _growth(self, temperatures_c: Mapping[str, float]) -> dict[str, float]:
         return {
@@ -208,15 +247,44 @@ class TrueSpatialMachine:
             for part, e in self.file.expansion.items()
         }
 
-    def _carried(self, drive: int, point_m: Array, travel: Array, grown: Mapping[str, float]) -> Array:
+    def _carried(
+        self, drive: int, point_m: Array, travel: Array, grown: Mapping[str, float], departure: Departure
+    ) -> Array:
         """Where a point of the base or of a drive is."""
         actuator = None if drive == GROUND else self.file.drives[drive]
         if actuator is None or actuator.kind == "leg":
             return np.asarray(point_m * grown["base"])
         if actuator.kind == "slider":
-            return np.asarray(point_m * grown["base"] + actuator.axis * (travel[drive] * grown["drives"]))
+            place = point_m * grown["base"] + actuator.axis * (travel[drive] * grown["drives"])
+            sideways_m, yaw_rad = departure.sideways_m[drive], float(departure.yaw_rad[drive])
+            if not sideways_m and not yaw_rad:
+                return np.asarray(place)
+            carriage = self._carriages[drive]
+            arm = (point_m - carriage.middle_m) * grown["base"]
+            return np.asarray(place + carriage.across * sideways_m + _turned(arm, carriage.turns, yaw_rad) - arm)
         arm = _turned(point_m, actuator.axis, float(travel[drive]))
         return np.asarray(actuator.pivot_m * grown["base"] + arm * grown["drives"])
+
+
+def carriage_of(file: SpatialMachine, drive: int) -> Carriage:
+    """That of a slider."""
+    rods, axis = [rod for rod in file.rods if rod.drive == drive], file.drives[drive].axis
+    joints = np.array([rod.base_joint_m for rod in rods])
+    middle_m = joints.mean(axis=0)
+    if file.planar:
+        up = np.array([0.0, 0.0, 1.0])
+        return Carriage(np.cross(up, axis), up, middle_m)
+    pose = middle_pose(file)
+    towards = np.mean([pose.place(rod.platform_joint_m) for rod in rods], axis=0) - middle_m
+    across = _unit(towards - axis * (towards @ axis))
+    spread = joints[0] - middle_m
+    spread = spread - axis * (spread @ axis)
+    turns = np.cross(spread, axis) if np.linalg.norm(spread) > _APART_M else np.cross(axis, across)
+    return Carriage(across, _unit(turns), middle_m)
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def middle_pose(file: SpatialMachine) -> SpatialPose:

@@ -166,6 +166,8 @@ class SpatialPlant(HistoryPlant):
                 if (early_s := self._effects.early_s(state)) != 0.0:
                     drives_s = t_s + early_s
                     state = self.motion_state(t_s, drives_s)
+                if self._effects.need_loads:
+                    state = replace(state, loads_n=self._driving_n(drives_s, t_s)[None])
                 departure = self._effects.departure(state)
         drives, temperatures_c = self._drive_positions(drives_s), self.thermal.parts_c(t_s)
         pose = self._pose_at(drives, temperatures_c, departure)
@@ -209,6 +211,11 @@ class SpatialPlant(HistoryPlant):
             if abs(force) > rod.force_limit_n:
                 return f"{rod.name}: {force:.0f} N, {rod.force_limit_n:.0f} N permitted"
         return None
+
+    def _driving_n(self, drives_s: float, t_s: float) -> Array:
+        """Force (d,) of each drive in its positive direction without effects: a leg that is pulled holds back."""
+        self._pose_at(self._drive_positions(drives_s), self.thermal.parts_c(t_s))
+        return self._loads * self._effects.pushes
 
     def _drive_positions(self, t_s: float) -> list[float]:
         return [drive.encoder_m(t_s) for drive in self._drives]

@@ -96,7 +96,7 @@ def _noise_free(reduction: Reduction, rows: np.ndarray, mock: MockRig, *, correc
         drives = visits.drives[row]
         payload = int(reduction.info.payload[visit])
         if corrected:
-            drives = drives + _corrections(mock, drives, visits.payload_kg[row])
+            drives = drives + _corrections(mock, drives, visits.payload_kg[row], reduction.info.direction[visit])
         t_s = float(reduction.info.t_rig_s[visit])
         places = mock.plant.truth.smr_positions(drives, payload, t_s, in_station_frame=True)
         points += [places[name] for name in names]
@@ -110,14 +110,14 @@ def _noise_free(reduction: Reduction, rows: np.ndarray, mock: MockRig, *, correc
     )
 
 
-def _corrections(mock: MockRig, drives_m: np.ndarray, payload_kg: float) -> np.ndarray:
+def _corrections(mock: MockRig, drives_m: np.ndarray, payload_kg: float, direction: np.ndarray) -> np.ndarray:
     """What the drives themselves add to a command, from the bank that holds the table for this payload."""
     out = []
     counts = [round(q * 1e8) for q in drives_m]
     for own, drive in enumerate(mock.drives):
         banks = drive.compensation.banks.values()
         table = next(b.table for b in banks if b.table is not None and b.table.payload_g == round(payload_kg * 1e3))
-        out.append(table.correction_inc(counts[own], counts[1 - own]) * 1e-8)
+        out.append(table.correction_inc(counts[own], counts[1 - own], round(direction[own])) * 1e-8)
     return np.array(out)
 
 

@@ -19,6 +19,7 @@ COUNT = 32
 SEED = 15
 STEP = 1e-3  # of a coordinate's range, for differences
 DIGITS = 10  # of m and rad that are kept: 0.1 nm
+REVERSAL = "reversal"  # the key of values by direction; left out where there are none
 SAME = 2e-9  # m or rad, within which a correction that is computed anew is the same
 
 Corrections = Callable[[Array], Array]  # platform poses (n, 6) -> what is added to the drives there (n, d)
@@ -26,16 +27,18 @@ Corrections = Callable[[Array], Array]  # platform poses (n, 6) -> what is added
 
 @dataclass(frozen=True)
 class CorrectionSamples:
-    """Platform poses (n, 6) and corrections (n, d) there, m or rad."""
+    """Platform poses (n, 6) and corrections (n, d) there, m or rad; reversal (d,): values that are compensated too."""
 
     target_m: Array
     correction: Array
+    reversal: Array
 
     @classmethod
     def of(cls, machine: Machine, box: Array, corrections: Corrections) -> CorrectionSamples:
         """Spread over a box (k, 2) of the commanded coordinates."""
         target = sample_poses(machine, box)
-        return cls(target, np.round(corrections(target), DIGITS))
+        correction = np.round(corrections(target), DIGITS)
+        return cls(target, correction, np.zeros(correction.shape[1]))
 
     @property
     def crc(self) -> int:
@@ -48,19 +51,22 @@ class CorrectionSamples:
 
     def as_json(self) -> dict[str, Any]:
         """For the store."""
-        return {"target_m": self.target_m.tolist(), "correction": self.correction.tolist()}
+        turned = {REVERSAL: self.reversal.tolist()} if np.any(self.reversal) else {}
+        return {"target_m": self.target_m.tolist(), "correction": self.correction.tolist()} | turned
 
     @classmethod
     def of_json(cls, data: Mapping[str, Any]) -> CorrectionSamples:
         """From the store; InputError where it is damaged."""
         try:
             target, correction = (np.array(data[key], dtype=np.float64) for key in ("target_m", "correction"))
+            reversal = np.array(data.get(REVERSAL, [0.0] * correction.shape[-1]), dtype=np.float64)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError("the stored correction is damaged; see `pkm-rig audit`") from error
         shaped = target.ndim == correction.ndim == 2 and target.shape == (len(correction), 6) and len(target) > 0
-        if not (shaped and np.all(np.isfinite(target)) and np.all(np.isfinite(correction))):
+        finite = all(np.all(np.isfinite(values)) for values in (target, correction, reversal))
+        if not (shaped and finite and reversal.shape == correction.shape[1:]):
             raise InputError("the stored correction is damaged; see `pkm-rig audit`")
-        return cls(target, correction)
+        return cls(target, correction, reversal)
 
 
 def sample_poses(machine: Machine, box: Array) -> Array:

@@ -6,7 +6,7 @@ temperatures; the table is bilinear over the commanded positions of both drives.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -42,7 +42,8 @@ class CompensationTable:
 
     start_m, step_m (d,): grid of commanded positions, drive by drive; correction_m (d, N, N, ...): axis 1 + a is the
     commanded position of drive a. Add the correction to the command. interpolation_rms_m, interpolation_max_m: errors
-    of the tool's position that interpolation adds within the workspace.
+    of the tool's position that interpolation adds within the workspace. by_direction_m (d, 2): added as well after a
+    drive's motion in positive and in negative direction; the mean of both is zero.
     """
 
     start_m: Array
@@ -51,6 +52,14 @@ class CompensationTable:
     conditions: OperatingConditions
     interpolation_rms_m: float = float("nan")
     interpolation_max_m: float = float("nan")
+    by_direction_m: Array = field(default_factory=lambda: np.zeros((2, 2)))
+
+    def with_reversals(self, machine: Machine, reversal_m: Array) -> CompensationTable:
+        """Against reversal values (d,): half of it either side. InputError where a correction becomes too large."""
+        by_direction = 0.5 * np.stack([reversal_m, -reversal_m], axis=1)
+        largest = np.abs(self.correction_m).max(axis=(1, 2)) + np.abs(by_direction).max(axis=1)
+        require_size_and_slope(machine, largest[None], np.zeros((1, len(largest))))
+        return replace(self, by_direction_m=by_direction)
 
     @property
     def temperature_c(self) -> float:

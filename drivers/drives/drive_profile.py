@@ -40,7 +40,8 @@ class BankObjects:
 class CompensationObjects:
     """Objects of the compensation and of its banks 1 and 2; the partner's command and velocity arrive by RPDO2.
 
-    `trial`: time-out of a trial in ms; None if the drive cannot end one by itself.
+    `trial`: time-out of a trial in ms; None if the drive cannot end one by itself. `by_direction`: it reads images of
+    version 2, which have a value for each direction of motion.
     """
 
     mode: DriveObject
@@ -54,6 +55,7 @@ class CompensationObjects:
     partner_velocity: DriveObject
     banks: tuple[BankObjects, BankObjects]
     trial: DriveObject | None = None
+    by_direction: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ class DriveCapabilities:
     `table_bank`: it stores compensation tables and applies them. `homing`: it can be homed by this software and says
     whether that succeeded. `referenced_flag`: it says whether its position is referenced. `cyclic_position`: it has
     cyclic synchronous position mode. `watchdog`: it stops by itself when the master's heartbeat stays away. `trial`: it
-    then ends the use of a table that was not verified yet.
+    then ends the use of a table that was not verified yet. `tables_by_direction`: its tables may have a value for each
+    direction of motion.
     """
 
     table_bank: bool
@@ -72,6 +75,7 @@ class DriveCapabilities:
     cyclic_position: bool
     watchdog: bool
     trial: bool
+    tables_by_direction: bool
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,7 @@ class DriveProfile:
             cyclic_position=self.cyclic_position,
             watchdog=self.watchdog,
             trial=self.compensation is not None and self.compensation.trial is not None,
+            tables_by_direction=self.compensation is not None and self.compensation.by_direction,
         )
 
 
@@ -173,7 +178,8 @@ def _profile(table: Mapping[str, Any]) -> DriveProfile:
 
 
 def _compensation(table: Any) -> CompensationObjects:
-    _require_only_keys(table, {*_COMPENSATION, "partner_command", "partner_velocity", "banks", "trial"}, "compensation")
+    others = {"partner_command", "partner_velocity", "banks", "trial", "by_direction"}
+    _require_only_keys(table, {*_COMPENSATION, *others}, "compensation")
     banks = table.get("banks")
     if not isinstance(banks, list) or len(banks) != 2:
         raise _NotAProfile("compensation.banks: two are required")
@@ -191,6 +197,7 @@ def _compensation(table: Any) -> CompensationObjects:
         partner_velocity=_object(table.get("partner_velocity"), "partner's velocity"),
         banks=(first, second),
         trial=_object(table["trial"], "time-out of a trial") if "trial" in table else None,
+        by_direction=_require_type(table.get("by_direction", False), bool, "compensation.by_direction"),
     )
 
 

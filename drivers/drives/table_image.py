@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from drivers.errors import TableError
 
 MAGIC = b"PKMT"
-VERSION = 1
+VERSION, BY_DIRECTION = 1, 2  # of the image: the second has a value for each direction
 FEWEST, MOST = 2, 64
 _HEAD = struct.Struct("<4sHHIIi16siiHiiH")
+_SIDES = struct.Struct("<ii")
 _CRC = struct.Struct("<I")
 _INT32 = 2**31
 _UINT32 = 2**32
@@ -27,6 +28,8 @@ class TableImage:
     """One table: corrections in metres over both commanded positions, `corrections_m[own, partner]`.
 
     They are added to the command. `partner_metres_per_increment` of 0 means the value of the own axis.
+    up_m, down_m: added as well, after the drive's motion in positive and in negative direction; both 0: an image of
+    version 1, which every drive with a table bank reads.
     """
 
     node_id: int
@@ -41,6 +44,8 @@ class TableImage:
     corrections_m: NDArray[np.float64]
     metres_per_increment: float = 1e-8
     partner_metres_per_increment: float = 0.0
+    up_m: float = 0.0
+    down_m: float = 0.0
 
     @property
     def partner_increment_m(self) -> float:
@@ -82,10 +87,11 @@ def encode_table(image: TableImage) -> bytes:
         axes = (*own_axis, corrections.shape[0], *partner_axis, corrections.shape[1])
         payload_g, temperature_mdegc = _uint32(image.payload_kg * 1e3), _int32(image.temperature_c * 1e3)
         contents = (image.node_id, image.generation, payload_g, temperature_mdegc, image.machine_id)
-        head = _HEAD.pack(MAGIC, VERSION, *contents, *axes)
+        sides = (_int32(image.up_m / own_m), _int32(image.down_m / own_m))
+        head = _HEAD.pack(MAGIC, BY_DIRECTION if any(sides) else VERSION, *contents, *axes)
     except struct.error as error:
         raise _error(f"a number does not fit: {error}") from error
-    body = head + counts.astype("<i4").tobytes()
+    body = head + (_SIDES.pack(*sides) if any(sides) else b"") + counts.astype("<i4").tobytes()
     return body + _CRC.pack(zlib.crc32(body))
 
 
@@ -96,16 +102,18 @@ def decode_table(
     if image_crc(data) != zlib.crc32(data[: -_CRC.size]):
         raise _error("the CRC is wrong")
     magic, version, node_id, generation, payload, temperature, machine_id, *axes = _HEAD.unpack_from(data)
-    if magic != MAGIC or version != VERSION:
-        raise _error(f"no table of version {VERSION}")
+    if magic != MAGIC or version not in (VERSION, BY_DIRECTION):
+        raise _error(f"no table of version {VERSION} or {BY_DIRECTION}")
     own_start, own_step, own_count, partner_start, partner_step, partner_count = axes
     if not (FEWEST <= own_count <= MOST and FEWEST <= partner_count <= MOST):
         raise _error(f"a grid of {own_count} x {partner_count} points")
     if own_step <= 0 or partner_step <= 0:
         raise _error("a step is not positive")
-    if len(data) != _HEAD.size + 4 * own_count * partner_count + _CRC.size:
+    first = _HEAD.size + (_SIDES.size if version == BY_DIRECTION else 0)
+    if len(data) != first + 4 * own_count * partner_count + _CRC.size:
         raise _error(f"{len(data)} bytes do not match {own_count} x {partner_count} points")
-    counts = np.frombuffer(data, dtype="<i4", count=own_count * partner_count, offset=_HEAD.size)
+    up, down = _SIDES.unpack_from(data, _HEAD.size) if version == BY_DIRECTION else (0, 0)
+    counts = np.frombuffer(data, dtype="<i4", count=own_count * partner_count, offset=first)
     partner_m = partner_metres_per_increment or metres_per_increment
     return TableImage(
         node_id=node_id,
@@ -120,6 +128,8 @@ def decode_table(
         corrections_m=counts.reshape(own_count, partner_count) * metres_per_increment,
         metres_per_increment=metres_per_increment,
         partner_metres_per_increment=partner_metres_per_increment,
+        up_m=up * metres_per_increment,
+        down_m=down * metres_per_increment,
     )
 
 

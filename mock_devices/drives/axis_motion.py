@@ -2,7 +2,9 @@
 
 Positions are increments in command coordinates; the encoder counts command + correction - following error. The true
 position of the axis is its count plus a shift, which homing and a restart change (`recount`) while the axis does not
-move. A past time can be queried as long as its segment is kept. Not modelled: slip of the brake, noise of the encoder.
+move. A past time can be queried as long as its segment is kept. A table by direction takes the one in which the command
+has moved last, from the start of a motion on. Not modelled: slip of the brake, noise of the encoder, a ramp of the step
+at a reversal.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from mock_devices.plant.base_plant import SetPoint
 
 _KEPT = 8
 _INVERSIONS = 6
+_TURNED_INC = 100  # by which a command has to come back before its direction is another one
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,27 @@ class Dynamics:
 
 
 @dataclass(frozen=True)
+class Course:
+    """Direction in which the command has moved last (1, -1; 0: not yet), and how far it has come in it."""
+
+    direction: int = 0
+    farthest_inc: float = 0.0
+
+    def after(self, from_inc: float, to_inc: float) -> Course:
+        """The course after a motion; a direction turns only where the command comes back by more than a rounding."""
+        farthest_inc = self.farthest_inc if self.direction else from_inc
+        way_inc = to_inc - farthest_inc
+        if self.direction * way_inc > 0.0:
+            return Course(self.direction, to_inc)
+        if abs(way_inc) < _TURNED_INC:
+            return self
+        return Course(1 if way_inc > 0.0 else -1, to_inc)
+
+
+NOT_MOVED = Course()
+
+
+@dataclass(frozen=True)
 class _Segment:
     start_s: float
     profile: Profile
@@ -34,6 +58,7 @@ class _Segment:
     set_point: SetPoint
     braked_at_inc: float | None = None  # the encoder under the brake
     shift_inc: float = 0.0
+    course: Course = NOT_MOVED
 
     @property
     def end_s(self) -> float:
@@ -65,7 +90,7 @@ class AxisMotion:
         if segment.braked_at_inc is not None:
             return segment.braked_at_inc - segment.profile.following_error(t_s - segment.start_s)
         position = segment.profile.at(t_s - segment.start_s)[0]
-        return position + _correction(segment.table, position, partner_inc) - self.following_error(t_s)
+        return position + _correction(segment.table, position, partner_inc, segment.course) - self.following_error(t_s)
 
     def true_position_inc(self, t_s: float, partner_inc: float | None) -> float:
         """The true position of the axis, whatever the encoder counts."""
@@ -74,6 +99,11 @@ class AxisMotion:
     def set_point(self, t_s: float) -> SetPoint:
         """The set-point that was followed at `t_s`."""
         return self._at(t_s).set_point
+
+    @property
+    def course(self) -> Course:
+        """Of the last motion."""
+        return self._chain[-1].course
 
     def is_moving(self, t_s: float) -> bool:
         """Whether the command moves at `t_s` or a set-point waits."""
@@ -88,9 +118,11 @@ class AxisMotion:
         """Release the brake: the command becomes the one that keeps the encoder where it is."""
         last = self._chain[-1]
         encoder = self.encoder_inc(max(t_s, last.start_s), partner_inc)
-        position = command_for(encoder, table, partner_inc)
+        position = command_for(encoder, table, partner_inc, last.course)
         start_s = max(t_s, last.start_s)
-        self._append(_Segment(start_s, standstill(position), table, last.set_point, shift_inc=last.shift_inc))
+        self._append(
+            _Segment(start_s, standstill(position), table, last.set_point, shift_inc=last.shift_inc, course=last.course)
+        )
 
     def apply_brake(self, t_s: float, deceleration: float, partner_inc: float | None) -> None:
         """Stop with the given deceleration, then apply the brake."""
@@ -99,9 +131,9 @@ class AxisMotion:
         if last.braked_at_inc is not None:
             return
         position, start_s = last.profile.target, max(t_s, last.end_s)
-        encoder = position + _correction(last.table, position, partner_inc)
+        encoder = position + _correction(last.table, position, partner_inc, last.course)
         settling = standstill(position, last.profile.following_error(start_s - last.start_s))
-        self._append(_Segment(start_s, settling, last.table, last.set_point, encoder, last.shift_inc))
+        self._append(_Segment(start_s, settling, last.table, last.set_point, encoder, last.shift_inc, last.course))
 
     def recount(self, t_s: float, count_inc: float) -> None:
         """Count from `count_inc` on, without compensation; if the axis moves, from where it comes to rest."""
@@ -129,7 +161,8 @@ class AxisMotion:
             following_error=before.profile.following_error(start_s - before.start_s),
         )
         point = SetPoint(self._chain[-1].set_point.count + 1, target_inc)
-        self._append(_Segment(start_s, profile, before.table, point, shift_inc=before.shift_inc))
+        course = before.course.after(position, float(target_inc))
+        self._append(_Segment(start_s, profile, before.table, point, shift_inc=before.shift_inc, course=course))
 
     def stop(self, t_s: float, deceleration: float) -> None:
         """Stop at once; waiting set-points are dropped."""
@@ -139,7 +172,8 @@ class AxisMotion:
         position, velocity, _ = now.profile.at(t_s - now.start_s)
         following_error = now.profile.following_error(t_s - now.start_s)
         profile = decelerate_to_rest(position, velocity, deceleration=deceleration, following_error=following_error)
-        self._append(_Segment(t_s, profile, now.table, self._chain[-1].set_point, shift_inc=now.shift_inc))
+        course, set_point = now.course, self._chain[-1].set_point
+        self._append(_Segment(t_s, profile, now.table, set_point, shift_inc=now.shift_inc, course=course))
 
     def _append(self, segment: _Segment) -> None:
         chain = [old for old in self._chain if old.start_s < segment.start_s] or self._chain[:1]
@@ -156,15 +190,17 @@ class AxisMotion:
         return self._chain[0]
 
 
-def command_for(encoder_inc: float, table: Table | None, partner_inc: float | None) -> float:
+def command_for(
+    encoder_inc: float, table: Table | None, partner_inc: float | None, course: Course = NOT_MOVED
+) -> float:
     """The command that a table maps to an encoder position."""
     position = encoder_inc
     for _ in range(_INVERSIONS):
-        position = encoder_inc - _correction(table, position, partner_inc)
+        position = encoder_inc - _correction(table, position, partner_inc, course)
     return position
 
 
-def _correction(table: Table | None, position_inc: float, partner_inc: float | None) -> float:
+def _correction(table: Table | None, position_inc: float, partner_inc: float | None, course: Course) -> float:
     if table is None or partner_inc is None:
         return 0.0
-    return table.correction_inc(position_inc, partner_inc)
+    return table.correction_inc(position_inc, partner_inc, course.direction)

@@ -133,7 +133,9 @@ class DriveAxis:
         t_s = self._now_s()
         if self.powered:
             return self.motion.command(t_s)[0] - self.motion.following_error(t_s)
-        return command_for(self.encoder_inc(t_s), self.compensation.table_in_use, self.compensation.partner.command_inc)
+        compensation = self.compensation
+        partner_inc = compensation.partner.command_inc
+        return command_for(self.encoder_inc(t_s), compensation.table_in_use, partner_inc, self.motion.course)
 
     def demand_inc(self) -> float:
         """Object 0x6062: the command; where the axis stands if the motor is off."""

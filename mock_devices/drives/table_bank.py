@@ -10,6 +10,8 @@ from enum import IntEnum
 
 _HEAD = struct.Struct("<4sHHIIi16s")
 _AXIS = struct.Struct("<iiH")
+_SIDES = struct.Struct("<ii")
+_BY_DIRECTION = 2  # the version whose head goes on with a value for each direction
 _MAGIC = b"PKMT"
 _FEWEST, _MOST = 2, 64
 _INT32_MAX = 2**31 - 1
@@ -53,7 +55,10 @@ class GridAxis:
 
 @dataclass(frozen=True)
 class Table:
-    """A compensation table: corrections in increments, own index major."""
+    """A compensation table: corrections in increments, own index major.
+
+    up_inc, down_inc: added after the drive's motion in positive and in negative direction.
+    """
 
     node_id: int
     generation: int
@@ -64,15 +69,21 @@ class Table:
     partner: GridAxis
     corrections_inc: tuple[int, ...]
     crc: int
+    up_inc: int = 0
+    down_inc: int = 0
 
-    def correction_inc(self, own_inc: float, partner_inc: float) -> float:
-        """Bilinear correction; beyond the grid that of its edge (set-points there are refused)."""
+    def correction_inc(self, own_inc: float, partner_inc: float, direction: int = 0) -> float:
+        """Bilinear, and what the last `direction` adds (0: not moved yet, the mean of both).
+
+        Beyond the grid that of its edge (set-points there are refused).
+        """
         i, u = self.own.cell(own_inc)
         j, v = self.partner.cell(partner_inc)
         n, c = self.partner.count, self.corrections_inc
         low = c[i * n + j] * (1.0 - v) + c[i * n + j + 1] * v
         high = c[(i + 1) * n + j] * (1.0 - v) + c[(i + 1) * n + j + 1] * v
-        return low * (1.0 - u) + high * u
+        share_up = 0.5 * (1 + direction)
+        return low * (1.0 - u) + high * u + share_up * self.up_inc + (1.0 - share_up) * self.down_inc
 
     def covers(self, own_inc: float, partner_inc: float) -> bool:
         """Whether both positions are on the grid."""
@@ -89,14 +100,18 @@ def decode_image(image: bytes, node_id: int, machine_id: bytes) -> Table:
     if len(image) < _HEAD.size + 2 * _AXIS.size + 4:
         raise ImageError(f"{len(image)} bytes are too few")
     magic, version, node, generation, payload_g, mdegc, machine = _HEAD.unpack_from(image)
-    if magic != _MAGIC or version != 1:
-        raise ImageError("not a table of version 1")
+    if magic != _MAGIC or version not in (1, _BY_DIRECTION):
+        raise ImageError("not a table of version 1 or 2")
     own = GridAxis(*_AXIS.unpack_from(image, _HEAD.size))
     partner = GridAxis(*_AXIS.unpack_from(image, _HEAD.size + _AXIS.size))
     for axis in (own, partner):
         if not _FEWEST <= axis.count <= _MOST or axis.step_inc <= 0 or axis.end_inc > _INT32_MAX:
             raise ImageError(f"an axis of {axis.count} positions, {axis.step_inc} increments apart")
     first, number = _HEAD.size + 2 * _AXIS.size, own.count * partner.count
+    up_inc = down_inc = 0
+    if version == _BY_DIRECTION:
+        up_inc, down_inc = _SIDES.unpack_from(image, first)
+        first += _SIDES.size
     if len(image) != first + 4 * number + 4:
         raise ImageError(f"{len(image)} bytes do not hold {own.count} x {partner.count} corrections")
     (crc,) = struct.unpack_from("<I", image, len(image) - 4)
@@ -115,6 +130,8 @@ def decode_image(image: bytes, node_id: int, machine_id: bytes) -> Table:
         partner=partner,
         corrections_inc=corrections,
         crc=crc,
+        up_inc=up_inc,
+        down_inc=down_inc,
     )
 
 

@@ -18,6 +18,7 @@ from calibration.recording.recording import Recording
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures, noise_floor, scale_part, visit_figures
 from calibration.reduction.reduction import CALIBRATION, Reduction, reduce
 from pkm_rig.jobs.diagnose import try_diagnosis
+from pkm_rig.jobs.reversals import stored_reversals
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.results.outcome import CampaignOutcome, Decision, Verdict, VerificationResult, WrittenTable
 from pkm_rig.rig.schedule import Block
@@ -57,7 +58,9 @@ def _correction(identification: Calibration, activated: Mapping[str, Any]) -> Co
     """The correction of a stored event: tables, where it does not say otherwise."""
     payload, temperatures_c = activated["payload"], activated["temperatures_c"]
     if activated.get("back_end") != "host":
-        return table_for_payload(identification, payload, temperatures_c)
+        table = table_for_payload(identification, payload, temperatures_c)
+        machine = identification.report.machine
+        return table.with_reversals(machine, stored_reversals(activated, len(machine.drive_names)))
     return host_correction(identification, payload, temperatures_c)
 
 

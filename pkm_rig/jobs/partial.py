@@ -23,13 +23,14 @@ from calibration.model.operating_conditions import OperatingConditions
 from calibration.reduction.reduction import CALIBRATION
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.check_readings import groups_of, mean_temperatures_c, observe, plan_check
-from pkm_rig.jobs.former_correction import GROWTH, PRIOR, READINGS, verified_correction
+from pkm_rig.jobs.former_correction import GROWTH, PRIOR, READINGS, activated_events, verified_correction
 from pkm_rig.jobs.interim import require_station
 from pkm_rig.jobs.interval_settings import interval_settings
 from pkm_rig.jobs.life_record import add_identified, identified_data, key_of, utc_text
 from pkm_rig.jobs.partial_fit import fit_partly, growth_of, walk_of
 from pkm_rig.jobs.partial_verification import AFTER, BEFORE, PLAN, OnTrial, StepwiseVerification, Verified
 from pkm_rig.jobs.reference import Reference, load_reference
+from pkm_rig.jobs.reversals import stored_reversals
 from pkm_rig.results.callbacks import Notify, Progress
 from pkm_rig.rig.back_end import BackEnd, Correction, back_end_of
 from pkm_rig.rig.capabilities import uses_tables
@@ -154,11 +155,17 @@ class _Partial:
         measured = None if self.former is None else self.former.measured.widened(fit.visits)
         entry = rig.file.payloads[self.payload]
         conditions = OperatingConditions(entry.mass_kg, entry.com_m, rig.temperatures_c())
-        tables.use_new(back_end.build_partly(fit, report, conditions, measured))
+        correction = back_end.build_partly(fit, report, conditions, measured)
+        tables.use_new(back_end.against_reversals(correction, self._former_reversals(former)))
         visit(groups[0], AFTER)
         steps = StepwiseVerification(groups, visit, self.runner, self.reference, report, self.notify)
         grown = np.sqrt(np.diag(growth)[: len(self.reference.model.parameters)])
         return self._decide(judge, fit, steps.run(tables), tables, back_end, grown)
+
+    def _former_reversals(self, former: CalibrationFact) -> Array:
+        """Reversal values (d,) by the calibration that is brought up to date: a check's visits tell none."""
+        activated = activated_events(self.runner.store, former.id).get(self.payload, {})
+        return stored_reversals(activated, len(self.runner.rig.machine.drive_names))
 
     def _planned(self, former: CalibrationFact) -> tuple[list[PlannedVisit], Array]:
         """The visits that show what is asked for, and by what covariance (k, k) the unknowns may have changed."""

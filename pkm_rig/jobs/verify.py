@@ -18,6 +18,7 @@ from pkm_rig.jobs.diagnose import try_diagnosis
 from pkm_rig.jobs.former_correction import SAMPLES, former_correction
 from pkm_rig.jobs.life_record import key_of, note_devices, record_identified, verdict_data
 from pkm_rig.jobs.measure import go_on, planned_readings
+from pkm_rig.jobs.reversals import diagnosed_reversals
 from pkm_rig.jobs.setup_tie import PlannedReadings, tie_to_earlier_setups
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.results.callbacks import Notify, Progress
@@ -116,6 +117,7 @@ def verify_tables(
         runner.run(verification(runner.devices, block, "verification_before"), "verification before")
         temperatures = rig.temperatures_c()
         correction = back_end.build(identification, payload, temperatures)
+        correction = back_end.against_reversals(correction, diagnosed_reversals(diagnosis, rig.machine))
         samples = back_end.samples(correction)
         former, change_m = former_correction(rig, store, campaign, payload), None
         if former is not None:

@@ -78,7 +78,7 @@ def largest_difference_m(a: TableImage, b: TableImage) -> float:
         RegularGridInterpolator(axes, table.corrections_m)(np.clip(points, [x[0] for x in axes], [x[-1] for x in axes]))
         for table, axes in zip((a, b), nodes, strict=True)
     )
-    return float(np.max(np.abs(at_a - at_b)))
+    return float(np.max(np.abs(at_a - at_b))) + max(abs(a.up_m - b.up_m), abs(a.down_m - b.down_m))
 
 
 def _nodes_m(table: TableImage) -> tuple[Array, Array]:

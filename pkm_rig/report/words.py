@@ -159,6 +159,7 @@ CATALOGUE: dict[str, Words] = {
     "repeatability_rp": Words("repeatability RP", "Wiederholgenauigkeit RP"),
     "computed_for": Words("computed for", "berechnet für"),
     "largest_correction": Words("largest correction", "größte Korrektur"),
+    "reversal_value": Words("reversal value", "Umkehrspanne"),
     "drive": Words("drive", "Antrieb"),
     "generation": Words("generation", "Generation"),
     "active": Words("active when verified", "aktiv bei der Prüfung"),

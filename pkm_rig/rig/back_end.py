@@ -52,6 +52,16 @@ class BackEnd(ABC):
     ) -> Correction:
         """The correction by a calibration that was brought up to date; measured: the range of both, where it counts."""
 
+    def against_reversals(self, correction: Correction, reversal_m: Array) -> Correction:
+        """It with values for each direction against reversal values (d,) of the drives, where it can have such."""
+        del reversal_m
+        return correction
+
+    def reversals(self, correction: Correction) -> Array:
+        """Reversal values (d,) that it compensates."""
+        del correction
+        return np.zeros(len(self.rig.machine.drive_names))
+
     @abstractmethod
     def use_former(self, former: HostCorrection | None) -> None:
         """Have what was before act again, within the change: to measure with it. former: the host's, if it had one."""
@@ -84,7 +94,7 @@ class BackEnd(ABC):
     def samples(self, correction: Correction) -> CorrectionSamples:
         """It at some poses, for the store. InputError where it is too large, or changes too fast along a drive."""
         machine, (corrections, box) = self.rig.machine, self.corrections(correction)
-        samples = CorrectionSamples.of(machine, box, corrections)
+        samples = replace(CorrectionSamples.of(machine, box, corrections), reversal=self.reversals(correction))
         require_size_and_slope(machine, samples.correction, slopes_of(machine, box, corrections))
         return samples
 
@@ -95,7 +105,9 @@ class BackEnd(ABC):
         inside = np.all((commanded >= box[:, 0]) & (commanded <= box[:, 1]), axis=1)
         if not np.any(inside):
             return np.zeros((0, former.correction.shape[1]))
-        return corrections(former.target_m[inside]) - former.correction[inside]
+        change = corrections(former.target_m[inside]) - former.correction[inside]
+        turned = 0.5 * np.abs(self.reversals(correction) - former.reversal)
+        return np.asarray(change + np.copysign(turned, change))
 
     def change_since(self, correction: Correction, former: CorrectionSamples, source: str, *, accept: bool) -> float:
         """The largest change (m or rad) since a former correction; InputError for one too large, unless accepted."""
@@ -127,6 +139,19 @@ class DriveTables(BackEnd):
         del measured
         return build_table(fit, report, conditions)
 
+    def against_reversals(self, correction: Correction, reversal_m: Array) -> Correction:
+        """A table by direction, if all drives read such."""
+        if not isinstance(correction, CompensationTable):
+            raise TypeError("a table is needed")
+        can = all(bank.objects.by_direction for bank in self.rig.banks)
+        return correction.with_reversals(self.rig.machine, reversal_m) if can and np.any(reversal_m) else correction
+
+    def reversals(self, correction: Correction) -> Array:
+        """Half of each value either side."""
+        if not isinstance(correction, CompensationTable):
+            raise TypeError("a table is needed")
+        return np.asarray(correction.by_direction_m[:, 0] - correction.by_direction_m[:, 1])
+
     def use_former(self, former: HostCorrection | None) -> None:
         """The drives' former tables, or none."""
         del former
@@ -139,9 +164,11 @@ class DriveTables(BackEnd):
             return None
         points = correction.correction_m.shape[1]
         rms_m, most_m = correction.interpolation_rms_m, correction.interpolation_max_m
+        names = zip(self.rig.machine.drive_names, self.reversals(correction), strict=True)
+        turned = ", ".join(f"{name} {value * 1e6:.1f} um" for name, value in names if value)
         return (
             f"tables of {points} x {points} nodes: interpolation adds {rms_m * 1e6:.2f} um RMS, {most_m * 1e6:.2f} um "
-            "at most"
+            f"at most{f'; by direction, against reversal values: {turned}' if turned else ''}"
         )
 
     def try_out(self, correction: Correction) -> dict[str, dict[str, Any]]:
@@ -151,7 +178,8 @@ class DriveTables(BackEnd):
         states = self.change.compensate(self.rig.images(correction, self.rig.next_generation()))
         return {
             drive.name: {"generation": state.generation, "crc": state.crc, "active": state.valid}
-            for drive, state in zip(self.rig.file.drives, states, strict=True)
+            | ({"reversal_m": float(value)} if value else {})
+            for drive, state, value in zip(self.rig.file.drives, states, self.reversals(correction), strict=True)
         }
 
     def corrections(self, correction: Correction) -> tuple[Corrections, Array]:

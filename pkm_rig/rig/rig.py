@@ -16,7 +16,7 @@ from drivers.drives.cia402 import CYCLIC_POSITION
 from drivers.drives.drive_group import DriveGroup
 from drivers.drives.table_bank import CompensationMode, CompensationState, TableBank
 from drivers.drives.table_group import bring_to, switch_off, use_on_trial
-from drivers.drives.table_image import TableImage, encode_table, machine_id_of
+from drivers.drives.table_image import TableImage, encode_table
 from drivers.errors import DeviceError, PlcError, Stopped, TableError
 from drivers.plc.plc import Plc
 from drivers.station.laser_tracker import LaserTracker
@@ -28,6 +28,7 @@ from pkm_rig.rig.observer import Observer, Unobserved
 from pkm_rig.rig.operator import Nobody, Operator
 from pkm_rig.rig.station_air import StationAir
 from pkm_rig.rig.supervision import Supervisor
+from pkm_rig.rig.table_images import table_images
 from pkm_rig.rig.unread_drives import UnreadDrives
 
 PLC_POLL_S = 1.0
@@ -302,27 +303,8 @@ class Rig:
         return max((bank.state().next_generation for bank in self.banks), default=1)
 
     def images(self, table: CompensationTable, generation: int) -> list[TableImage]:
-        """A table as images, one a drive: own axis first, then the partner's."""
-        out = []
-        for axis, drive in enumerate(self.file.drives):
-            partner = 1 - axis
-            corrections = table.correction_m[axis]
-            out.append(
-                TableImage(
-                    node_id=drive.node_id,
-                    generation=generation,
-                    payload_kg=table.conditions.payload_kg,
-                    temperature_c=table.temperature_c,
-                    machine_id=machine_id_of(self.machine.name),
-                    own_start_m=float(table.start_m[axis]),
-                    own_step_m=float(table.step_m[axis]),
-                    partner_start_m=float(table.start_m[partner]),
-                    partner_step_m=float(table.step_m[partner]),
-                    corrections_m=corrections if axis == 0 else corrections.T,
-                    metres_per_increment=drive.per_increment,
-                )
-            )
-        return out
+        """A table as images, one a drive."""
+        return table_images(self.file, self.machine, table, generation)
 
     # --- context
 

@@ -32,10 +32,10 @@ def test_the_mocks_profile_is_the_documents() -> None:
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("pkm-mock", DriveCapabilities(True, True, True, True, True, True)),
-        ("plain-402", DriveCapabilities(False, False, False, True, True, False)),
-        ("example-high-index", DriveCapabilities(True, True, True, True, True, False)),
-        ("example-array", DriveCapabilities(True, False, False, True, False, False)),
+        ("pkm-mock", DriveCapabilities(True, True, True, True, True, True, True)),
+        ("plain-402", DriveCapabilities(False, False, False, True, True, False, False)),
+        ("example-high-index", DriveCapabilities(True, True, True, True, True, False, False)),
+        ("example-array", DriveCapabilities(True, False, False, True, False, False, False)),
     ],
 )
 def test_what_a_make_can_do_is_known_without_a_drive(name: str, expected: DriveCapabilities) -> None:

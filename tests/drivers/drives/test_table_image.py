@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from drivers.drives.table_image import TableImage, decode_table, encode_table, image_crc, machine_id_of
 from drivers.errors import TableError
+from mock_devices.drives import table_bank as mock_bank
 
 
 def make_image(corrections: np.ndarray | None = None, **changes: object) -> TableImage:
@@ -40,6 +41,25 @@ def test_golden_bytes() -> None:
     assert struct.unpack_from("<6i", data, 56) == (0, 100, 200, 300, 400, 500)
     assert len(data) == 56 + 24 + 4
     assert image_crc(data) == zlib.crc32(data[:-4])
+
+
+def test_golden_bytes_by_direction() -> None:
+    data = encode_table(make_image(up_m=15e-6, down_m=-7e-6))
+    assert struct.unpack_from("<H", data, 4) == (2,)
+    assert struct.unpack_from("<ii", data, 56) == (1500, -700)
+    assert struct.unpack_from("<6i", data, 64) == (0, 100, 200, 300, 400, 500)
+    assert len(data) == 64 + 24 + 4
+    back = decode_table(data)
+    assert (back.up_m, back.down_m) == pytest.approx((15e-6, -7e-6))
+    assert np.array_equal(back.corrections_m, decode_table(encode_table(make_image())).corrections_m)
+
+
+def test_the_mock_reads_both_versions_as_they_are_written() -> None:
+    for sides in ((0.0, 0.0), (15e-6, -7e-6)):
+        image = make_image(up_m=sides[0], down_m=sides[1])
+        read = mock_bank.decode_image(encode_table(image), 1, image.machine_id)
+        assert (read.up_inc * 1e-8, read.down_inc * 1e-8) == pytest.approx(sides)
+        np.testing.assert_allclose(np.reshape(read.corrections_inc, (2, 3)) * 1e-8, image.corrections_m)
 
 
 @given(
@@ -108,6 +128,8 @@ def test_a_whole_crc_over_nonsense(offset: int, layout: str, value: int) -> None
         {"machine_id": b"short"},
         {"node_id": 70_000},
         {"generation": -1},
+        {"up_m": float("nan")},
+        {"down_m": 1e9},
         {"metres_per_increment": 0.0},
     ],
 )

@@ -40,8 +40,8 @@ class Axis:
     def status(self, bit):
         return bool(self.axis.statusword() & bit)
 
-    def load(self, corrections, payload_g=0):
-        self.compensation.banks[1].write(image(corrections, payload_g=payload_g))
+    def load(self, corrections, payload_g=0, sides=None):
+        self.compensation.banks[1].write(image(corrections, payload_g=payload_g, sides=sides))
         self.compensation.activate(1, self.axis.powered)
         self.compensation.set_mode(1, self.axis.powered)
         self.compensation.payload_g = payload_g
@@ -189,6 +189,45 @@ def test_compensation_adds_the_table_to_the_command_all_the_way(axis):
     assert axis.axis.actual_inc() == pytest.approx(130_000_000)
     axis.axis.control(0x00)  # under the brake the command coordinate stays
     assert axis.axis.actual_inc() == pytest.approx(130_000_000, abs=1e-3)
+
+
+def test_a_table_by_direction_adds_what_the_last_motion_asks_for(axis):
+    corrections = np.add.outer(1000 * np.arange(17), 300 * np.arange(17))
+    axis.load(corrections, sides=(2000, -1200))
+    axis.partner(60_000_000)
+    axis.enable()
+    grid = axis.compensation.table.correction_inc  # without a direction the mean of both is in it
+
+    def stands_at(target):
+        axis.go(target)
+        axis.t_s = axis.axis.motion.end_s + 1.0
+        return axis.axis.encoder_inc(axis.t_s) - target - (grid(target, 60_000_000) - 400.0)
+
+    assert axis.axis.encoder_inc(0.0) == pytest.approx(START)  # no jump when it takes over
+    assert stands_at(110_000_000) == pytest.approx(2000.0)
+    assert stands_at(120_000_000) == pytest.approx(2000.0)
+    assert stands_at(119_999_950) == pytest.approx(2000.0)  # a rounding, no reversal
+    assert stands_at(115_000_000) == pytest.approx(-1200.0)
+    encoder = axis.axis.encoder_inc(axis.t_s)
+    axis.axis.control(0x00)  # the brake, and power again: the direction is not forgotten
+    axis.t_s += 1.0
+    assert axis.axis.actual_inc() == pytest.approx(115_000_000, abs=1e-3)
+    axis.enable()
+    assert axis.axis.encoder_inc(axis.t_s) == pytest.approx(encoder)
+    assert axis.axis.demand_inc() == pytest.approx(115_000_000, abs=1e-3)
+    assert stands_at(115_000_000 - 120) == pytest.approx(-1200.0)
+    assert stands_at(116_000_000) == pytest.approx(2000.0)
+
+
+def test_small_steps_back_add_up_to_a_reversal(axis):
+    axis.load(np.zeros((17, 17)), sides=(2000, -2000))
+    axis.partner(60_000_000)
+    axis.enable().go(110_000_000)
+    for target in range(109_999_960, 109_999_800, -40):
+        axis.t_s = axis.axis.motion.end_s + 1.0
+        axis.go(target)
+        expected = 2000.0 if 110_000_000 - target < 100 else -2000.0
+        assert axis.axis.encoder_inc(axis.axis.motion.end_s + 1.0) - target == pytest.approx(expected)
 
 
 def test_a_table_for_another_payload_refuses_targets_and_set_points(axis):

@@ -35,6 +35,16 @@ def test_interpolation_agrees_with_scipy_inside_and_at_the_ends():
         assert table.covers(*point)
 
 
+def test_an_image_by_direction_has_a_value_for_each():
+    plain = decode_image(image(CORRECTIONS), 1, MACHINE_ID)
+    table = decode_image(image(CORRECTIONS, sides=(1500, -700)), 1, MACHINE_ID)
+    assert table.corrections_inc == plain.corrections_inc
+    point = (40_000_000, 45_000_000)
+    for direction, more in ((1, 1500), (-1, -700), (0, 400)):
+        assert table.correction_inc(*point, direction) == pytest.approx(plain.correction_inc(*point) + more)
+    assert plain.correction_inc(*point, 1) == plain.correction_inc(*point, -1)
+
+
 def test_beyond_the_grid_there_is_no_cover_and_the_edge_counts():
     table = decode_image(image(CORRECTIONS), 1, MACHINE_ID)
     assert not table.covers(31_999_999, 40_000_000)
@@ -52,13 +62,14 @@ def test_beyond_the_grid_there_is_no_cover_and_the_edge_counts():
         lambda i: i[:60] + bytes([i[60] ^ 1]) + i[61:],
         lambda i: sealed(b"PKMX" + i[4:-4]),
         lambda i: sealed(i[:4] + b"\x02\x00" + i[6:-4]),
+        lambda i: sealed(i[:4] + b"\x03\x00" + i[6:-4]),
         lambda i: sealed(i[:6] + b"\x02\x00" + i[8:-4]),
         lambda i: sealed(i[:20] + bytes(16) + i[36:-4]),
         lambda i: sealed(i[:40] + bytes(4) + i[44:-4]),
         lambda i: sealed(i[:44] + b"\x01\x00" + i[46:-4]),
         lambda i: sealed(i[:44] + b"\x41\x00" + i[46:-4]),
     ],
-    ids=["empty", "short", "long", "bit", "magic", "version", "node", "machine", "step", "few", "many"],
+    ids=["empty", "short", "long", "bit", "magic", "no-sides", "version", "node", "machine", "step", "few", "many"],
 )
 def test_a_damaged_or_foreign_image_is_refused_and_kept_as_such(damage):
     bad = damage(image(CORRECTIONS))

@@ -29,7 +29,8 @@ from pkm_rig.store.store import open_store
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
 from tests.pkm_rig.conftest import silent
 
-SAMPLED = CorrectionSamples(np.zeros((2, 6)), np.array([[2e-5, -1e-5, 0.0, 3e-5], [1e-5, 4e-5, 0.0, -3e-5]]))
+CORRECTION = np.array([[2e-5, -1e-5, 0.0, 3e-5], [1e-5, 4e-5, 0.0, -3e-5]])
+SAMPLED = CorrectionSamples(np.zeros((2, 6)), CORRECTION, np.zeros(4))
 
 
 @pytest.fixture(scope="module")

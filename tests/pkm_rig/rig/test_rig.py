@@ -37,6 +37,21 @@ def test_compensation_moves_the_encoder_and_not_the_command(short_rig):
     np.testing.assert_allclose(encoders, CENTRE + 50e-6, atol=1e-7)
 
 
+def test_a_table_by_direction_moves_the_encoder_by_the_side_it_comes_from(short_rig):
+    mock, rig = short_rig
+    rig.enable()
+    table = flat_table(0.0).with_reversals(rig.machine, np.array([30e-6, 0.0]))
+    write(rig, table)
+    for bank, up_m in zip(rig.banks, (15e-6, 0.0), strict=True):
+        assert bank.read_image(bank.state().active).up_m == pytest.approx(up_m)
+    for from_m, added_m in ((-0.02, 65e-6), (0.02, 35e-6)):
+        rig.move(CENTRE + from_m, 0.2)
+        rig.move(CENTRE, 0.2)
+        np.testing.assert_allclose(rig.positions_m(), CENTRE, atol=1e-7)
+        encoders = [drive.encoder_m(rig.clock.now_s()) for drive in mock.drives]
+        np.testing.assert_allclose(encoders, CENTRE + np.array([added_m, 50e-6]), atol=1e-7)
+
+
 def test_a_table_for_another_payload_is_not_left_on(short_rig):
     mock, rig = short_rig
     rig.enable()
@@ -146,3 +161,37 @@ def test_drives_without_a_table_bank_can_be_moved_but_not_compensated():
         rig.compensate(None)
         with pytest.raises(TableError, match="no table bank"):
             rig.compensate(rig.images(flat_table(0.0, 0.0), rig.next_generation()))
+
+
+def reflectors_m(mock, rig):
+    """Where the plant has the platform's reflectors (n, 3), without noise, in the station's frame."""
+    seen = [s.polar for s in mock.plant.sightings(rig.clock.now_s()) if s.name.startswith("P")]
+    across = [p.distance_m * np.sin(p.v_rad) for p in seen]
+    return np.array(
+        [
+            (a * np.sin(p.hz_rad), a * np.cos(p.hz_rad), p.distance_m * np.cos(p.v_rad))
+            for a, p in zip(across, seen, strict=True)
+        ]
+    )
+
+
+def test_a_table_by_direction_takes_the_plants_backlash_away():
+    file, machine = short_rig_file()
+    backlash = ("backlash=3e-5,place=left", "backlash=2e-5,place=right")
+    file = file.model_copy(update={"mock": file.mock.model_copy(update={"effects": backlash})})
+    apart_m = {}
+    with mock_and_rig(file, machine) as (mock, rig):
+        rig.enable()
+        for kind, table in (
+            ("single", flat_table(0.0)),
+            ("by direction", flat_table(0.0).with_reversals(machine, np.array([3e-5, 2e-5]))),
+        ):
+            write(rig, table)
+            seen = []
+            for from_m in (-0.01, 0.01):
+                rig.move(CENTRE + from_m, 0.2)
+                rig.move(CENTRE, 0.2)
+                seen.append(reflectors_m(mock, rig))
+            apart_m[kind] = np.linalg.norm(seen[1] - seen[0], axis=1).max()
+    assert apart_m["single"] > 2e-5
+    assert apart_m["by direction"] < 1e-6  # what the station has drifted meanwhile

@@ -61,13 +61,22 @@ class Correction:
     check: Samples
 
     @classmethod
-    def sampled(cls, machine: Machine, error: ToolError, box: Array | None = None) -> Correction:
-        """The correction that takes `error` away, within a box (k, 2) or the workspace."""
+    def sampled(
+        cls,
+        machine: Machine,
+        error: ToolError,
+        box: Array | None = None,
+        shift: Callable[[Array], Array] | None = None,
+    ) -> Correction:
+        """The correction that takes `error` away, within a box (k, 2) or the workspace.
+
+        shift: of the drives (n, d) at poses (n, 6), to which it is nearest (see `correct_drives`).
+        """
         box = machine.commanded_limits if box is None else box
         fitted, check = fit_targets(machine, box), check_targets(machine, box)
         target = np.concatenate([fitted, check])
         nominal = nominal_drives(machine, target)
-        corrected = correct_drives(machine, error, target)
+        corrected = correct_drives(machine, error, target, None if shift is None else shift(target))
         good = np.all(np.isfinite(corrected), axis=1)
         if np.mean(good) < MIN_SOLVED_SHARE:
             raise InputError(

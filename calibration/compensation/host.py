@@ -94,10 +94,15 @@ def host_correction(calibration: Calibration, payload: int, temperatures_c: dict
     """The correction for a payload of the rig's list at some temperatures; InputError beyond what was measured."""
     conditions = calibration.operating_conditions(payload, temperatures_c)
     measured = MeasuredRange.of(calibration)
+    return correction_by(calibration.fit, calibration.report, conditions, measured)
+
+
+def correction_by(
+    fit: Fit, report: ReportFrame, conditions: OperatingConditions, measured: MeasuredRange
+) -> HostCorrection:
+    """The same by a fit, whole or one that brings a former one up to date: with a free part where there is one."""
     measured.require(conditions)
-    fit, report = calibration.fit, calibration.report
-    is_free = report.machine.redundantly_actuated
-    free = find_free_part(fit, report, conditions, measured.box) if is_free else None
+    free = find_free_part(fit, report, conditions, measured.box) if report.machine.redundantly_actuated else None
     return HostCorrection(fit, report, conditions, measured, free)
 
 

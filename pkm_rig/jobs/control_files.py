@@ -18,11 +18,11 @@ from calibration.compensation.decomposition import DriveTables, Loss, correction
 from calibration.compensation.error_map import predicted_errors
 from calibration.compensation.formats.catalogue import FORMATS, table_format
 from calibration.compensation.formats.control import ControlFiles, Order, TableFormat, axis_names
+from calibration.compensation.free_part import find_free_part
 from calibration.compensation.kinematics.catalogue import KINEMATICS
 from calibration.compensation.limits import (
     FormerCorrection,
     check_change,
-    check_size_and_slope,
     micro_unit,
 )
 from calibration.compensation.measured_range import MeasuredRange
@@ -33,6 +33,7 @@ from calibration.model.operating_conditions import OperatingConditions
 from calibration.recording.recording import Recording
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.errors import CampaignRefused
+from pkm_rig.jobs.file_correction import Build, FileCorrection
 from pkm_rig.report.maps import error_fields, error_maps
 from pkm_rig.report.pictures import save_png
 from pkm_rig.results.callbacks import Notify
@@ -131,19 +132,20 @@ def write_control_files(
     axes = axis_names(form, control, choice.axes, recording.machine)
     identified = IdentifiedLoad.of(recording, payload)
     machine = identified.machine
-    correction = Correction.sampled(machine, identified.error(), identified.box)
-    made = form.build(Order(correction, control, axes, identified.notes()))
-    loss = Loss.of(made.tables, correction.check.drives, correction.check.correction)
-    for line in loss_lines(machine, loss):
+    written, smallest, forces_n = _carried(
+        identified, lambda c: form.build(Order(c, control, axes, identified.notes()))
+    )
+    correction, made, loss = written.correction, written.made, written.loss
+    for line in (*loss_lines(machine, loss), *_force_lines(written, forces_n)):
         notify(line)
     folder = campaign_folder(out, recording.file.campaign) / f"{form.name}-payload-{payload}"
-    check_size_and_slope(machine, made.tables, correction.check.drives)
     former = find_former(folder, machine, identified.load.payload_kg)
     change = check_change(machine, made.tables, former, accept=choice.accept_change)
-    if loss.remaining_share > 1.0 - LEAST_REMOVED and not choice.accept_loss:
+    if smallest.loss.remaining_share > 1.0 - LEAST_REMOVED and not choice.accept_loss:
         raise CampaignRefused(
-            f"format {form.name}: it would remove {1.0 - loss.remaining_share:.0%} of the predicted correction's RMS "
-            f"on this machine, less than {LEAST_REMOVED:.0%}; choose another format or give --accept-loss"
+            f"format {form.name}: it would remove {1.0 - smallest.loss.remaining_share:.0%} of the predicted "
+            f"correction's RMS on this machine, less than {LEAST_REMOVED:.0%}; choose another format or give "
+            "--accept-loss"
         )
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in made.files.items():
@@ -151,10 +153,37 @@ def write_control_files(
     _draw_map(identified, made.tables, folder, choice)
     (folder / WRITTEN).write_text(_written(machine, identified, made.tables, correction), encoding="utf-8")
     return _result(identified, form, control.title, axes, made, loss, change) | {
-        "tool_position_rms_m": _tool_rms(machine, identified.error(), made.tables, correction),
+        "tool_position_rms_m": written.tool_rms_m,
+        "strut_force_rms_n": forces_n,
         "uncertain_share": uncertain_share(identified, correction),
         "folder": str(folder),
     }
+
+
+def _carried(
+    identified: IdentifiedLoad, build: Build
+) -> tuple[FileCorrection, FileCorrection, dict[str, float] | None]:
+    """What is written, the smallest correction in the same format, and forces where drives can strain the machine."""
+    machine, error, box = identified.machine, identified.error(), identified.box
+    smallest = FileCorrection.of(machine, error, box, build, None)
+    if not machine.redundantly_actuated:
+        return smallest, smallest, None
+    fit = identified.calibration.fit
+    free = find_free_part(fit, identified.calibration.report, identified.load, box)
+    written = smallest.or_with(machine, error, build, free)
+    return written, smallest, written.forces_n(fit, identified.load)
+
+
+def _force_lines(written: FileCorrection, forces_n: dict[str, float] | None) -> tuple[str, ...]:
+    """Predicted strut forces in words, where there are more drives than commanded coordinates."""
+    if forces_n is None:
+        return ()
+    how = (
+        "the format's tables do not hold what would take it away"
+        if written.free is None
+        else "internal force taken away"
+    )
+    return (f"predicted strut forces: {forces_n['before']:.0f} N RMS; corrected {forces_n['after']:.0f} N ({how})",)
 
 
 def _draw_map(identified: IdentifiedLoad, tables: tuple[DriveTables, ...], folder: Path, choice: Choice) -> None:
@@ -215,17 +244,6 @@ def _result(
         "removed_share": 1.0 - loss.remaining_share,
         "largest_change": change,
     }
-
-
-def _tool_rms(
-    machine: Machine, error: ToolError, tables: tuple[DriveTables, ...], correction: Correction
-) -> dict[str, float]:
-    """Predicted position error of the tool in the commanded translations, without and with the tables."""
-    check = correction.check
-    moves = machine.commanded[machine.commanded < 3]
-    drives = (check.drives, check.drives + corrections_at(tables, check.drives))
-    before, after = (float(np.sqrt(np.mean(np.sum(error(q, check.target_m)[:, moves] ** 2, axis=1)))) for q in drives)
-    return {"before": before, "after": after}
 
 
 def uncertain_share(identified: IdentifiedLoad, correction: Correction) -> float:

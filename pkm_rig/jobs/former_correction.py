@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.base.errors import InputError
-from calibration.compensation.host import HostCorrection, host_correction
+from calibration.compensation.host import HostCorrection, correction_by, host_correction
 from calibration.compensation.measured_range import MeasuredRange
 from calibration.compensation.samples import SAME, CorrectionSamples
 from calibration.identification.calibration import identify_recording
@@ -89,4 +89,4 @@ def _brought_up_to_date(
     entry = file.payloads[payload]
     conditions = OperatingConditions(entry.mass_kg, entry.com_m, dict(found["temperatures_c"]))
     measured = MeasuredRange.of_json(machine, found[MEASURED])
-    return HostCorrection(fit, prior.report_frame(fit.frame), conditions, measured)
+    return correction_by(fit, prior.report_frame(fit.frame), conditions, measured)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.compensation.host import HostCorrection, host_correction
+from calibration.compensation.host import HostCorrection, correction_by, host_correction
 from calibration.compensation.limits import require_change, require_size_and_slope
 from calibration.compensation.measured_range import MeasuredRange
 from calibration.compensation.samples import Corrections, CorrectionSamples, slopes_of
@@ -226,8 +226,7 @@ class Host(BackEnd):
         """The same. InputError beyond the range."""
         if measured is None:
             raise TypeError("a correction by the host is for what was measured")
-        measured.require(conditions)
-        return HostCorrection(fit, report, conditions, measured)
+        return correction_by(fit, report, conditions, measured)
 
     def use_former(self, former: HostCorrection | None) -> None:
         """The host's former correction, or none."""

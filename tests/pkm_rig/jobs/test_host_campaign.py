@@ -7,11 +7,13 @@ from __future__ import annotations
 import re
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.compensation.free_part import MOST_GROWTH
 from calibration.machine.inverse import nominal_closure, nominal_drives
 from pkm_rig.errors import CampaignRefused
 from pkm_rig.jobs.calibrate import calibrate
@@ -184,6 +186,23 @@ def test_what_was_brought_up_to_date_is_the_same_when_it_is_fitted_anew(calibrat
     jac = jac[:, rows.machine.commanded]
     lost = LOST_RAD * jac[:, :, 0]
     assert np.einsum("nkd,nd->nk", jac, new - former) == pytest.approx(lost, abs=0.2 * np.abs(lost).max())
+
+
+def test_internal_force_is_taken_away_as_by_a_whole_calibration(calibrated, proposed):
+    """By its own model: less than without a free part, and the tool's uncertainty within what that may cost."""
+    _, store, outcome = calibrated
+    for campaign in (outcome.campaign, proposed[0].campaign):
+        correction, target_m = (
+            verified_correction(store, campaign, 0),
+            store.recording(campaign).rows(AFTER).targets_m(),
+        )
+        assert correction.free is not None
+        assert 0.0 < correction.free.u_growth <= MOST_GROWTH
+        with_free, without = (
+            np.sqrt(np.mean(each.forces_n(each.drives(target_m), target_m) ** 2))
+            for each in (correction, replace(correction, free=None))
+        )
+        assert with_free < without
 
 
 def test_a_proposal_is_approved_checked_with_and_taken_back(calibrated, proposed):

@@ -9,10 +9,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import rfft
 
 from calibration.base.arrays import Array
 
-SHORTEST_M = 1.0e-5
+SHORTEST_M = 2.0e-6
+CELLS_PER_PERIOD = 4
+STEPS_M = (1.0e-5, 5.0e-6, 2.0e-6, 1.0e-6)  # by which a display or a file may round positions
 OVERSAMPLING = 1.6
 MAX_PEAKS = 8
 MAX_PEAKS_PER_OCTAVE = 2  # among few positions, aliases at short periods outnumber the true one and outdo it by chance
@@ -32,15 +36,23 @@ class Periodogram:
     def from_scores(cls, position_m: Array, score: Array, information: float) -> Periodogram:
         """Power is the likelihood ratio statistic of a sine: 2 on average for pure noise."""
         span = max(float(np.ptp(position_m)), 1e-6)
-        step = 0.25 * SHORTEST_M
+        step = SHORTEST_M / CELLS_PER_PERIOD
         size = 2 ** int(np.ceil(np.log2(OVERSAMPLING * span / step)))
-        grid = np.zeros(size)
+        grid = np.zeros(size, dtype=np.float32)  # peaks are refined by direct sums
         cell = np.round((position_m - position_m.min()) / step).astype(np.intp)
         np.add.at(grid, cell, score)
-        spectrum = np.fft.rfft(grid)
+        spectrum = rfft(grid)
         frequency = np.arange(len(spectrum)) / (size * step)
-        power = 2.0 * np.abs(spectrum) ** 2 / max(information, 1e-300)
+        power = (spectrum.real**2 + spectrum.imag**2).astype(np.float64) * (2.0 / max(information, 1e-300))
         return cls(frequency, power, position_m, score, information)
+
+    @cached_property
+    def shortest_m(self) -> float:
+        """Shortest period that the positions resolve: four steps of what rounds them."""
+        for step in STEPS_M:
+            if np.all(np.abs(self.position_m / step - np.round(self.position_m / step)) < 1e-3):
+                return max(SHORTEST_M, CELLS_PER_PERIOD * step)
+        return SHORTEST_M
 
     @property
     def resolution(self) -> float:
@@ -50,18 +62,21 @@ class Periodogram:
     def strongest_periods(self, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
         """Periods (m) of the highest peaks within limits, with prior probabilities (uniform in the logarithm)."""
         inside = np.flatnonzero(
-            (self.frequency >= 1.0 / longest_m) & (self.frequency <= 1.0 / max(shortest_m, SHORTEST_M))
+            (self.frequency >= 1.0 / longest_m) & (self.frequency <= 1.0 / max(shortest_m, self.shortest_m))
         )
         inside = inside[(inside > 0) & (inside < len(self.power) - 1)]
         if not inside.size:
             return []
         p = self.power
         peaks = inside[(p[inside] >= p[inside - 1]) & (p[inside] > p[inside + 1])]
-        highest_first = peaks[np.argsort(p[peaks])[::-1]]
-        octave = np.floor(np.log2(self.frequency[highest_first])).astype(np.intp)
-        in_octave = [highest_first[octave == o][:MAX_PEAKS_PER_OCTAVE] for o in np.unique(octave)]
+        octave = np.floor(np.log2(self.frequency[peaks])).astype(np.intp)
+        of_octaves = np.split(peaks, np.flatnonzero(np.diff(octave)) + 1)
+        in_octave = [_highest(p, of_one, MAX_PEAKS) for of_one in of_octaves]
+        highest_first = _highest(p, np.concatenate(in_octave), MAX_PEAKS)
         out = []
-        for k in dict.fromkeys(np.concatenate([highest_first[:MAX_PEAKS], *in_octave]).tolist()):
+        for k in dict.fromkeys(
+            np.concatenate([highest_first, *(i[:MAX_PEAKS_PER_OCTAVE] for i in in_octave)]).tolist()
+        ):
             f = self._refine(float(self.frequency[k]))
             out.append((1.0 / f, min(1.0, self.resolution / f / float(np.log(longest_m / shortest_m)))))
         return out
@@ -88,3 +103,9 @@ class Periodogram:
                 turned *= step
             frequency = float(near[np.argmax(amplitude)])
         return frequency
+
+
+def _highest(power: Array, of: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """The places `of` (k,) with the most power, the highest first; at most `count`."""
+    some = of if len(of) <= count else of[np.argpartition(power[of], -count)[-count:]]
+    return some[np.argsort(power[some], kind="stable")[::-1]]

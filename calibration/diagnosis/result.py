@@ -31,7 +31,7 @@ class FoundPlace:
     """One of the places at which an effect is considered present.
 
     place: name of a drive, strut or reflector, '' for the whole rig. probability: of the place, given the effect.
-    raw_sigma, visible_sigma, others, differs_with: as those of `FoundEffect`, of what it does from here.
+    raw_sigma, visible_sigma, others, differs_with, aliases: as those of `FoundEffect`, of what it does from here.
     """
 
     place: str
@@ -41,6 +41,7 @@ class FoundPlace:
     visible_sigma: float
     others: tuple[Quantity, ...] = ()
     differs_with: tuple[str, ...] = ()
+    aliases: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,10 @@ class FoundEffect:
     """An effect that is considered present, at one of its places or at several.
 
     probability: that it is present, at any place. places: where, the strongest first; place, size, place_probability,
-    others and differs_with are those of the first. raw_sigma, visible_sigma: RMS shift of the platform reflectors'
-    coordinates from all places together, in units of sigma, before and after frame, reflectors and geometry are
-    refitted. differs_with: coordinates with which its strength departs from the form, 'visit' from visit to visit.
+    others, differs_with and aliases are those of the first. raw_sigma, visible_sigma: RMS shift of the platform
+    reflectors' coordinates from all places together, in units of sigma, before and after frame, reflectors and geometry
+    are refitted. differs_with: coordinates with which its strength departs from the form, 'visit' from visit to visit.
+    aliases: other periods in m that the readings do not exclude, the likeliest first.
     """
 
     effect: str
@@ -62,6 +64,7 @@ class FoundEffect:
     visible_sigma: float
     others: tuple[Quantity, ...] = ()
     differs_with: tuple[str, ...] = ()
+    aliases: tuple[float, ...] = ()
     places: tuple[FoundPlace, ...] = ()
 
 

@@ -59,6 +59,8 @@ class EffectParameter:
     high: float
     unit: str
     meaning: str
+    aliased: bool = False
+    """Whether values that are far apart may look alike, so that others than the likeliest are listed."""
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
 from calibration.effects.basis_functions import cosine_basis
 
-LEAD_M = (4.0e-3, 6.0e-2)
-PITCH_M = (1.0e-5, 4.0e-3)  # inductive and magnetic scales included
+TRANSMISSION_M = (2.0e-4, 6.0e-2)  # of screws, and of teeth of belts, racks and gears
+PITCH_M = (2.0e-6, 6.0e-3)  # of optical scales up to inductive and magnetic ones
+USUAL_BORDER_M = 4.0e-3  # most scales have shorter periods, most screws longer leads
+UNUSUAL = 0.1  # prior weight of the others
+STATED_MULTIPLES = 3  # of a stated period: a wave repeats within it
+STATED_WITHIN = 0.005  # of a stated period, how far a period may be off it
 FEWEST_POSITIONS = 30
 
 
@@ -23,20 +29,44 @@ def cumulative(inputs: EffectInputs, drive: int) -> BasisSets:
 
 
 def screw_periodic(inputs: EffectInputs, drive: int) -> BasisSets:
-    """An error that repeats with every turn of the screw."""
-    return _periodic(inputs, drive, LEAD_M)
+    """An error that repeats with every turn of the screw, or with every tooth of a transmission."""
+    entry = inputs.machine.file.drives[drive]
+    periods = inputs.periods(drive, *TRANSMISSION_M)
+    usual = [(p, prior * (UNUSUAL if p < USUAL_BORDER_M else 1.0)) for p, prior in periods]
+    return _periodic(inputs, drive, _not_another_s(inputs, drive, usual, entry.transmission_m, entry.scale_m))
 
 
 def interpolation(inputs: EffectInputs, drive: int) -> BasisSets:
     """An error that repeats with each period of the encoder's signals, or twice within it."""
-    return _periodic(inputs, drive, PITCH_M)
+    entry = inputs.machine.file.drives[drive]
+    periods = inputs.periods(drive, *PITCH_M)
+    usual = [(p, prior * (UNUSUAL if p > USUAL_BORDER_M else 1.0)) for p, prior in periods]
+    return _periodic(inputs, drive, _not_another_s(inputs, drive, usual, entry.scale_m, entry.transmission_m))
 
 
-def _periodic(inputs: EffectInputs, drive: int, limits: tuple[float, float]) -> BasisSets:
+def _not_another_s(
+    inputs: EffectInputs,
+    drive: int,
+    periods: Sequence[tuple[float, float]],
+    own_m: Sequence[float],
+    other_s_m: Sequence[float],
+) -> list[tuple[float, float]]:
+    """Periods without those that the machine file states of the other kind of part and not of this one."""
+    resolution = 1.0 / max(float(np.ptp(inputs.context.drives[:, drive])), 1e-6)
+
+    def stated(period: float, of_parts_m: Sequence[float]) -> bool:
+        """Whether a period is one of these, or of a wave within it, as far as the positions resolve it."""
+        frequencies = [k / part for part in of_parts_m for k in range(1, STATED_MULTIPLES + 1)]
+        return any(abs(1.0 / period - f) < max(resolution, STATED_WITHIN * f) for f in frequencies)
+
+    return [(p, prior) for p, prior in periods if stated(p, own_m) or not stated(p, other_s_m)]
+
+
+def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, float]]) -> BasisSets:
     """Sine and cosine with their harmonics; the amplitude may vary along the travel and with the payload."""
     sets, travel, q = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive]
     u = inputs.normalised_travel(drive)
-    for period, prior in inputs.periods(drive, *limits):
+    for period, prior in periods:
         wave = _pair(q, period)
         main = sets.add((travel, wave), form="sine")
         harmonics = [sets.add((travel, _pair(q, period / k)), form="harmonics") for k in (2.0, 3.0)]
@@ -63,7 +93,7 @@ def _untested_with_short_travel(inputs: EffectInputs) -> str | None:
     return None if all(varies(q, 0.05) for q in inputs.context.drives.T) else "the drives hardly moved"
 
 
-_PERIOD = EffectParameter("period_m", PITCH_M[0], LEAD_M[1], "m", "period of the error")
+_PERIOD = EffectParameter("period_m", PITCH_M[0], TRANSMISSION_M[1], "m", "period of the error", aliased=True)
 
 EFFECTS = (
     Effect(

@@ -39,10 +39,45 @@ class WorkspaceSection(Section):
         return (0.0, 0.0) if limits is None else limits
 
 
-class SliderEntry(Section):
-    """A prismatic drive that carries joints along an axis."""
+class _DriveEntry(Section):
+    """What every drive has. Periods that are stated tell errors of its parts apart."""
 
     name: CellLabel = Field(description="Name; each once.")
+
+    @property
+    def transmission_m(self) -> tuple[float, ...]:
+        """Stated periods of screw and teeth in m."""
+        return ()
+
+    @property
+    def scale_m(self) -> tuple[float, ...]:
+        """Stated period of the scale in m."""
+        return ()
+
+
+class _LinearDriveEntry(_DriveEntry):
+    """A drive that moves along a line."""
+
+    lead_m: Positive | None = Field(default=None, description="Travel in one turn of the screw.")
+    tooth_m: Positive | None = Field(default=None, description="Travel from tooth to tooth of a belt, rack or gear.")
+    scale_pitch_m: Positive | None = Field(
+        default=None, description="Travel in one period of the signals of scale or encoder."
+    )
+
+    @property
+    def transmission_m(self) -> tuple[float, ...]:
+        """Stated periods of screw and teeth in m."""
+        return tuple(period for period in (self.lead_m, self.tooth_m) if period is not None)
+
+    @property
+    def scale_m(self) -> tuple[float, ...]:
+        """Stated period of the scale in m."""
+        return () if self.scale_pitch_m is None else (self.scale_pitch_m,)
+
+
+class SliderEntry(_LinearDriveEntry):
+    """A prismatic drive that carries joints along an axis."""
+
     kind: Literal["slider"] = Field(description="Kind of drive.")
     axis: Vector = Field(description="Unit vector along which the slider moves.")
     branch: Literal[-1, 1] = Field(description="Assembly branch of its first strut.")
@@ -54,10 +89,9 @@ class SliderEntry(Section):
         return self.travel_m
 
 
-class LegEntry(Section):
+class LegEntry(_LinearDriveEntry):
     """A telescopic leg: its drive lengthens one strut."""
 
-    name: CellLabel = Field(description="Name; each once.")
     kind: Literal["leg"] = Field(description="Kind of drive.")
     travel_m: Range = Field(description="Lowest and highest drive coordinate.")
 
@@ -67,10 +101,9 @@ class LegEntry(Section):
         return self.travel_m
 
 
-class CrankEntry(Section):
+class CrankEntry(_DriveEntry):
     """A rotary drive that carries joints about an axis through its pivot."""
 
-    name: CellLabel = Field(description="Name; each once.")
     kind: Literal["crank"] = Field(description="Kind of drive.")
     pivot_m: Vector = Field(description="A point of the axis that the crank turns about.")
     axis: Vector = Field(description="Unit vector along the axis.")

@@ -85,6 +85,7 @@ def _place_json(found: FoundEffect | FoundPlace) -> dict[str, Any]:
         **_numbers(raw_sigma=found.raw_sigma, visible_sigma=found.visible_sigma),
         "parameters": {q.name: _quantity_json(q) for q in found.others},
         "differs_with": list(found.differs_with),
+        "aliases_m": list(found.aliases),
     }
 
 

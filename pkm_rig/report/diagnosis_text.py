@@ -153,6 +153,8 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
             size = f"{quantity_name(at.size)} = {format_quantity(at.size)}"
             rows.append((*named, size, *sure, f"{at.raw_sigma:.1f}", f"{at.visible_sigma:.1f}"))
             rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in at.others]
+            if at.aliases:
+                rows.append(("", "", _aliased(at.aliases), "", "", "", ""))
             if at.differs_with:
                 rows.append(("", "", _differs(at.differs_with), "", "", "", ""))
     columns = (
@@ -165,6 +167,10 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
         "visible",
     )
     return _table(columns, rows, left=3)
+
+
+def _aliased(periods_m: Sequence[float]) -> str:
+    return f"or a period of {', '.join(f'{1e3 * period:.4g}' for period in periods_m)} mm: positions do not tell"
 
 
 def _differs(coordinates: Sequence[str]) -> str:

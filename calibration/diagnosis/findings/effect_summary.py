@@ -10,7 +10,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.findings.parameter_uncertainty import parameter_uncertainty
+from calibration.diagnosis.findings.parameter_uncertainty import aliases, parameter_uncertainty
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.result import FoundEffect, FoundPlace, Quantity
 from calibration.diagnosis.search import SearchResult
@@ -82,6 +82,7 @@ def summarise_effect(
         visible_sigma=likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal)),
         others=places[0].others,
         differs_with=places[0].differs_with,
+        aliases=places[0].aliases,
         places=places,
     )
 
@@ -115,6 +116,12 @@ def _summarise_place(
             if parameter.name in parameters
         ),
         differs_with=tuple(dict.fromkeys(d.coordinate for d in cause.best.basis_set.departures)),
+        aliases=tuple(
+            value
+            for parameter in effect.others
+            if parameter.aliased and parameter.name in parameters
+            for value in aliases(cause, parameter, given_others, inputs)
+        ),
     )
 
 

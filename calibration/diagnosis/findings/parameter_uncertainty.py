@@ -9,6 +9,7 @@ tried on a grid but come from the campaign; here they are tried on a fine one ar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,9 +18,11 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood, evidence_of_basis_sets
 from calibration.diagnosis.ranking import Cause, smallest_size
+from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import EffectInputs, EffectParameter
 
 STEPS = 8  # of the fine grid to each side of the reported value
+MOST_ALIASES = 5
 STEPS_PER_RESOLUTION = 8  # steps in frequency within one over the travelled range
 
 
@@ -44,6 +47,31 @@ def parameter_uncertainty(
     values, index = np.unique([entry.basis_set.parameters[parameter.name] for entry in entries], return_inverse=True)
     posterior = np.bincount(index, np.exp(logs - logs.max()))
     return float(np.sqrt(mean_square_about(reported, values, posterior / posterior.sum(), parameter)))
+
+
+def aliases(
+    cause: Cause, parameter: EffectParameter, likelihood: MarginalLikelihood, inputs: EffectInputs
+) -> list[float]:
+    """Values far from that of a cause's best basis set which the readings do not exclude, the likeliest first.
+
+    The same likelihood as for the uncertainty. Values of the campaign itself, each a peak of its own.
+    """
+    effect, reported = cause.effect, cause.best.basis_set.parameters[parameter.name]
+    built = effect.forms(inputs, effect.places(inputs.machine).index(cause.place))
+    evidence = evidence_of_basis_sets(
+        likelihood.information_and_score(built.contributions),
+        built.sets,
+        smallest_size(likelihood, effect),
+        effect.size.high,
+    )
+    logs: dict[float, float] = {}
+    for entry in evidence:
+        if (value := entry.basis_set.parameters.get(parameter.name)) is not None:
+            log = entry.log_evidence + math.log(entry.basis_set.weight)
+            logs[value] = max(log, logs.get(value, -math.inf))
+    least = logs.get(reported, -math.inf) - VERDICT.distinguishable
+    others = [value for value in logs if value != reported and logs[value] > max(least, VERDICT.detection_threshold)]
+    return sorted(others, key=lambda value: -logs[value])[:MOST_ALIASES]
 
 
 def mean_square_about(reported: float, values: Array, posterior: Array, parameter: EffectParameter) -> float:

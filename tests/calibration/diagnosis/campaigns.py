@@ -131,10 +131,15 @@ def simulated(
     *,
     seed: int = 1,
     noise: float = 1.0,
+    grid_m: float | None = None,
 ) -> Recording:
-    """A recording of any shipped machine, whose drives stand off by travel_m (v, d), without payload."""
+    """A recording of any shipped machine, whose drives stand off by travel_m (v, d), without payload.
+
+    grid_m: drives stand at multiples of that only.
+    """
     machine, rng = load_machine(shipped_machine(name)), np.random.default_rng(seed)
     target, drives = drawn_poses(machine, rng, visits)
+    drives = drives if grid_m is None else grid_m * np.round(drives / grid_m)
     sides = rng.choice([-1.0, 1.0], drives.shape)
     dwell, speed = rng.choice([0.5, 2.0, 8.0, 16.0], visits), rng.choice([0.1, 0.25, 0.5], visits)
     way = np.abs(np.diff(drives, axis=0, prepend=drives[:1]))

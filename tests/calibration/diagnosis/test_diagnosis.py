@@ -224,6 +224,24 @@ def test_a_period_is_found_within_a_hundredth(periodic):
     assert effect.size.value == pytest.approx(4e-5, abs=4.0 * effect.size.u)
 
 
+def test_positions_off_a_grid_leave_one_period(periodic):
+    assert diagnose(periodic).effects[0].aliases == ()
+
+
+def test_on_a_grid_the_other_periods_that_look_alike_are_listed():
+    """Sampled every 3 mm, a wave of 10 mm is one of 1 / (1/3 - 1/10) and of 1 / (1/3 + 1/10) mm."""
+
+    def wave(a):
+        return 4e-5 * np.sin(2.0 * np.pi * a.drives / 0.010) * np.array([1.0, 0.0])
+
+    effect = diagnose(simulated("planar4", 80, wave, grid_m=0.003)).effects[0]
+    assert effect.effect in ("screw_periodic_error", "encoder_interpolation")
+    reported = next(q.value for q in effect.others if q.name == "period_m")
+    alike = np.array([reported, *effect.aliases])
+    for period_m in (0.010, 0.030 / 7.0, 0.030 / 13.0):
+        assert np.min(np.abs(alike / period_m - 1.0)) < 0.01, alike
+
+
 def test_with_its_class_removed_it_is_unknown(periodic):
     catalogue = load_catalogue(without=("screw_periodic_error", "encoder_interpolation"))
     diagnosis = diagnose(periodic, catalogue)

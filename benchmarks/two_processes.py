@@ -6,7 +6,9 @@ rig times: parameters agree within 0.3 of their uncertainty. With both switched 
 parameters have to be equal, bit for bit. Parts that are done are not run again, one that was stopped goes on with its
 campaign.
 
-    python -m benchmarks.two_processes [gough8] [--scale 10] [--poses 12] [--parts steady,drifting]
+    python -m benchmarks.two_processes [gough8] [--scale 10] [--poses 12] [--job measure] [--parts steady,drifting]
+
+A machine that is led by SYNC needs every SYNC in time, and what the host is late counts SCALE times: scale 1.
 """
 
 from __future__ import annotations
@@ -87,17 +89,17 @@ def served(rig: Path) -> Iterator[None]:
             mock.wait(timeout=30.0)
 
 
-def calibrate(rig: Path, out: Path) -> tuple[str, float]:
-    """`pkm-rig calibrate`, or what is left of it; the campaign and the seconds that it took now."""
+def campaign_of(rig: Path, out: Path, job: str) -> tuple[str, float]:
+    """`pkm-rig calibrate` or `measure`, or what is left of it; the campaign and the seconds that it took now."""
     former = last_campaign(out)
     if former is not None and is_verified(out, former):
         return former, 0.0
     resume = [] if former is None else ["--resume", former]
     begun_s = time.monotonic()
-    command = [sys.executable, "-m", "pkm_rig.cli", "calibrate", "--rig", str(rig), "--out", str(out), *resume]
+    command = [sys.executable, "-m", "pkm_rig.cli", job, "--rig", str(rig), "--out", str(out), *resume]
     done = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True)
     if done.returncode not in (0, 1):
-        raise RuntimeError(f"calibrate ended with status {done.returncode}; the same command goes on")
+        raise RuntimeError(f"{job} ended with status {done.returncode}; the same command goes on")
     return last_campaign(out) or "", time.monotonic() - begun_s
 
 
@@ -135,12 +137,12 @@ def compare(one: Path, two: Path) -> dict[str, Any]:
     }
 
 
-def run_part(machine: str, part: str, folder: Path, scale: float, poses: int | None) -> dict[str, Any]:
+def run_part(machine: str, part: str, folder: Path, scale: float, poses: int | None, job: str) -> dict[str, Any]:
     """Both campaigns of a part, and their comparison."""
     one, two = rig_files(machine, part, folder, scale, poses)
-    _, one_s = calibrate(one, folder / "one")
+    _, one_s = campaign_of(one, folder / "one", job)
     with served(two):
-        _, two_s = calibrate(two, folder / "two")
+        _, two_s = campaign_of(two, folder / "two", job)
     time_scale = load_rig(two)[0].time_scale
     found = {"machine": machine, "part": part, "one_s": one_s, "two_s": two_s, "time_scale": time_scale}
     return found | compare(folder / "one", folder / "two")
@@ -165,6 +167,9 @@ def main() -> int:
     parser.add_argument("machine", nargs="?", default="gough8")
     parser.add_argument("--scale", type=float, default=10.0, help="rig seconds in a second of the two processes")
     parser.add_argument("--poses", type=int, help="calibration poses; for a first look")
+    parser.add_argument(
+        "--job", choices=("calibrate", "measure"), default="calibrate", help="measure: parameters alone"
+    )
     parser.add_argument("--parts", default=",".join(PARTS))
     parser.add_argument("--out", type=Path, default=Path("runs/two-processes"))
     options = parser.parse_args()
@@ -173,7 +178,7 @@ def main() -> int:
         folder = options.out / f"{options.machine}-{part}{'' if options.poses is None else f'-{options.poses}'}"
         result = folder / "result.json"
         if not result.exists():
-            row = run_part(options.machine, part, folder, options.scale, options.poses)
+            row = run_part(options.machine, part, folder, options.scale, options.poses, options.job)
             result.write_text(json.dumps(row, indent=1), encoding="utf-8")
         line, good = line_of(json.loads(result.read_text(encoding="utf-8")))
         print(line, flush=True)

@@ -31,6 +31,10 @@ Array = NDArray[np.float64]
 
 LARGEST = 0.98  # share of the square of a change that a form may explain
 DECOYS = (1, 2, 3)  # forms of another effect that are left out where none of the true one's is
+SAME_COLUMNS = {  # effects whose forms are each other's, name by name: what is left out of one is left out of all
+    "screw_periodic_error": ("encoder_interpolation",),
+    "encoder_interpolation": ("screw_periodic_error",),
+}
 NEGLIGIBLE = 1e-10  # information of a direction of columns over the largest
 
 
@@ -68,7 +72,8 @@ class FormComparison:
         for name, place, change_m in known:
             assert linear is not None
             shares = explained_shares(linear, self._catalogue.effect(name), place, change_m)
-            explained |= {f"{name}/{form}": share for form, share in shares.items() if share > LARGEST}
+            for effect in (name, *SAME_COLUMNS.get(name, ())):
+                explained |= {f"{effect}/{form}": share for form, share in shares.items() if share > LARGEST}
         return LeftOut(explained, self._decoys({name for name, _, _ in changes}, len(explained), rng))
 
     def _decoys(self, true: set[str], own: int, rng: np.random.Generator) -> tuple[str, ...]:

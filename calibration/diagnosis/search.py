@@ -79,6 +79,11 @@ def include_effects(
     return likelihood
 
 
+def temperature(log_evidence: float, settings: VerdictSettings = VERDICT) -> float:
+    """By what differences of log evidence are divided, since no basis set is exact."""
+    return 1.0 + settings.temperature_share * max(log_evidence, 0.0)
+
+
 def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
     """Excess log evidence of a non-parametric alternative at which effects that explain so much have even odds."""
     return settings.excess_threshold + settings.excess_share * max(explained, 0.0)
@@ -118,7 +123,9 @@ def _search(
         for leader in leaders:
             if leader.log_evidence > VERDICT.leaders_share * found.log_evidence:
                 other = _include_from(likelihood, inputs, effects, [leader], by_visit=by_visit)
-                best = max(best, other, key=lambda explanation: explanation.log_evidence)
+                if other.log_evidence > best.log_evidence + temperature(best.log_evidence):
+                    best = other
+        ranking = _with_main_cause_first(ranking, best, best.log_evidence - found.log_evidence)
     non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
     non_parametric_alone: tuple[NonParametricEffect, ...] = ()
     if best_log_evidence - best.log_evidence > VERDICT.residual_search_threshold or not best.causes:
@@ -137,6 +144,17 @@ def _search(
         non_parametric=non_parametric,
         non_parametric_alone=non_parametric_alone,
     )
+
+
+def _with_main_cause_first(ranking: Sequence[Cause], best: _Explanation, gain: float) -> Sequence[Cause]:
+    """The ranking, in which the strongest cause of the best explanation is as much likelier than the first of all as
+    that explanation is than the one which begins there."""
+    names = {cause.effect.name for cause in best.causes}
+    if ranking[0].effect.name in names:
+        return ranking
+    main = next(cause for cause in ranking if cause.effect.name in names)
+    raised = replace(main, log_evidence=ranking[0].log_evidence + gain)
+    return first_likely([raised, *(cause for cause in ranking if cause is not main)])
 
 
 def _include_from(

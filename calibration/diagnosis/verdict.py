@@ -15,7 +15,7 @@ from scipy.special import expit
 from calibration.diagnosis.evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
-from calibration.diagnosis.search import SearchResult, excess_threshold
+from calibration.diagnosis.search import SearchResult, excess_threshold, temperature
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
 
@@ -52,8 +52,8 @@ def verdict_probabilities(
     unknown = float(expit((excess - excess_threshold(explained, settings)) / width))
     tempered = np.empty(0)
     if logs.size:
-        temperature = 1.0 + settings.temperature_share * max(strongest, 0.0)
-        tempered = np.exp(logs / temperature - log_sum(logs / temperature))
+        tempered_logs = logs / temperature(strongest, settings)
+        tempered = np.exp(tempered_logs - log_sum(tempered_logs))
     else:
         unknown = 1.0
     named = any_effect * (1.0 - unknown) * tempered

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -31,17 +31,28 @@ def cumulative(inputs: EffectInputs, drive: int) -> BasisSets:
 def screw_periodic(inputs: EffectInputs, drive: int) -> BasisSets:
     """An error that repeats with every turn of the screw, or with every tooth of a transmission."""
     entry = inputs.machine.file.drives[drive]
-    periods = inputs.periods(drive, *TRANSMISSION_M)
-    usual = [(p, prior * (UNUSUAL if p < USUAL_BORDER_M else 1.0)) for p, prior in periods]
-    return _periodic(inputs, drive, _not_another_s(inputs, drive, usual, entry.transmission_m, entry.scale_m))
+    periods = _periods(inputs, drive, TRANSMISSION_M, usual=lambda period: period >= USUAL_BORDER_M)
+    return _periodic(inputs, drive, _not_another_s(inputs, drive, periods, entry.transmission_m, entry.scale_m))
 
 
 def interpolation(inputs: EffectInputs, drive: int) -> BasisSets:
     """An error that repeats with each period of the encoder's signals, or twice within it."""
     entry = inputs.machine.file.drives[drive]
-    periods = inputs.periods(drive, *PITCH_M)
-    usual = [(p, prior * (UNUSUAL if p > USUAL_BORDER_M else 1.0)) for p, prior in periods]
-    return _periodic(inputs, drive, _not_another_s(inputs, drive, usual, entry.scale_m, entry.transmission_m))
+    periods = _periods(inputs, drive, PITCH_M, usual=lambda period: period < USUAL_BORDER_M)
+    return _periodic(inputs, drive, _not_another_s(inputs, drive, periods, entry.scale_m, entry.transmission_m))
+
+
+def _periods(
+    inputs: EffectInputs, drive: int, limits_m: tuple[float, float], *, usual: Callable[[float], bool]
+) -> list[tuple[float, float]]:
+    """Periods of a drive within limits with their prior; of both kinds of parts the same where they overlap."""
+    shortest_m, longest_m = limits_m
+    found = [
+        *inputs.periods(drive, PITCH_M[0], USUAL_BORDER_M),
+        *inputs.periods(drive, USUAL_BORDER_M, TRANSMISSION_M[1]),
+    ]
+    within = {period: prior for period, prior in found if shortest_m <= period <= longest_m}
+    return [(period, prior if usual(period) else UNUSUAL * prior) for period, prior in within.items()]
 
 
 def _not_another_s(

@@ -236,6 +236,22 @@ def test_two_effects_that_look_like_a_third_are_found_from_the_weaker_one(monkey
     result = search_with(monkeypatch, TWO_LIKE_A_THIRD)
     assert sorted(cause.name for cause in result.causes) == ["latency", "smr_reseat"]
     assert result.log_evidence == pytest.approx(1400.0 - 10.0 - 0.02 * 1400.0)
+    first = 1150.0 - 10.0 - 0.02 * 1150.0
+    assert result.ranking[0].name == "latency"  # of the two the one that explains more alone
+    assert result.ranking[0].log_evidence == pytest.approx(1000.0 + result.log_evidence - first)
+    assert max(probabilities(result).items(), key=lambda item: item[1])[0] == "latency"
+
+
+@pytest.mark.parametrize(("more", "first"), [(9.0, "refraction"), (14.0, "latency")])
+def test_another_beginning_counts_where_it_explains_more_by_a_temperature(monkeypatch, more, first):
+    """One and a per cent of some thousand."""
+    given = {
+        "none": {"refraction": 1000.0, "latency": 900.0},
+        "none+refraction": {"tracker_drift": 100.0},
+        "none+latency": {"smr_reseat": 200.0 + more},
+    }
+    result = search_with(monkeypatch, given)
+    assert (result.ranking[0].name, result.causes[0].name) == (first, first)
 
 
 def test_a_weak_effect_begins_a_search_where_it_was_found_later(monkeypatch):

@@ -57,7 +57,9 @@ def test_there_is_no_gap_between_scale_and_transmission(machine_and_context, per
 @pytest.mark.parametrize(("period_m", "usual"), [(3.9e-3, SCALE), (4.1e-3, SCREW)])
 def test_where_both_may_be_it_the_usual_one_is_ten_times_as_likely(machine_and_context, period_m, usual):
     (other,) = {SCREW, SCALE} - {usual}
-    ratio = tried(machine_and_context, usual, period_m)[period_m] / tried(machine_and_context, other, period_m)[period_m]
+    ratio = (
+        tried(machine_and_context, usual, period_m)[period_m] / tried(machine_and_context, other, period_m)[period_m]
+    )
     assert ratio == pytest.approx(10.0)
 
 

@@ -75,11 +75,12 @@ demo-check: $(VENV)/run.stamp
 		$(if $(SEEDS),--seeds $(SEEDS))
 
 # Mock and calibration in two processes, over a pseudo-terminal, socketcand and TCP, against one process: the same
-# parameters, and equal ones without drift and warmth. In scaled host time, for half an hour on free cores. MACHINE=planar4;
-# SCALE=10 rig seconds a second, less on a busy computer; POSES=12 for a first look. Stopped, it goes on.
+# parameters, and equal ones without drift and warmth. In the rig's own time, for hours, on free cores, which answer every
+# SYNC in time; MACHINE=planar4 SCALE=10, which is not led by SYNC, ten times as fast. POSES=12 JOB=measure for a first
+# look of 40 minutes. Stopped, it goes on.
 two-processes: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.two_processes $(or $(MACHINE),gough8) $(if $(SCALE),--scale $(SCALE)) \
-		$(if $(POSES),--poses $(POSES))
+		$(if $(POSES),--poses $(POSES)) $(if $(JOB),--job $(JOB))
 
 # Campaigns in which somebody has made a mistake, straight from the mock plant: none may end with tables that are worse than
 # none (docs/explanation/mistakes.md). EACH=5 of each kind and GOOD=20 for a first look; WIRE=5 of each kind over the real

@@ -15,6 +15,9 @@ from scipy.fft import rfft
 from calibration.base.arrays import Array
 
 SHORTEST_M = 2.0e-6
+COMMON_M = 1.0e-5
+MOST_BY_CHANCE = 0.25
+SAME_M = 1.0e-6  # within which positions are the same
 CELLS_PER_PERIOD = 4
 STEPS_M = (1.0e-5, 5.0e-6, 2.0e-6, 1.0e-6)  # by which a display or a file may round positions
 OVERSAMPLING = 1.6
@@ -48,11 +51,18 @@ class Periodogram:
 
     @cached_property
     def shortest_m(self) -> float:
-        """Shortest period that the positions resolve: four steps of what rounds them."""
+        """Shortest period that the positions resolve: four steps of what rounds them.
+
+        Of N values of whatever kind the best of M waves explains 2 ln M / N by chance; where that is much, periods
+        below those of common scales are not tried.
+        """
+        positions = np.unique(np.round(self.position_m / SAME_M))
+        by_chance = 2.0 * np.log(max(1.0 / (self.resolution * SHORTEST_M), 1.0)) / len(positions)
+        shortest = COMMON_M if by_chance > MOST_BY_CHANCE else SHORTEST_M
         for step in STEPS_M:
             if np.all(np.abs(self.position_m / step - np.round(self.position_m / step)) < 1e-3):
-                return max(SHORTEST_M, CELLS_PER_PERIOD * step)
-        return SHORTEST_M
+                return max(shortest, CELLS_PER_PERIOD * step)
+        return shortest
 
     @property
     def resolution(self) -> float:

@@ -80,3 +80,10 @@ def test_positions_that_are_rounded_resolve_no_shorter_periods_than_four_steps()
     of_step = {step: Periodogram.from_scores(np.round(q / step) * step, q, 1.0).shortest_m for step in (1e-5, 1e-6)}
     assert of_step == pytest.approx({1e-5: 4e-5, 1e-6: 4e-6})
     assert Periodogram.from_scores(q, q, 1.0).shortest_m == 2e-6
+
+
+@pytest.mark.parametrize(("count", "shortest_m"), [(95, 1e-5), (105, 2e-6)])
+def test_few_positions_resolve_no_periods_below_those_of_common_scales(count, shortest_m):
+    """A quarter of anything is explained by the best of 250,000 waves where 99 places are measured, however often."""
+    q = np.repeat(np.linspace(0.0, 0.5, count) + 1e-4 * np.random.default_rng(1).random(count), 7)
+    assert Periodogram.from_scores(q, q, 1.0).shortest_m == shortest_m

@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 import time
 from contextlib import closing, contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.compensation.samples import CorrectionSamples
 from calibration.intervals.extent import Measurement
 from calibration.machine.description import load_machine, shipped_machine
+from pkm_rig.jobs import partial
+from pkm_rig.jobs.former_correction import SAMPLES, activated_events
 from pkm_rig.jobs.partial_fit import growth_of
 from pkm_rig.jobs.partial_verification import AFTER, BEFORE
 from pkm_rig.jobs.reference import load_reference
+from pkm_rig.jobs.reversals import stored_reversals
 from pkm_rig.jobs.tables_in_force import _only_restarted, require_tables, wrong_tables
 from pkm_rig.recalibration.decisions import note
 from pkm_rig.recalibration.journal import is_automatic, journal_path
@@ -131,6 +136,7 @@ def test_every_run_leaves_a_line(proposed):
 
 
 LOST_M = 100e-6
+REVERSAL_M = np.array([4e-6, -3e-6])  # of payload 1, with which it is measured
 LOOSE = "[recalibration.envelope]\ntable_m = 1e-3\nerror_m = 1e-3"
 
 
@@ -145,6 +151,18 @@ def lose_reference(mock, store, rig):
     note(store, situation_of(store, rig.file, rig.machine, CALIBRATED_S), "reference lost", "left", "tester", "off")
 
 
+def tried_by_direction(store, rig):
+    """What is known of corrections that were tried, as if the calibration in force had tables by direction.
+
+    The kept store is a small one: the events of that campaign were removed.
+    """
+    machine = rig.machine
+    in_force = situation_of(store, rig.file, machine, CALIBRATED_S).history.last_calibration.id
+    samples = CorrectionSamples.of(machine, machine.commanded_limits, lambda pose: np.zeros((len(pose), 2)))
+    tried = {n: {SAMPLES: replace(samples, reversal=n * REVERSAL_M).as_json()} for n in range(len(rig.file.payloads))}
+    return lambda store, campaign: tried if campaign == in_force else activated_events(store, campaign)
+
+
 def poses_of(store, campaign, phase):
     return set(store.recording(campaign).rows(phase)["visit"].tolist())
 
@@ -155,9 +173,14 @@ def partly(tmp_path_factory):
     out = keep_store(tmp_path_factory.mktemp("partly"))
     path = write_rig(out, ALWAYS, "alone = true", LOOSE)
     now_s, seen = CALIBRATED_S + 60.0, {}
-    with closing(Store(store_path(out))) as store, served(path) as (mock, connect):
+    with (
+        closing(Store(store_path(out))) as store,
+        served(path) as (mock, connect),
+        pytest.MonkeyPatch.context() as patch,
+    ):
         with connect() as rig:
             lose_reference(mock, store, rig)
+            patch.setattr(partial, "activated_events", tried_by_direction(store, rig))
         cut = []
 
         def cut_power(_number, _total, what):
@@ -176,6 +199,8 @@ def partly(tmp_path_factory):
         with connect() as rig:
             after = situation_of(store, rig.file, rig.machine, now_s)
             wrong = wrong_tables(rig, after.history.last_calibration.tables)
+            seen["images"] = [bank.read_image(bank.state().active) for bank in rig.banks]
+        seen["kept"] = [stored_reversals(tried, 2) for tried in activated_events(store, result.campaign).values()]
         for drive in mock.drives:
             drive.power_cycle()
         with connect() as rig:
@@ -202,6 +227,14 @@ def test_drives_that_were_without_power_are_told_to_use_their_tables_again(partl
     assert len(seen["said"]) == 1
     assert seen["said"][0].startswith("the drives were without power")
     assert seen["by hand"] is False  # what somebody has switched off stays off
+
+
+def test_the_values_by_direction_are_those_of_the_calibration_that_is_brought_up_to_date(partly):
+    """Its own few visits tell none: the drives have those, and so does what the next one will look up."""
+    seen = partly[-1]
+    by_direction_m = [(image.up_m, image.down_m) for image in seen["images"]]
+    np.testing.assert_allclose(by_direction_m, 0.5 * np.outer(REVERSAL_M, [1.0, -1.0]), atol=1e-8)
+    np.testing.assert_allclose(seen["kept"], [REVERSAL_M], atol=1e-12)
 
 
 @pytest.fixture(scope="module")

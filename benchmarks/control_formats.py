@@ -2,8 +2,8 @@
 
 Machines are drawn from their tolerances; the correction is the true machine's, without frame and tool offset and free
 of noise, so that nothing but the format is lost. Losses are those of the tables as the control reads them, rounded, at
-other poses than the tables were fitted to. A finished machine is kept as long as the code is the same: stop at any
-time, the same command goes on.
+other poses than the tables were fitted to: of the drives' corrections, and of the tool's error, by which a format is
+refused. A finished machine is kept as long as the code is the same: stop at any time, the same command goes on.
 
     python -m benchmarks.control_formats [--seeds 20] [--workers 2] [--out runs/control-formats]
 """
@@ -21,16 +21,20 @@ import numpy as np
 import pkm_rig  # noqa: F401  # one thread a process, before numpy's libraries start
 from benchmarks.results_file import code_digest
 from benchmarks.side_by_side import side_by_side
+from calibration.base.arrays import Array
 from calibration.compensation.correction import Correction
-from calibration.compensation.decomposition import Loss
+from calibration.compensation.decomposition import Loss, corrections_at
 from calibration.compensation.formats.catalogue import FORMATS
 from calibration.compensation.formats.control import Order
+from calibration.compensation.remaining_error import Change, RemainingError
 from calibration.machine.description import shipped_machines
+from pkm_rig.jobs.control_files import LEAST_REMOVED
 from tests.calibration.compensation.drawn_machine import DrawnMachine
 from tests.kept_results import KeptResults, key_of, until_stopped
 
 CODE = ("calibration", "tests/calibration/compensation/drawn_machine.py", "benchmarks/control_formats.py")
-DEFAULT, PAYLOADS_KG, SEED = "planar4", (0.0, 200.0), 1
+DEFAULT, PAYLOADS_KG = "planar4", (0.0, 200.0)
+MACHINE_SEEDS = (1, 2, 3, 4, 5)  # of each of the nine; the table of what is left shows the first
 ONE, TWO = ("siemens-cec", "sinumerik-828d"), ("siemens-cec", "sinumerik-840d-sl")
 ONE_MEDIAN_M, TWO_MOST_M, TWO_SHARE = 1.5e-6, 0.5e-6, 0.95
 
@@ -39,13 +43,19 @@ def run_machine(name: str, seed: int, payload_kg: float, formats: tuple[tuple[st
     """Losses of a drawn machine in some formats for some controls."""
     drawn = DrawnMachine.of(name, seed)
     load = drawn.load(payload_kg)
-    correction = Correction.sampled(drawn.machine, lambda drives, target: drawn.tool_error(drives, target, load))
-    out = []
+
+    def error(drives: Array, target_m: Array) -> Array:
+        return drawn.tool_error(drives, target_m, load)
+
+    correction = Correction.sampled(drawn.machine, error)
+    check, out = correction.check, []
     for form_name, control in formats:
         form = FORMATS[form_name]
         axes = tuple("XYZABCUV"[: len(drawn.machine.drive_names)])
         made = form.build(Order(correction, form.control(control), axes))
-        loss = Loss.of(made.tables, correction.check.drives, correction.check.correction)
+        loss = Loss.of(made.tables, check.drives, check.correction)
+        corrected = check.drives + corrections_at(made.tables, check.drives)
+        remaining = RemainingError.of(drawn.machine, error, check, corrected)
         out.append(
             {
                 "format": form_name,
@@ -55,6 +65,7 @@ def run_machine(name: str, seed: int, payload_kg: float, formats: tuple[tuple[st
                 "before_max": float(np.max(loss.max_before)),
                 "before_rms": float(np.sqrt(np.mean(loss.rms_before**2))),
                 "tables": made.needed,
+                "tool": {name: change.as_json for name, (change, _) in remaining.changes.items()},
             }
         )
     return out
@@ -66,15 +77,38 @@ def every_format() -> tuple[tuple[str, str], ...]:
 
 
 def jobs(seeds: int) -> list[tuple[str, int, float, tuple[tuple[str, str], ...]]]:
-    """The nine machines, then the default one with other seeds and loads."""
+    """The nine machines, several drawn of each, then the default one with other seeds and loads."""
     machines = (DEFAULT, *(name for name in shipped_machines() if name != DEFAULT))
-    out = [(name, SEED, 0.0, every_format()) for name in machines]
+    out = [(name, seed, 0.0, every_format()) for name in machines for seed in MACHINE_SEEDS]
     return out + [(DEFAULT, seed, load, (ONE, TWO)) for seed in range(1, seeds + 1) for load in PAYLOADS_KG]
+
+
+def column_names() -> list[str]:
+    """What a table's columns are: no table, then a format or its control."""
+    return ["no table", *(control if control != "none" else form for form, control in every_format())]
+
+
+def print_tool_table(rows: dict[str, list[list[dict[str, Any]]]]) -> None:
+    """Format times machine, %: what is removed of the tool's error, by which formats are refused."""
+    count = len(next(iter(rows.values())))
+    print(
+        f"\nremoved of the tool's error (RMS), of position and rotation the smaller, in %: median and least of {count}"
+    )
+    print(f"machines; below {LEAST_REMOVED:.0%} only with --accept-loss, below 0 the tool is worse: not written\n")
+    print("machine    " + "".join(f"{name:>20}" for name in column_names()[1:]))
+    for machine, of_seeds in rows.items():
+        shares = 100.0 * np.array([[_removed(r["tool"]) for r in losses] for losses in of_seeds])
+        cells = [f"{np.median(share):.1f}, {np.min(share):.1f}" for share in shares.T]
+        print(f"{machine:11}" + "".join(f"{cell:>20}" for cell in cells))
+
+
+def _removed(tool: dict[str, dict[str, float]]) -> float:
+    return min(Change(**change).removed_share for change in tool.values())
 
 
 def print_table(rows: dict[str, list[dict[str, Any]]]) -> None:
     """Format times machine, um (urad for cranks): max / RMS of what is left, and the tables needed."""
-    names = ["no table", *(control if control != "none" else form for form, control in every_format())]
+    names = column_names()
     print("left of the corrections, max / RMS in um (urad for rrr3 and rrr4), and the tables needed\n")
     print("machine    " + "".join(f"{name:>20}" for name in names))
     for machine, losses in rows.items():
@@ -118,7 +152,12 @@ def main() -> int:
             results.add({"key": keys[job], "losses": future.result()})
             print(f"{done} of {len(missing)}: {job[0]}, seed {job[1]}, {job[2]:g} kg", file=sys.stderr, flush=True)
     found = {job: results[key]["losses"] for job, key in keys.items()}
-    print_table({job[0]: losses for job, losses in found.items() if job[3] == every_format()})
+    by_machine: dict[str, list[list[dict[str, Any]]]] = {}
+    for job, losses in found.items():
+        if job[3] == every_format():
+            by_machine.setdefault(job[0], []).append(losses)
+    print_table({machine: of_seeds[0] for machine, of_seeds in by_machine.items()})
+    print_tool_table(by_machine)
     by_seed: dict[int, list[list[dict[str, Any]]]] = {}
     for job, losses in found.items():
         if job[3] == (ONE, TWO):

@@ -12,6 +12,7 @@ __all__ = [
     "limits",
     "measured_range",
     "piecewise",
+    "remaining_error",
     "samples",
     "tables",
 ]

@@ -279,7 +279,8 @@ def compensate(
         str | None, typer.Option(help="the control's names of the drives' axes, with commas, as in the machine file")
     ] = None,
     accept_loss: Annotated[
-        bool, typer.Option("--accept-loss", help="also a format that removes less than half of the correction")
+        bool,
+        typer.Option("--accept-loss", help="also a format that removes less than half of the tool's predicted error"),
     ] = False,
     accept_change: Annotated[
         bool, typer.Option("--accept-change", help="also a correction that differs much from the former one")

@@ -26,6 +26,7 @@ from calibration.compensation.limits import (
     micro_unit,
 )
 from calibration.compensation.measured_range import MeasuredRange
+from calibration.compensation.remaining_error import RemainingError
 from calibration.identification.calibration import Calibration, identify_recording, pose_u
 from calibration.machine.description import COORDINATES, Machine
 from calibration.machine.measured_poses import measured_box
@@ -40,7 +41,7 @@ from pkm_rig.results.callbacks import Notify
 from pkm_rig.store.place import campaign_folder
 from pkm_rig.version import __version__
 
-LEAST_REMOVED = 0.5  # of the RMS of the corrections
+LEAST_REMOVED = 0.5  # of the tool's predicted error, RMS
 WRITTEN = "written.csv"  # what a control was given, for the comparison with the next one
 WRITTEN_ROWS = 200
 U_POSES = 100
@@ -122,8 +123,8 @@ def write_control_files(
 ) -> dict[str, Any]:
     """Write a payload's correction in a format of tables; its losses are told first (docs/reference/json.md).
 
-    Raises CampaignRefused for a format that removes too little, InputError for what the control cannot take and for
-    corrections beyond their limits. Nothing is written then.
+    Raises CampaignRefused for a format that removes too little of the tool's error, InputError for what the control
+    cannot take and for corrections beyond their limits. Nothing is written then.
     """
     if choice.form not in FORMATS:
         raise InputError(f"format '{choice.form}' is unknown; known: {', '.join((*FORMATS, *KINEMATICS))}")
@@ -132,46 +133,67 @@ def write_control_files(
     axes = axis_names(form, control, choice.axes, recording.machine)
     identified = IdentifiedLoad.of(recording, payload)
     machine = identified.machine
-    written, smallest, forces_n = _carried(
-        identified, lambda c: form.build(Order(c, control, axes, identified.notes()))
-    )
+    written, forces_n = _carried(identified, lambda c: form.build(Order(c, control, axes, identified.notes())))
     correction, made, loss = written.correction, written.made, written.loss
-    for line in (*loss_lines(machine, loss), *_force_lines(written, forces_n)):
+    for line in (*loss_lines(machine, loss), remaining_line(written.remaining), *_force_lines(written, forces_n)):
         notify(line)
     folder = campaign_folder(out, recording.file.campaign) / f"{form.name}-payload-{payload}"
     former = find_former(folder, machine, identified.load.payload_kg)
     change = check_change(machine, made.tables, former, accept=choice.accept_change)
-    if smallest.loss.remaining_share > 1.0 - LEAST_REMOVED and not choice.accept_loss:
-        raise CampaignRefused(
-            f"format {form.name}: it would remove {1.0 - smallest.loss.remaining_share:.0%} of the predicted "
-            f"correction's RMS on this machine, less than {LEAST_REMOVED:.0%}; choose another format or give "
-            "--accept-loss"
-        )
+    require_enough_removed(form.name, machine, payload, written.remaining, accept=choice.accept_loss)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in made.files.items():
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     _draw_map(identified, made.tables, folder, choice)
     (folder / WRITTEN).write_text(_written(machine, identified, made.tables, correction), encoding="utf-8")
     return _result(identified, form, control.title, axes, made, loss, change) | {
-        "tool_position_rms_m": written.tool_rms_m,
+        **remaining_json(written.remaining),
         "strut_force_rms_n": forces_n,
         "uncertain_share": uncertain_share(identified, correction),
         "folder": str(folder),
     }
 
 
-def _carried(
-    identified: IdentifiedLoad, build: Build
-) -> tuple[FileCorrection, FileCorrection, dict[str, float] | None]:
-    """What is written, the smallest correction in the same format, and forces where drives can strain the machine."""
+def remaining_line(remaining: RemainingError) -> str:
+    """The tool's predicted error without and with a correction."""
+    return f"predicted error of the tool, RMS: {remaining.in_words}"
+
+
+def require_enough_removed(
+    form: str, machine: Machine, payload: int, remaining: RemainingError, *, accept: bool
+) -> None:
+    """Raise CampaignRefused where the tool would be worse, or less than half removed and that is not accepted."""
+    name, (change, unit) = min(remaining.changes.items(), key=lambda entry: entry[1][0].removed_share)
+    at = f"format {form}: on {machine.name} at payload {payload}"
+    before, after = (f"{rms * 1e6:.1f} {unit}" for rms in (change.before, change.after))
+    if change.removed_share < 0.0:
+        raise CampaignRefused(
+            f"{at} the tool's predicted {name} error would grow from {before} to {after} RMS; nothing is written, with "
+            "--accept-loss neither; choose another format"
+        )
+    if change.removed_share < LEAST_REMOVED and not accept:
+        raise CampaignRefused(
+            f"{at} it would remove {change.removed_share:.0%} of the tool's predicted {name} error ({before} to "
+            f"{after} RMS), less than {LEAST_REMOVED:.0%}; choose another format or give --accept-loss"
+        )
+
+
+def remaining_json(remaining: RemainingError) -> dict[str, dict[str, float] | None]:
+    """The tool's predicted error as keys of a result."""
+    parts = {"tool_position_rms_m": remaining.position_m, "tool_rotation_rms_rad": remaining.rotation_rad}
+    return {key: None if change is None else change.as_json for key, change in parts.items()}
+
+
+def _carried(identified: IdentifiedLoad, build: Build) -> tuple[FileCorrection, dict[str, float] | None]:
+    """What is written, and forces where drives can strain the machine."""
     machine, error, box = identified.machine, identified.error(), identified.box
     smallest = FileCorrection.of(machine, error, box, build, None)
     if not machine.redundantly_actuated:
-        return smallest, smallest, None
+        return smallest, None
     fit = identified.calibration.fit
     free = find_free_part(fit, identified.calibration.report, identified.load, box)
     written = smallest.or_with(machine, error, build, free)
-    return written, smallest, written.forces_n(fit, identified.load)
+    return written, written.forces_n(fit, identified.load)
 
 
 def _force_lines(written: FileCorrection, forces_n: dict[str, float] | None) -> tuple[str, ...]:

@@ -16,10 +16,11 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.compensation.correction import Correction, ToolError
-from calibration.compensation.decomposition import DriveTables, Loss, corrections_at
+from calibration.compensation.decomposition import Loss, corrections_at
 from calibration.compensation.formats.control import ControlFiles
 from calibration.compensation.free_part import MOST_GROWTH, FreePart, strut_forces
 from calibration.compensation.limits import check_size_and_slope
+from calibration.compensation.remaining_error import RemainingError
 from calibration.identification.fit import Fit
 from calibration.machine.description import Machine
 from calibration.model.operating_conditions import OperatingConditions
@@ -30,15 +31,12 @@ Build = Callable[[Correction], ControlFiles]
 
 @dataclass(frozen=True)
 class FileCorrection:
-    """A correction, what a format makes of it, and what that leaves; free: the part that takes away internal force.
-
-    tool_rms_m: predicted position error of the tool in the commanded translations, before and after.
-    """
+    """A correction, what a format makes of it, and what that leaves; free: the part that takes away internal force."""
 
     correction: Correction
     made: ControlFiles
     loss: Loss
-    tool_rms_m: dict[str, float]
+    remaining: RemainingError
     free: FreePart | None = None
 
     @classmethod
@@ -49,7 +47,8 @@ class FileCorrection:
         check = correction.check
         check_size_and_slope(machine, made.tables, check.drives)
         loss = Loss.of(made.tables, check.drives, check.correction)
-        return cls(correction, made, loss, _tool_rms(machine, error, made.tables, correction), free)
+        corrected = check.drives + corrections_at(made.tables, check.drives)
+        return cls(correction, made, loss, RemainingError.of(machine, error, check, corrected), free)
 
     def or_with(self, machine: Machine, error: ToolError, build: Build, free: FreePart) -> FileCorrection:
         """The one with this free part, if the format holds it; else this one."""
@@ -57,8 +56,11 @@ class FileCorrection:
             other = FileCorrection.of(machine, error, self.correction.box, build, free)
         except InputError:  # larger than the control takes
             return self
-        holds = other.tool_rms_m["after"] <= (1.0 + MOST_GROWTH) * self.tool_rms_m["after"]
-        return other if holds or other.tool_rms_m["after"] <= MOST_GROWTH * self.tool_rms_m["before"] else self
+        pairs = zip(self.remaining.changes.values(), other.remaining.changes.values(), strict=True)
+        holds = all(
+            new.after <= max((1.0 + MOST_GROWTH) * old.after, MOST_GROWTH * old.before) for (old, _), (new, _) in pairs
+        )
+        return other if holds else self
 
     def forces_n(self, fit: Fit, conditions: OperatingConditions) -> dict[str, float]:
         """Predicted forces of the struts (RMS), before and after."""
@@ -69,13 +71,3 @@ class FileCorrection:
             float(np.sqrt(np.mean(strut_forces(fit, conditions, q, target) ** 2))) for q in (drives, corrected)
         )
         return {"before": before, "after": after}
-
-
-def _tool_rms(
-    machine: Machine, error: ToolError, tables: tuple[DriveTables, ...], correction: Correction
-) -> dict[str, float]:
-    check = correction.check
-    moves = machine.commanded[machine.commanded < 3]
-    drives = (check.drives, check.drives + corrections_at(tables, check.drives))
-    before, after = (float(np.sqrt(np.mean(np.sum(error(q, check.target_m)[:, moves] ** 2, axis=1)))) for q in drives)
-    return {"before": before, "after": after}

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calibration.base.errors import InputError
 from calibration.compensation.correction import Correction
 from calibration.compensation.kinematics.catalogue import KINEMATICS, require_kind
 from calibration.compensation.kinematics.fit import KinematicsFiles, KinematicsFormat, KinematicsLoss, tool_poses
+from calibration.compensation.remaining_error import RemainingError
 from calibration.machine.description import Machine
 from calibration.recording.recording import Recording
-from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.control_files import LEAST_REMOVED, Choice, IdentifiedLoad
+from pkm_rig.jobs.control_files import Choice, IdentifiedLoad, remaining_json, remaining_line, require_enough_removed
 from pkm_rig.results.callbacks import Notify
 from pkm_rig.store.place import campaign_folder
 
@@ -44,42 +42,37 @@ def write_kinematics_files(
             f"{name}: correction RMS {before * 1e6:.1f} um; rigid parameters leave max {most * 1e6:.2f}, "
             f"RMS {left * 1e6:.2f} um"
         )
-    require_enough_removed(form, loss, accept=choice.accept_loss)
+    remaining = remaining_by_load(identified, made, correction)
+    own = remaining[identified.payload]
+    notify(remaining_line(own))
+    require_enough_removed(form.name, machine, payload, own, accept=choice.accept_loss)
     folder = campaign_folder(out, recording.file.campaign) / f"{form.name}-payload-{payload}"
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in made.files.items():
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     return _result(identified, form, made, loss) | {
-        "tool_position_rms_m": tool_rms_by_load(identified, made, correction),
+        **_remaining_json(identified, remaining),
         "folder": str(folder),
     }
 
 
-def require_enough_removed(form: KinematicsFormat, loss: KinematicsLoss, *, accept: bool) -> None:
-    """Raise CampaignRefused where less than half of the correction would be removed and that is not accepted."""
-    if loss.remaining_share > 1.0 - LEAST_REMOVED and not accept:
-        raise CampaignRefused(
-            f"format {form.name}: {form.parameters} would remove {1.0 - loss.remaining_share:.0%} of the predicted "
-            f"correction's RMS, less than {LEAST_REMOVED:.0%}; choose another format or give --accept-loss"
-        )
-
-
-def tool_rms_by_load(
+def remaining_by_load(
     identified: IdentifiedLoad, made: KinematicsFiles, correction: Correction
-) -> dict[str, dict[str, float]]:
-    """Predicted position error of the tool by payload (kg), without and with this geometry, made for one payload."""
+) -> dict[int, RemainingError]:
+    """The tool's predicted error by payload, without and with this geometry, made for one payload."""
     machine, check = identified.machine, correction.check
-    moves = machine.commanded[machine.commanded < 3]
     calibrated = made.kinematics.drives(tool_poses(machine, check.target_m))
-    out = {}
-    for load in identified.other_loads():
-        error = load.error()
-        before, after = (
-            float(np.sqrt(np.mean(np.sum(error(q, check.target_m)[:, moves] ** 2, axis=1))))
-            for q in (check.drives, calibrated)
-        )
-        out[f"{load.load.payload_kg:g}"] = {"before": before, "after": after}
-    return out
+    return {
+        load.payload: RemainingError.of(machine, load.error(), check, calibrated) for load in identified.other_loads()
+    }
+
+
+def _remaining_json(identified: IdentifiedLoad, remaining: dict[int, RemainingError]) -> dict[str, Any]:
+    """By payload in kg."""
+    masses = {n: f"{entry.mass_kg:g}" for n, entry in enumerate(identified.recording.file.payloads)}
+    parts = {n: remaining_json(error) for n, error in remaining.items()}
+    keys = next(iter(parts.values()))
+    return {key: {masses[n]: part[key] for n, part in parts.items()} for key in keys}
 
 
 def _result(

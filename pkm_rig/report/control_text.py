@@ -9,11 +9,10 @@ from pkm_rig.report.terminal import results
 
 def print_control_files(result: dict[str, Any]) -> None:
     """The files of a format, what they mean to the control, and what they leave."""
-    before, after = (result["tool_position_rms_m"][key] * 1e6 for key in ("before", "after"))
     lines = [
         f"{result['format']} for {result['control']}, {result['payload_kg']:g} kg: {result['tables']} tables, "
         f"{result['removed_share']:.1%} of the corrections' RMS",
-        f"predicted position error, RMS: {before:.1f} um without, {after:.2f} um with the tables",
+        *_remaining_lines(result["tool_position_rms_m"], result["tool_rotation_rms_rad"], "the tables"),
         f"sign: {result['sign']}; interpolation: {result['interpolation']}",
         result["trial"],
     ]
@@ -35,16 +34,26 @@ def print_kinematics_files(result: dict[str, Any]) -> None:
         f"{result['format']} for {result['control']}, {result['payload_kg']:g} kg: {result['parameters']} take "
         f"{result['removed_share']:.1%} of the corrections' RMS",
         result["trial"],
-        "what rigid parameters cannot carry (single errors that they lack, stiffness, payload), predicted position "
-        "error, RMS:",
+        "what rigid parameters cannot carry (single errors that they lack, stiffness, payload):",
     ]
     lines += [
-        f"  at {mass} kg: {rms['before'] * 1e6:.1f} um without, {rms['after'] * 1e6:.2f} um with this geometry"
-        for mass, rms in result["tool_position_rms_m"].items()
+        f"  at {mass} kg: {line}"
+        for mass, position in result["tool_position_rms_m"].items()
+        for line in _remaining_lines(position, result["tool_rotation_rms_rad"][mass], "this geometry")
     ]
     lines.append(f"files: {result['folder']}: {', '.join(result['files'])}")
     for line in lines:
         results.print(line, soft_wrap=True)
+
+
+def _remaining_lines(position: dict[str, float] | None, rotation: dict[str, float] | None, what: str) -> list[str]:
+    named = (("position", position, "um"), ("rotation", rotation, "urad"))
+    return [
+        f"predicted {name} error of the tool, RMS: {rms['before'] * 1e6:.1f} {unit} without, "
+        f"{rms['after'] * 1e6:.2f} {unit} with {what}"
+        for name, rms, unit in named
+        if rms is not None
+    ]
 
 
 def print_program(result: dict[str, Any]) -> None:

@@ -11,10 +11,11 @@ from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_matrix
 from calibration.compensation.correction import Correction
 from calibration.compensation.kinematics.catalogue import KINEMATICS, require_kind
-from calibration.compensation.kinematics.fit import KinematicsLoss, tool_poses
+from calibration.compensation.kinematics.fit import tool_poses
+from calibration.compensation.remaining_error import RemainingError
 from calibration.machine.description import load_machine, shipped_machine, shipped_machines
 from pkm_rig.errors import CampaignRefused
-from pkm_rig.jobs.kinematics_files import require_enough_removed
+from pkm_rig.jobs.control_files import require_enough_removed
 from tests.calibration.compensation.control_kinematics import GenHexKins, KlipperDelta, LinearDeltaKins, rpy_of
 from tests.calibration.compensation.drawn_machine import DrawnMachine
 
@@ -122,14 +123,14 @@ def test_every_other_machine_is_refused_with_the_reason():
                     require_kind(form, machine)
 
 
-def test_what_removes_too_little_is_refused_unless_accepted():
-    drawn, correction, _ = drawn_machine("delta6", loads=True)
-    form = KINEMATICS["lineardeltakins"]
-    loss = KinematicsLoss.of(form.build(correction, ()).kinematics, drawn.machine, correction.check)
-    assert loss.remaining_share > 0.5
-    with pytest.raises(CampaignRefused, match="--accept-loss"):
-        require_enough_removed(form, loss, accept=False)
-    require_enough_removed(form, loss, accept=True)
+def test_parameters_that_remove_too_little_of_the_tools_error_are_refused_unless_accepted():
+    drawn, correction, error = drawn_machine("delta6", loads=True)
+    kinematics = KINEMATICS["lineardeltakins"].build(correction, ()).kinematics
+    check = correction.check
+    left = RemainingError.of(drawn.machine, error, check, kinematics.drives(tool_poses(drawn.machine, check.target_m)))
+    with pytest.raises(CampaignRefused, match=r"position error .+ give --accept-loss"):
+        require_enough_removed("lineardeltakins", drawn.machine, 0, left, accept=False)
+    require_enough_removed("lineardeltakins", drawn.machine, 0, left, accept=True)
 
 
 def test_the_files_say_which_control_has_read_them():

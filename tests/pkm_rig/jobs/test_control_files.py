@@ -11,10 +11,12 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.compensation.formats.catalogue import FORMATS
 from calibration.compensation.kinematics.catalogue import KINEMATICS
+from calibration.compensation.remaining_error import Change, RemainingError
 from calibration.compensation.tables import corrected_drives
 from calibration.machine.inverse import nominal_drives, platform_poses
 from calibration.recording.folder import write_folder
-from pkm_rig.jobs.control_files import IdentifiedLoad, find_former
+from pkm_rig.errors import CampaignRefused
+from pkm_rig.jobs.control_files import IdentifiedLoad, find_former, require_enough_removed
 from tests.calibration.compensation import control_readers as readers
 from tests.pkm_rig.plant_recording import record
 
@@ -58,8 +60,15 @@ def test_a_format_that_loses_more_than_half_is_written_only_on_demand(run, folde
     arguments = ("compensate", folder, "--format", "linuxcnc-comp", "--payload", 1, "--out", tmp_path)
     refused = run(*arguments)
     written = tmp_path / "plant-11" / "linuxcnc-comp-payload-1"
-    share = float(re.search(r"would remove (\d+)%", refused.stderr)[1])
+    found = re.search(
+        r"on planar4 at payload 1 it would remove (\d+)% of the tool's predicted position error "
+        r"\(([\d.]+) .m to ([\d.]+) .m RMS\), less than 50%; choose another format or give --accept-loss$",
+        refused.stderr.strip(),
+    )
+    share, before, after = map(float, found.groups())
+    assert share == pytest.approx(100.0 * (1.0 - after / before), abs=1.0)
     assert share < 50.0
+    assert f"predicted error of the tool, RMS: position {found[2]}" in refused.stderr
     assert refused.returncode == 1
     assert "--accept-loss" in refused.stderr.splitlines()[-1]
     assert "the format leaves max" in refused.stderr
@@ -68,6 +77,28 @@ def test_a_format_that_loses_more_than_half_is_written_only_on_demand(run, folde
     assert accepted.returncode == 0
     assert (written / "joint0.comp").is_file()
     assert "Read by LinuxCNC 2.9 of Debian 12, not in real time" in accepted.stdout
+
+
+@pytest.mark.parametrize("accept", [False, True])
+def test_what_makes_the_tool_worse_is_refused_whatever_is_accepted(recording, accept):
+    """In position or in rotation alone, too; what removes enough passes."""
+    good, poor, worse = Change(24.5e-6, 1e-6), Change(24.5e-6, 20e-6), Change(24.5e-6, 40.6e-6)
+    machine = recording.machine
+    for remaining, name in (
+        (RemainingError(worse, None), "position"),
+        (RemainingError(good, worse), "rotation"),
+        (RemainingError(poor, worse), "rotation"),
+        (RemainingError(None, worse), "rotation"),
+    ):
+        complaint = (
+            f"format beckhoff-plane: on planar4 at payload 1 the tool's predicted {name} error would grow from 24.5"
+        )
+        with pytest.raises(CampaignRefused, match=complaint):
+            require_enough_removed("beckhoff-plane", machine, 1, remaining, accept=accept)
+    require_enough_removed("beckhoff-plane", machine, 1, RemainingError(good, good), accept=accept)
+    require_enough_removed("beckhoff-plane", machine, 1, RemainingError(good, poor), accept=True)
+    with pytest.raises(CampaignRefused, match="would remove 18% of the tool's predicted rotation error"):
+        require_enough_removed("beckhoff-plane", machine, 1, RemainingError(good, poor), accept=False)
 
 
 def test_a_correction_that_has_changed_much_needs_a_word(run, recording, folder, tmp_path):

@@ -37,6 +37,7 @@ __all__ = [
     "station_air",
     "supervision",
     "table_change",
+    "table_images",
     "table_recovery",
     "tool_place",
     "unread_drives",

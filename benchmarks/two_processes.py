@@ -92,8 +92,8 @@ def served(rig: Path) -> Iterator[None]:
 
 def campaign_of(rig: Path, out: Path, job: str) -> tuple[str, float]:
     """`pkm-rig calibrate` or `measure`, or what is left of it; the campaign and the seconds that it took now."""
-    former = last_campaign(out)
-    if former is not None and is_verified(out, former):
+    former, measured = last_campaign(out), out / "measured"
+    if former is not None and (measured.exists() or is_verified(out, former)):
         return former, 0.0
     resume = [] if former is None else ["--resume", former]
     begun_s = time.monotonic()
@@ -101,6 +101,8 @@ def campaign_of(rig: Path, out: Path, job: str) -> tuple[str, float]:
     done = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True)
     if done.returncode not in (0, 1):
         raise RuntimeError(f"{job} ended with status {done.returncode}; the same command goes on")
+    if job == "measure":
+        measured.touch()  # taken up again it would measure its warm-up once more
     return last_campaign(out) or "", time.monotonic() - begun_s
 
 
@@ -177,6 +179,7 @@ def main() -> int:
     reached = True
     for part in options.parts.split(","):
         folder = options.out / f"{options.machine}-{part}{'' if options.poses is None else f'-{options.poses}'}"
+        folder = folder.with_name(f"{folder.name}-{options.job}")
         result = folder / "result.json"
         if not result.exists():
             row = run_part(options.machine, part, folder, options.scale, options.poses, options.job)

@@ -56,14 +56,15 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     What is another at each visit explains much that is not its own. It is looked for only where something is left that
     no effect explains otherwise.
     """
-    found = _search(likelihood, inputs, effects, rank_effects(likelihood, inputs, effects), by_visit=False)
+    alone = rank_effects(likelihood, inputs, effects)
+    found = _search(likelihood, inputs, effects, alone, by_visit=False)
     if found.excess_log_evidence < excess_threshold(found.log_evidence):
         return found
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
-    if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < found.ranking[0].log_evidence:
+    if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < alone[0].log_evidence:
         return found
-    others = [cause for cause in found.ranking if not cause.effect.differs_by_visit]
+    others = [cause for cause in alone if not cause.effect.differs_by_visit]
     by_visit = _search(likelihood, inputs, effects, first_likely([*ranked, *others]), by_visit=True)
     return by_visit if by_visit.log_evidence > found.log_evidence else found
 

@@ -209,17 +209,23 @@ def test_three_causes_are_enough(monkeypatch):
     assert [c.name for c in searched(monkeypatch, *rounds).causes] == ["latency", "refraction", "tracker_drift"]
 
 
-def search_with(monkeypatch, given: dict[str, dict[str, float]]):
-    """A search in which the evidence of each effect is known for what is in the model already ("none+latency")."""
+def search_with(monkeypatch, given: dict[str, dict[str, float]], rest: float = 5.0):
+    """A search in which the evidence of each effect is known for what is in the model already ("none+latency").
 
-    def ranked(likelihood, *_, **__):
-        logs = given.get(likelihood, {})
-        return sorted((Evidence(name, log, "") for name, log in logs.items()), key=lambda c: -c.log_evidence)
+    "by visit": without any, where effects may be others at each visit. rest: evidence of alternatives.
+    """
+
+    def ranked(likelihood, *_, by_visit=False, **__):
+        logs = given.get("by visit" if by_visit and likelihood == "none" else likelihood, {})
+        places = {"backlash": "left"}
+        found = [Evidence(name, log, places.get(name, "")) for name, log in logs.items()]
+        return sorted(found, key=lambda c: -c.log_evidence)
 
     monkeypatch.setattr(search, "rank_effects", ranked)
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
-    monkeypatch.setattr(search, "rank_non_parametric", lambda *_: [Evidence("", 5.0)])
+    monkeypatch.setattr(search, "rank_non_parametric", lambda *_: [Evidence("", rest)])
+    monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name == "backlash")
     return search.search_causes("none", INPUTS, [])
 
 
@@ -261,6 +267,13 @@ def test_a_weak_effect_begins_a_search_where_it_was_found_later(monkeypatch):
     monkeypatch.setattr(search, "VERDICT", replace(search.VERDICT, leaders=1))
     given["none+latency"] = {}
     assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["latency", "smr_reseat"]
+
+
+def test_what_differs_by_visit_need_not_outdo_an_effect_that_a_pair_has_raised(monkeypatch):
+    """It explains more than each effect alone, and with another more than the pair does."""
+    given = TWO_LIKE_A_THIRD | {"by visit": {"backlash": 1010.0}, "none+backlash": {"tracker_drift": 600.0}}
+    result = search_with(monkeypatch, given, rest=200.0)
+    assert [cause.name for cause in result.causes] == ["backlash", "tracker_drift"]
 
 
 def test_no_search_begins_with_an_effect_that_explains_less_than_a_fifth(monkeypatch):

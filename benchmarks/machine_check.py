@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.calibrated_mock import calibrated_mock
 from benchmarks.results_file import ResultsFile, code_digest
+from calibration.base.errors import InputError
 from calibration.identification.calibration import pose_u
 from calibration.identification.prediction import predict_poses
 from calibration.instruments.smr_positions import ReflectorObservations
@@ -232,6 +233,10 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/machine-check"))
     options = parser.parse_args()
+    try:
+        demo_rig_path(options.machine)
+    except InputError as error:
+        parser.error(str(error))
     seeds = [int(s) for s in options.seeds.split(",")]
     code = code_digest(*PROGRAMS)
     kept = ResultsFile(options.out / f"{options.machine}-{code}.jsonl", {"machine": options.machine, "code": code})

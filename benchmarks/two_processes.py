@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.base.errors import InputError
 from calibration.identification.calibration import identify_recording
 from mock_devices.lasting_state import RigState
 from pkm_rig.rig.config import demo_rig_path, load_rig
@@ -176,6 +177,10 @@ def main() -> int:
     parser.add_argument("--parts", default=",".join(PARTS))
     parser.add_argument("--out", type=Path, default=Path("runs/two-processes"))
     options = parser.parse_args()
+    try:
+        demo_rig_path(options.machine)
+    except InputError as error:
+        parser.error(str(error))
     reached = True
     for part in options.parts.split(","):
         folder = options.out / f"{options.machine}-{part}{'' if options.poses is None else f'-{options.poses}'}"

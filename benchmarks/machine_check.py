@@ -235,8 +235,8 @@ def main() -> int:
     options = parser.parse_args()
     try:
         demo_rig_path(options.machine)
-    except InputError as error:
-        parser.error(str(error))
+    except InputError as unknown:
+        parser.error(str(unknown))
     seeds = [int(s) for s in options.seeds.split(",")]
     code = code_digest(*PROGRAMS)
     kept = ResultsFile(options.out / f"{options.machine}-{code}.jsonl", {"machine": options.machine, "code": code})

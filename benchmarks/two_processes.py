@@ -37,7 +37,7 @@ from tests.kept_results import until_stopped
 PARTS = ("steady", "drifting")
 MOST_OF_U = 0.3
 READY_S = 120.0
-SYNC_HOST_S, LONGEST_SYNC_S = 0.008, 0.1  # as fast as two processes answer for eight drives; the same in one process
+SYNC_HOST_S, LONGEST_SYNC_S = 0.04, 0.1  # on a shared computer a process may pause for longer than 8 ms
 NO_DRIFT = "1e-18"  # zero is refused; this is below what an angle resolves
 DRIFTS = ("drift_rad_per_sqrt_h", "drift_of_level_rad_per_sqrt_h", "drift_m_per_sqrt_h")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import secrets
 import signal
@@ -104,6 +105,7 @@ def mock(
         for line in lines:
             results.print(line, soft_wrap=True, markup=False)
         sys.stdout.flush()
+        gc.freeze()  # a collection of all that was loaded takes some 80 ms, in which no drive would answer
         _listen(lambda line: tell(devices, line))
         stopped.wait()
 

@@ -274,7 +274,8 @@ class DriveGroup:
         due_s, rows_at_rest = self._clock.now_s(), 0
         while rows_at_rest <= _SYNC_COUNT_TO_ARRIVE:
             row = walk.next_row(brake=self._stop.requested is not None)
-            last_rows.append(row)
+            if not rows_at_rest:  # what has not quite arrived at the end is still between the rows before it
+                last_rows.append(row)
             samples = self._check_all(send_row(partial(self._send_targets, row)))
             require_on_path(self.drives, samples, last_rows, self.rest.demand_m)
             if walk.at_rest:

@@ -104,6 +104,15 @@ def test_steps_as_long_as_the_velocity_limit_permits_are_followed(opened: Open) 
     assert [s.demand_m for s in samples] == pytest.approx([0.01, -0.01], abs=2e-6)
 
 
+def test_drives_whose_clock_is_slower_than_the_master_s_arrive(opened: Open) -> None:
+    bench = led(opened)
+    for server in bench.servers:
+        server.axis.cyclic.units = round(1.1 * server.axis.cyclic.units)
+    path = [[place, -place] for place in itertools.accumulate([0.0, *([SPEED_M_PER_S * PERIOD_S] * 5)])]
+    samples = bench.group.follow(path, SPEED_M_PER_S)
+    assert [s.demand_m for s in samples] == pytest.approx([0.01, -0.01], abs=2e-6)
+
+
 def test_a_target_of_before_a_stop_moves_nothing_after_it(opened: Open) -> None:
     bench = led(opened)
     bench.group.follow([[0.0, 0.0]], SPEED_M_PER_S)

@@ -15,6 +15,7 @@ from typing import Literal, Self
 import can
 
 from mock_devices.can.socketcand_server import SocketCandServer
+from mock_devices.can.sync_moments import SyncMoments
 from mock_devices.clock import RigClock
 from mock_devices.drives.drive_axis import DriveAxis
 from mock_devices.drives.lasting_drive import drive_state, restore_drive
@@ -94,6 +95,7 @@ class MockRig:
         nodes = node_ids or tuple(range(1, len(self.plant.parts) + 1))
         if len(nodes) != len(self.plant.parts):
             raise ValueError(f"{len(self.plant.parts)} drives, {len(nodes)} node ids")
+        self._sync_moments = SyncMoments(clock)
         self._started = ExitStack()
         try:
             drives = []
@@ -217,9 +219,9 @@ class MockRig:
             self._state_file.keep(plant=self.plant.state())
             self._write_state(self._state_file)
 
-    def _watch_machine(self) -> None:
-        """After a SYNC: where a strut bears more than it may all drives fault, as by a strain gauge's contact."""
-        why = self.plant.overloaded(self.plant.clock.now_s()) if self.drives else None
+    def _watch_machine(self, t_s: float) -> None:
+        """At a SYNC: where a strut bears more than it may all drives fault, as by a strain gauge's contact."""
+        why = self.plant.overloaded(t_s) if self.drives else None
         if why is not None:
             self.strained = why
             for drive in self.drives:
@@ -251,6 +253,7 @@ class MockRig:
             clock,
             changed=partial(self._drive_changed, node_id),
             load_kg=partial(self.plant.load_kg, index),
-            watch=self._watch_machine if index == 0 and self.plant.can_be_strained else lambda: None,
+            watch=self._watch_machine if index == 0 and self.plant.can_be_strained else lambda _t_s: None,
+            sync_moments=self._sync_moments,
             faults=self.faults,
         )

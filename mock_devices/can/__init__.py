@@ -10,4 +10,5 @@ __all__ = [
     "sdo_server",
     "slcan_adapter",
     "socketcand_server",
+    "sync_moments",
 ]

@@ -24,6 +24,7 @@ from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, Watchdo
 from mock_devices.can.pdo_traffic import PdoTraffic
 from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.can.sdo_server import SdoServer
+from mock_devices.can.sync_moments import SyncMoments
 from mock_devices.clock import RigClock
 from mock_devices.drives.cia402 import State
 from mock_devices.drives.compensation import Compensation
@@ -50,8 +51,8 @@ __all__ = ["DriveServer", "MockAxis"]
 class DriveServer:
     """One drive at `node_id`. It owns `bus` and shuts it down in `close`; `load_kg` gives the mass that it carries.
 
-    `watch` is called after every SYNC, when it has been answered; `changed`, before the answer to the master, when
-    something was written that a drive keeps without power.
+    `watch` is called with the moment of every SYNC, when it has been answered; `changed`, before the answer to the
+    master, when something was written that a drive keeps without power. All drives of a rig share `sync_moments`.
     """
 
     def __init__(
@@ -62,7 +63,8 @@ class DriveServer:
         clock: RigClock,
         *,
         load_kg: Callable[[], float] = lambda: 0.0,
-        watch: Callable[[], None] = lambda: None,
+        watch: Callable[[float], None] = lambda _t_s: None,
+        sync_moments: SyncMoments | None = None,
         changed: Callable[[DriveAxis], None] = lambda _axis: None,
         faults: FaultPlan = NO_FAULTS,
     ) -> None:
@@ -71,10 +73,12 @@ class DriveServer:
         self._lock = threading.RLock()
         self._closed = False
         self._clock, self.faults, self.is_first = clock, faults, axis.is_first
+        self._sync_moments = sync_moments or SyncMoments(clock)
+        self._sync_s: float | None = None  # of the SYNC that is dealt with
         low_inc, high_inc = (_increments(limit) for limit in axis.travel_m)
         self.compensation = Compensation(node_id, axis.machine_id)
         self.axis = DriveAxis(
-            clock.now_s,
+            self._now_s,
             AxisLimits(low_inc, high_inc),
             self.compensation,
             axis.start_m / METRES_PER_INCREMENT,
@@ -93,7 +97,7 @@ class DriveServer:
         self._history = ErrorHistory()
         self._trial = Trial(clock, self.axis, self._watch, self._lock, self._send_emergency)
         self._objects = DriveObjects(
-            self.axis, clock.now_s, load_kg, self._heartbeat.start, self._watch, self._history, self._trial
+            self.axis, self._now_s, load_kg, self._heartbeat.start, self._watch, self._history, self._trial
         )
         self._defaults = deepcopy(self._node.data_store)
         self._saved = deepcopy(self._node.data_store)
@@ -224,7 +228,7 @@ class DriveServer:
         self._network.unsubscribe(self._node.sdo.rx_cobid, self._node.sdo.on_request)
         self._network.subscribe(self._node.sdo.rx_cobid, self._on_sdo)
         self._network.subscribe(0x000, lambda _id, data, _t: self._on_nmt(bytes(data)))
-        self._network.subscribe(0x080, lambda _id, _data, _t: self._on_sync())
+        self._network.subscribe(0x080, lambda _id, _data, stamp: self._on_sync(stamp))
         for node_id in range(1, 128):
             if node_id != self.node_id:
                 self._network.subscribe(0x700 + node_id, self._on_heartbeat)
@@ -257,22 +261,34 @@ class DriveServer:
         with self._lock:
             self._nmt.on_command(data)
 
-    def _on_sync(self) -> None:
+    def _now_s(self) -> float:
+        """Rig time; while a SYNC is dealt with, its moment."""
+        return self._clock.now_s() if self._sync_s is None else self._sync_s
+
+    def _on_sync(self, timestamp: float) -> None:
+        moment_s = self._sync_moments.moment_s(timestamp)
         with self._lock:
-            if self.is_first and self.faults.strikes("drive-emergency"):
-                self.axis.fault(_OVER_CURRENT)
-            self.axis.sync()
-            if self.axis.state is State.OPERATION_ENABLED and self._objects.beyond_torque():
-                self.axis.fault(EMCY_FOLLOWING_ERROR)
-            if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
-                self._sync_watch.set_limit(self.axis.cyclic.patience_s)
-            self._sync_watch.on_message()
-            frames = self._pdos.on_sync()
+            self._sync_s = moment_s
+            try:
+                frames = self._sync()
+            finally:
+                self._sync_s = None
             is_operational = self._nmt.state is NmtState.OPERATIONAL
         for cob_id, data in frames:
             self.send_frame(cob_id, data)
         if is_operational:
-            self._watch_machine()
+            self._watch_machine(moment_s)
+
+    def _sync(self) -> list[tuple[int, bytes]]:
+        if self.is_first and self.faults.strikes("drive-emergency"):
+            self.axis.fault(_OVER_CURRENT)
+        self.axis.sync()
+        if self.axis.state is State.OPERATION_ENABLED and self._objects.beyond_torque():
+            self.axis.fault(EMCY_FOLLOWING_ERROR)
+        if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
+            self._sync_watch.set_limit(self.axis.cyclic.patience_s)
+        self._sync_watch.on_message()
+        return self._pdos.on_sync()
 
     # Frames to the bus.
 

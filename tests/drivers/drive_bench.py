@@ -13,6 +13,7 @@ from drivers.can.can_line import CanLine
 from drivers.drives.drive_group import DriveGroup, GroupTiming
 from drivers.drives.drive_records import DriveTimeouts
 from drivers.drives.servo_drive import DriveExpectation, ServoDrive
+from mock_devices.can.sync_moments import SyncMoments
 from mock_devices.drives.mock_drive import DriveServer, MockAxis
 from mock_devices.faults import FaultPlan
 from pkm_rig.rig.clock import VirtualClock
@@ -89,7 +90,7 @@ def benches() -> Iterator[Open]:
             stack.close()
             channel, clock = f"supervision {next(_channels)}", VirtualClock()
             stack.callback(clock.close)
-            servers = []
+            servers, moments = [], SyncMoments(clock)
             for node in (1, 2):
                 server = DriveServer(
                     node,
@@ -106,6 +107,7 @@ def benches() -> Iterator[Open]:
                     EmbeddedBus(channel, clock),
                     clock,
                     faults=faults or FaultPlan(),
+                    sync_moments=moments,
                 )
                 stack.callback(server.close)
                 servers.append(server)

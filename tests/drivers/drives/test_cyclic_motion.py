@@ -113,6 +113,19 @@ def test_drives_whose_clock_is_slower_than_the_master_s_arrive(opened: Open) -> 
     assert [s.demand_m for s in samples] == pytest.approx([0.01, -0.01], abs=2e-6)
 
 
+def test_a_sync_has_one_moment_however_late_a_drive_s_thread_sees_it(opened: Open) -> None:
+    bench = led(opened)
+    for drive in bench.drives:
+        drive.send_target(0.001)
+    bench.clock.sleep_s(PERIOD_S)
+    for server in bench.servers:
+        server._on_sync(12.5)  # the frame's time stamp
+        bench.clock.sleep_s(0.25 * PERIOD_S)
+    first_m, second_m = places_m(bench)
+    assert first_m == pytest.approx(0.0005, rel=0.05)  # less a following error
+    assert second_m == first_m
+
+
 def test_a_target_of_before_a_stop_moves_nothing_after_it(opened: Open) -> None:
     bench = led(opened)
     bench.group.follow([[0.0, 0.0]], SPEED_M_PER_S)

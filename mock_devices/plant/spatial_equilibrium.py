@@ -18,6 +18,7 @@ from mock_devices.plant.structure import NoEquilibrium
 Array = NDArray[np.float64]
 
 SMALL_STEP = 1e-13
+_DECIMALS = 7
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.05
 _NEAR = 1e-3  # farther away rods under huge forces would make the expansion curve the wrong way
@@ -49,6 +50,11 @@ class SpatialPose:
     def moved(self, motion: Array) -> SpatialPose:
         """After a shift (3) and a turn (3) of the machine frame."""
         return SpatialPose(self.p + motion[:3], _product(quaternion_of(motion[3:]), self.quaternion))
+
+    def rounded(self) -> SpatialPose:
+        """A pose nearby that is the same for all that differ by a rounding."""
+        quaternion = np.round(self.quaternion, _DECIMALS)
+        return SpatialPose(np.round(self.p, _DECIMALS), quaternion / np.linalg.norm(quaternion))
 
     def vector(self) -> Array:
         """Position and rotation vector (6,)."""

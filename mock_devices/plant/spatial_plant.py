@@ -227,12 +227,14 @@ class SpatialPlant(HistoryPlant):
         departure: Departure | None = None,
         small_step: float = SMALL_STEP,
     ) -> SpatialPose:
-        """The pose at rest, found from the last one; the same to round-off from wherever it is sought."""
+        """The pose at rest, found from the last one. That of a reading is the same, bit for bit, whatever was before."""
         with self._pose_lock:
             try:
                 pose = self._machine.pose(drives, self._payload, temperatures_c, self._pose, departure, small_step)
             except NoEquilibrium:  # the last pose was far away, or on no good way to this one
                 pose = self._machine.pose(drives, self._payload, temperatures_c, None, departure)
+            if small_step == SMALL_STEP:
+                pose = self._machine.pose(drives, self._payload, temperatures_c, pose.rounded(), departure)
             self._pose = pose
             self._forces_n, self._loads = self._machine.loads(drives, self._payload, pose, temperatures_c, departure)
             if departure is not None:

@@ -256,6 +256,22 @@ def test_without_effects_nothing_changes():
     assert replace(MockSettings(), effects=()).effects == ()
 
 
+@pytest.mark.parametrize("name", ["gough8", "delta6"])
+def test_a_reading_is_the_same_to_the_last_bit_whatever_was_before(name):
+    rng, places = np.random.default_rng(8), []
+    for _ in range(4):
+        plant, drives, clock = plant_of(name)
+        homes = [drive.first for drive in drives]
+        for _ in range(3):
+            for drive, home in zip(drives, homes, strict=True):
+                drive.first = home + float(rng.uniform(-2e-5, 2e-5))
+            seen(plant, clock.t_s)
+        for drive, home in zip(drives, homes, strict=True):
+            drive.first = home + 1e-5
+        places.append(seen(plant, clock.t_s))
+    assert all(np.array_equal(places[0], other) for other in places[1:])
+
+
 def places_of(plant, departure=None, **file_changes):
     """Reflectors (s, 3) of a plant's machine at rest, machine frame, with a departure or with another file."""
     machine = replace(plant._machine, file=replace(plant._machine.file, **file_changes))

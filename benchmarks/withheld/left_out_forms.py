@@ -3,11 +3,12 @@
 Plant and catalogue share no code, but come from one project, and where both wrote down the same formula nothing is
 learnt of machines whose formula nobody wrote down. So the maker, who knows the truth, compares. The noise-free change
 by an effect, whitened, with everything that the model's unknowns and the declared disturbances absorb taken out, is
-fitted by each form of that effect at its true place: by its own columns, and as a departure from the columns that it
-departs from, with the best coefficients, time constants, onsets and periods. A form that explains more than LARGEST of
-the square of the change is left out of the catalogue, for that case alone. The textbook's form of every effect and
-general functions stay. As many forms of other effects are left out beside them, and some in cases of every other kind,
-so that what is left out does not tell the truth.
+fitted by each form of that effect at its true place, and of every other one there or at the best of its own: by its
+own columns, and as a departure from the columns that it departs from, with the best coefficients, time constants,
+onsets and periods. A form that explains more than LARGEST of the square of the change, whichever effect's it is, is
+left out of the catalogue, for that case alone. The textbook's form of every effect and general functions stay. As many
+forms of other effects are left out beside them, and some in cases of every other kind, so that what is left out does
+not tell the truth.
 """
 
 from __future__ import annotations
@@ -31,18 +32,14 @@ Array = NDArray[np.float64]
 
 LARGEST = 0.98  # share of the square of a change that a form may explain
 DECOYS = (1, 2, 3)  # forms of another effect that are left out where none of the true one's is
-SAME_COLUMNS = {  # effects whose forms are each other's, name by name: what is left out of one is left out of all
-    "screw_periodic_error": ("encoder_interpolation",),
-    "encoder_interpolation": ("screw_periodic_error",),
-}
 NEGLIGIBLE = 1e-10  # information of a direction of columns over the largest
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Forms that a case is diagnosed without, each EFFECT/FORM: the true effects' own, and decoys.
+    """Forms that a case is diagnosed without, each EFFECT/FORM: those that explain a true effect's change, and decoys.
 
-    explained: share of its effect's change that each own form explains, above LARGEST.
+    explained: share of a true effect's change that each form explains, above LARGEST.
     """
 
     explained: Mapping[str, float]
@@ -69,12 +66,12 @@ class FormComparison:
         if linear is not None and not self._forms:
             self._forms = forms_by_effect(linear, self._catalogue)
         explained: dict[str, float] = {}
-        for name, place, change_m in known:
+        for _, place, change_m in known:
             assert linear is not None
-            shares = explained_shares(linear, self._catalogue.effect(name), place, change_m)
-            for effect in (name, *SAME_COLUMNS.get(name, ())):
-                explained |= {f"{effect}/{form}": share for form, share in shares.items() if share > LARGEST}
-        return LeftOut(explained, self._decoys({name for name, _, _ in changes}, len(explained), rng))
+            shares = explained_shares(linear, self._catalogue.effects, place, change_m)
+            explained |= {form: share for form, share in shares.items() if share > LARGEST}
+        explaining = {name for name, _, _ in changes} | {form.partition("/")[0] for form in explained}
+        return LeftOut(explained, self._decoys(explaining, len(explained), rng))
 
     def _decoys(self, true: set[str], own: int, rng: np.random.Generator) -> tuple[str, ...]:
         """As many forms of other effects as of the true ones; where that is none, some of two effects."""
@@ -105,28 +102,35 @@ def removable_forms(effect: Effect, inputs: EffectInputs) -> tuple[str, ...]:
     return tuple(sorted(set(names) - {"", _textbook(effect)}))
 
 
-def explained_shares(linear: LinearModel, effect: Effect, place: str, change_m: Array) -> dict[str, float]:
-    """How much of the square of a change (r, 3; machine's axes) each form of its effect explains, at its place.
+def explained_shares(linear: LinearModel, effects: Sequence[Effect], place: str, change_m: Array) -> dict[str, float]:
+    """How much of the square of a change (r, 3; machine's axes) each form, EFFECT/FORM, explains, at a place.
 
-    Where the catalogue has the effect at other places than the plant, at the best of these.
+    Where an effect has no such place, at the best of its own; curves there at the place that its columns explain best.
     """
     shift = linear.whiten_shift(change_m[linear.rows])
     likelihood = MarginalLikelihood(linear, MarginalLikelihood.of(linear).response, linear.q, linear.apply(shift))
     total = float(np.sum(shift * likelihood.weighted_residual))
     if not total > 0.0:
         return {}
-    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
-    names, out = effect.places(linear.machine), dict[str, float]()
-    for index in [names.index(place)] if place in names else range(len(names)):
-        built = effect.forms(inputs, index)
-        columns = likelihood.information_and_score(built.contributions)
-        for form, share in shares_of_sets(built, columns, total, _textbook(effect)).items():
-            out[form] = max(out.get(form, 0.0), share)
-        for curve in effect.curves(inputs, index):
+    inputs, out = inputs_of_recording(likelihood, periodograms(likelihood)), dict[str, float]()
+    for effect in effects:
+        textbook, names = _textbook(effect), effect.places(linear.machine)
+        best = (-1.0, 0)
+        for index in [names.index(place)] if place in names else range(len(names)):
+            built = effect.forms(inputs, index)
+            columns = likelihood.information_and_score(built.contributions)
+            for form, share in shares_of_sets(built, columns, total, textbook).items():
+                name = f"{effect.name}/{form}"
+                out[name] = max(out.get(name, 0.0), share)
+            of_sets = (_explained(columns, basis_set.columns) for basis_set in built.sets)
+            best = max(best, (max(of_sets, default=0.0), index))
+        for curve in effect.curves(inputs, best[1]) if names else ():
+            if curve.form in ("", textbook):
+                continue
             fit = fit_curves(likelihood, (curve,), effect.size.low, effect.size.high)
-            if fit is not None and curve.form not in ("", _textbook(effect)):
-                value = likelihood.information_and_score(fit.contributions[:1])
-                out[curve.form] = max(out.get(curve.form, 0.0), _explained(value, (0,)) / total)
+            if fit is not None:
+                name, value = f"{effect.name}/{curve.form}", likelihood.information_and_score(fit.contributions[:1])
+                out[name] = max(out.get(name, 0.0), _explained(value, (0,)) / total)
     return out
 
 

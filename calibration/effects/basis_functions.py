@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -25,6 +27,12 @@ def random_walk_basis(t: Array, terms: int) -> Array:
     span = max(float(t.max()), 1e-9)
     k = np.arange(terms) + 0.5
     return np.asarray(np.sqrt(2.0 * span) * np.sin(np.pi * np.outer(t / span, k)) / (np.pi * k))
+
+
+def course_with_jumps(t_s: Array, terms: int, jumps_s: Sequence[float]) -> Array:
+    """Any course in time (n, k): a random walk over the whole time, and jumps at some moments."""
+    walk = random_walk_basis(t_s / max(float(t_s.max()), 1.0), terms)
+    return np.column_stack([walk, *((t_s >= jump_s).astype(np.float64) for jump_s in jumps_s)])
 
 
 def cosine_basis(x: Array, terms: int, *, roughness: float = 2.0, constant: bool = False) -> Array:

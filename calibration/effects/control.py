@@ -11,6 +11,11 @@ from calibration.effects.basis_functions import cosine_basis, tensor_product
 REFERENCE_SPEED_M_PER_S = 0.5
 DWELL_TIMES_S = geometric_series(0.5, 16.0, 7)
 CAPS_M_PER_S = (10.0, 0.3, 0.2, 0.15, 0.125)
+OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and of the one that is shifted
+SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
+SHORT_LEG_M = 0.01  # below which a leg's length does not matter
+REST_TERMS = 6  # of any function of the rest
+ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 
 
 def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
@@ -27,11 +32,18 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(straight, curve[1:], share=0.5)
         sets.add_set(curve)
         sets.add_set(crossed[:1], (*straight, *crossed[1:], *curve), share=0.3)
+        own = cosine_basis(context.drives[:, drive], OWN_TERMS, constant=True)
+        sets.add_set(sets.add((travel, half * tensor_product(cosine_basis(q, OTHER_TERMS), own))))
         push = 0.25 * context.direction[:, other]
         pushed = sets.add((travel, push), form="by_approach")
         for speed in _speeds(inputs):
             faster = sets.add((travel, push * speed), form="by_approach_speed")
             sets.add_set(faster, pushed, share=0.3, weight=0.5)
+        # By any function of speed and length of the last leg, from which follows how fast the other axis came.
+        whatever_speed = cosine_basis(context.speed_m_per_s, SPEED_TERMS, constant=True)
+        leg_m = np.abs(q - context.previous_drives[:, other]) if "history" not in context.not_said else np.zeros(len(q))
+        whatever_leg = cosine_basis(np.log(leg_m + SHORT_LEG_M), LEG_TERMS, constant=True)
+        sets.add_set(sets.add((travel, push[:, None] * tensor_product(whatever_speed, whatever_leg))), weight=0.5)
     return sets
 
 
@@ -52,6 +64,10 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     faster = all_drives(context.velocity_m_per_s * speed / 0.25, "by_speed")
     sets.add_set(moving, faster, share=0.5)
     sets.add_set(moving, (*faster, *one_drive(context.velocity_m_per_s, "by_drive")), share=0.7)
+    whatever_speed = cosine_basis(speed[:, 0], SPEED_TERMS)
+    any_speed = [c for term in whatever_speed.T for c in all_drives(context.velocity_m_per_s * term[:, None], "")]
+    by_drive = one_drive(context.velocity_m_per_s, "")
+    sets.add_set(moving, (*any_speed, *by_drive), share=0.6)
     for reached in _speeds(inputs)[::2]:
         for tau in geometric_series(0.15, 5.0, 6):
             late = np.exp(-context.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
@@ -68,11 +84,12 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
     Dupont, Canudas de Wit, Automatica 30 (1994) 1083).
     """
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
-    rest = cosine_basis(np.log(context.dwell_s + 0.3), 6, constant=True)
+    rest = cosine_basis(np.log(context.dwell_s + 0.3), REST_TERMS, constant=True)
     whatever_speed = np.where(context.moving, 0.0, 1.0)
     for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):
         behind = -context.direction[:, drive] * speed
         any_way = sets.add((travel, behind[:, None] * rest))
+        sets.add_set(any_way, weight=ANY_REST_WEIGHT)
         for tau in DWELL_TIMES_S:
             lagging = sets.add((travel, behind * np.exp(-context.dwell_s / tau)), form=form)
             sets.add_set(lagging, any_way, share=0.4, sign=1.0, tau_s=tau)

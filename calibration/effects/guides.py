@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis
+from calibration.effects.basis_functions import cosine_basis, course_with_jumps
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
@@ -58,7 +58,7 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
         for tau in SETTLING_S:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau), "consolidation")
             sets.add_set(down, lean, share=0.5, onset_s=float(onset))
-    down, lean = columns(random_walk_basis(t / max(end, 1.0), 24))
+    down, lean = columns(course_with_jumps(t, 24, [onset for onset, _ in onsets]))
     onset_of_walk = strongest_onset(onsets)
     sets.add_set(down, lean, share=0.5, weight=4.0, **onset_of_walk)
     sets.add_set(down[:6], lean[:6], share=0.5, weight=4.0, **onset_of_walk)

@@ -6,9 +6,12 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
-from calibration.effects.basis_functions import cosine_basis, scale_to_symmetric
+from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, scale_to_symmetric
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
+REST_TERMS = 4  # of any function of the rest
+LENGTH_TERMS = 3  # of any function of the length that is wound up
+ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 PRESSED_SHARES = (0.25, 0.5, 0.75)  # of the play, taken away by the largest payload
 LEAST_KG = 1e-9  # of what moves, where no mass is stated
@@ -40,6 +43,8 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     for column in resting:
         sets.add_set((*main, *column), sign=1.0)
     sets.add_set(main, (*place, *resting[1]), share=0.3, sign=1.0)
+    any_rest = sets.add((travel, side[:, None] * cosine_basis(np.log(inputs.context.dwell_s + 0.3), REST_TERMS)))
+    sets.add_set(main, (*place, *any_rest), share=0.6, sign=1.0)
     return sets
 
 
@@ -59,12 +64,16 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     pressed = FRICTION_SHARE * RATED_N * side * mass / heaviest
     fast = scale_to_symmetric(context.speed_m_per_s)
     fast = fast - fast.mean()  # without what does not vary: that would be play
+    along = cosine_basis(context.drives[:, drive], LENGTH_TERMS)
     for form, wound in (("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)):
         size = max(float(np.std(wound)), 1.0)
         main = sets.add((travel, -wound), form=form)
         bent = sets.add((travel, np.stack([wound**2 / size, wound**3 / size**2], axis=1)), form=f"{form}_bent")
         sets.add_set(main)
         sets.add_set(main, bent, share=0.2)
+        any_way = sets.add((travel, -float(np.ptp(wound)) * curve_over(wound)))
+        anywhere = sets.add((travel, -wound[:, None] * along))
+        sets.add_set(any_way, anywhere, share=0.4, weight=ANY_FORCE_WEIGHT, size=rises_of_curve())
     faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast), form="viscous")
     if varies(mass / heaviest, PRESSED_LEAST):  # else nothing tells it from play
         main = sets.add((travel, -pressed), form="coulomb")

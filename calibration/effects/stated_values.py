@@ -12,7 +12,13 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
-from calibration.effects.basis_functions import cosine_basis, curve_over, random_walk_basis, rises_of_curve
+from calibration.effects.basis_functions import (
+    cosine_basis,
+    course_with_jumps,
+    curve_over,
+    random_walk_basis,
+    rises_of_curve,
+)
 from calibration.effects.thermal import FOLLOWING_TIME_CONSTANTS_S
 from calibration.machine.description import PARTS, Machine
 from calibration.model.payload import PayloadEntry
@@ -115,11 +121,24 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
         return sets
     for generation in context.table_generations:
         t = context.elapsed_s
+        corrections = context.table_corrections_m(generation, drives, context.drives)
         at_times = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
         sets.add_set(sets.add((f"table.{generation}", at_times)), weight=WALK_WEIGHT)
+        of_each = [
+            c
+            for name, correction in zip(drives, corrections.T, strict=True)
+            if np.any(correction)
+            for c in sets.add((f"travel.{name}", correction[:, None] * at_times))
+        ]
+        if len(drives) > 1 and of_each:  # drive by drive, at any time
+            sets.add_set(of_each, weight=WALK_WEIGHT)
         for onset, prior in inputs.onsets((f"table.{generation}",)):
             after = (t >= onset).astype(np.float64)
+            in_each = [(f"travel.{n}", c) for n, c in zip(drives, corrections.T, strict=True) if np.any(c)]
             for switched in (after, 1.0 - after):
+                if len(drives) > 1:
+                    parts = [c for channel, shape in in_each for c in sets.add((channel, shape * switched))]
+                    sets.add_set(parts, weight=ONE_DRIVE_WEIGHT * prior, onset_s=onset)
                 column = sets.add((f"table.{generation}", switched), form="switched")
                 sets.add_set(column, weight=prior, onset_s=onset)
     return sets
@@ -155,9 +174,9 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
             first, prior = changes[0]
             sets.add_set(column(steps), other(steps), share=1.0, weight=weight * SEVERAL_WEIGHT * prior, onset_s=first)
     # Any course in time.
-    walk = random_walk_basis(t / max(float(t.max()), 1.0), COURSE_TERMS)
-    sets.add_set(scale(walk), zero(walk), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
-    sets.add_set(zero(walk), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
+    of_scale, of_zero = (course_with_jumps(t, COURSE_TERMS, [at for at, _ in onsets]) for onsets in (scales, zeros))
+    sets.add_set(scale(of_scale), zero(of_scale), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
+    sets.add_set(zero(of_zero), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
     exchanges = np.unique(inputs.context.exchanges)[1:]
     if exchanges.size:  # somebody was in the cell: the drives were switched off, and homed again
         since = (inputs.context.exchanges[:, None] >= exchanges).astype(np.float64)

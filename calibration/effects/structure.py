@@ -23,12 +23,14 @@ from calibration.effects.strut_laws import (
     one_sided_spring,
     series_spring,
     slipping_law,
+    smooth_spring,
 )
 
 LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
 LOAD_TERMS, LOAD_WEIGHT = 3, 0.1  # of any function of the load, against proportion
+PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of its tension
 LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
@@ -56,10 +58,14 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         main = sets.add((channel, force), form="force")
         loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)), form="payload")
         placed = sets.add((channel, force[:, None] * higher), form="force_by_travel")
+        anyhow = sets.add(
+            (channel, np.column_stack([force[:, None] * cosine_basis(u, 3), size * cosine_basis(force, 3)]))
+        )
         bent = np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)
         hard = sets.add((channel, bent), form="force_bent")
         sets.add_set(main, sign=1.0)
         sets.add_set(main, placed, share=0.6, sign=1.0)
+        sets.add_set(main, anyhow, share=0.6, sign=1.0)
         sets.add_set(main, (*placed, *hard, *loaded), share=0.2, sign=1.0)
         typical = float(np.sqrt(np.mean(force**2)))
         for load in loads:
@@ -90,6 +96,9 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     one_sided = sets.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)), form="one_sided")
     away = t - t.mean()
     bent = sets.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)), form="tension_bent")
+    by_place = inputs.context.drives[:, drive] if drive >= 0 else np.zeros(len(t))
+    anywhere = sets.add((name, t[:, None] * cosine_basis(by_place, PLACE_TERMS)))
+    stretched = sets.add((name, size * cosine_basis(t, TENSION_TERMS)))
     anyhow_loaded = sets.add((name, t[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
     sets.add_set(main, sign=1.0)
     if varies(inputs.payload_ratio, LEAST_LOAD_CHANGE):
@@ -103,6 +112,8 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     ]
     sets.add_set((*main, *by_angle), (*angle_alone, *loaded, *coupled), share=0.7, sign=1.0)
     sets.add_set(one_sided)
+    sets.add_set((*main, *anywhere), (*angle_alone, *anyhow_loaded, *coupled), share=0.7, sign=1.0)
+    sets.add_set(main, (*stretched, *anyhow_loaded), share=0.7, sign=1.0)
     sets.add_set((*main, *bent), loaded, share=0.7, sign=1.0)
     sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5, sign=1.0)
     return sets
@@ -144,6 +155,13 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     def above(at: Array) -> ElongationLaw:
         return slipping_law(compliance, typical * float(np.exp(at[0])), float(np.exp(at[1])))
 
+    def anywhere(at: Array) -> ElongationLaw:
+        bent = at[1] * u + at[2] * u**2 + at[3] * inputs.payload_ratio
+        return series_spring(compliance * np.exp(at[0] + bent))
+
+    def stretched(at: Array) -> ElongationLaw:
+        return smooth_spring(compliance * float(np.exp(at[0])), typical, float(at[1]), float(at[2]))
+
     def towards(side: float) -> Callable[[Array], ElongationLaw]:
         return lambda at: one_sided_spring(compliance * float(np.exp(at[0])), side, NARROW * typical)
 
@@ -169,6 +187,14 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
         curve_of_law(
             restrained, above, (threshold, power), starts=thresholds, middles=far, size=mean,
             misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="slipping",
+        ),
+        curve_of_law(
+            restrained, anywhere, (ratio, bend, bend, bend), starts=[(*a, 0.0) for a in angles], middles=(),
+            size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
+        ),
+        curve_of_law(
+            restrained, stretched, (ratio, bend, bend), starts=[(r, b, 0.0) for r in ratios for b in (-1.0, 0.0, 1.0)],
+            middles=far[::2], size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
         ),
         *(
             curve_of_law(

@@ -25,6 +25,8 @@ ITERATIONS = 40
 SOLVED = 1e-9  # last step of a tension, over the typical one
 MIN_GROWTH_SHARE = 0.5  # assumed at least, when the first parameter is changed to correct the size
 DERIVATIVE_STEP = 0.02  # of a parameter, for the numerical derivative of a law
+MOST_TENSION = 2.0  # over the typical one, up to which a compliance changes
+NODES = np.polynomial.legendre.leggauss(6)
 LEAST_RESTRAINT = 1e-3  # over the strut's stiffness; with less the strut counts as unrestrained
 
 
@@ -182,6 +184,20 @@ def slipping_law(compliance_m_per_n: float, tension_n: float, power: float) -> E
     def law(tension: Array) -> tuple[Array, Array]:
         grown = compliance_m_per_n * np.minimum(np.abs(tension / tension_n), 1e3) ** power
         return grown * tension, (power + 1.0) * grown
+
+    return law
+
+
+def smooth_spring(compliance_m_per_n: float, tension_n: float, tilt: float, bend: float) -> ElongationLaw:
+    """A spring whose compliance is c exp(a s + b s^2), a smooth function of the tension over `tension_n`."""
+
+    def compliance(tension: Array) -> Array:
+        s = np.clip(tension / tension_n, -MOST_TENSION, MOST_TENSION)
+        return np.asarray(compliance_m_per_n * np.exp(tilt * s + bend * s**2))
+
+    def law(tension: Array) -> tuple[Array, Array]:
+        mean = sum(weight * compliance(0.5 * (1.0 + node) * tension) for node, weight in zip(*NODES, strict=True))
+        return 0.5 * np.asarray(mean) * tension, compliance(tension)
 
     return law
 

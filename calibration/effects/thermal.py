@@ -95,6 +95,8 @@ def _add_thermal_sets(
         sets.add_set(pulse, rest, share=0.1, weight=0.5, tau_s=tau)
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
+    course = through(curve_over(inputs.context.elapsed_s))
+    sets.add_set(course, weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=float(np.median(TIME_CONSTANTS_S)))
     for following, tau in _followed(inputs, part):
         column, tau_s = through(following, "following"), max(tau, _TAU.low)
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
@@ -159,7 +161,8 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
         sets.add_set(high, tau_s=max(tau, _TAU.low))
     # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
-    for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "drives"))):
+    heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
+    for course in (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives"))):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
         sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * rises_of_curve())

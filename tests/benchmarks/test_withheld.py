@@ -243,7 +243,7 @@ def test_a_diagnoser_that_asks_for_the_plant_fails(tmp_path, function):
     assert "may be read" in (tmp_path / "in" / "diagnoser.log").read_text().replace("may read", "may be read")
 
 
-def test_a_form_that_the_plant_repeats_is_left_out_with_a_decoy(tmp_path):
+def test_a_form_that_explains_what_the_plant_does_is_left_out_with_a_decoy(tmp_path):
     cases = (make_case(EFFECT, np.random.default_rng(seed), designs(), final=False) for seed in range(5, 40))
     case = next(case for case in cases if case.truth["effects"][0]["variant"] == "closing")
     assert case.truth["effects"][0]["effect"] == "backlash"
@@ -257,8 +257,10 @@ def test_a_form_that_the_plant_repeats_is_left_out_with_a_decoy(tmp_path):
     assert left_out.names == tuple(sorted(("backlash/closing_at_rest", decoy)))
     drawn = case.changes_by_effect()[0][2]
     elsewhere = comparison.left_out(tmp_path / "x", [("latency", "", drawn)], np.random.default_rng(1))
-    assert not elsewhere.explained  # another effect's forms do not explain it
-    assert len({name.partition("/")[0] for name in elsewhere.decoys}) >= 2
+    assert elsewhere.explained == left_out.explained  # whichever effect a form belongs to
+    nothing = comparison.left_out(tmp_path / "x", [], np.random.default_rng(1))
+    assert not nothing.explained
+    assert len({name.partition("/")[0] for name in nothing.decoys}) >= 2
 
 
 def test_what_forms_explain_is_what_least_squares_says():

@@ -26,7 +26,7 @@ SOLVED = 1e-9  # last step of a tension, over the typical one
 MIN_GROWTH_SHARE = 0.5  # assumed at least, when the first parameter is changed to correct the size
 DERIVATIVE_STEP = 0.02  # of a parameter, for the numerical derivative of a law
 MOST_TENSION = 2.0  # over the typical one, up to which a compliance changes
-NODES = np.polynomial.legendre.leggauss(6)
+LEAST_RATE = 1e-6  # of a compliance's change
 LEAST_RESTRAINT = 1e-3  # over the strut's stiffness; with less the strut counts as unrestrained
 
 
@@ -189,15 +189,16 @@ def slipping_law(compliance_m_per_n: float, tension_n: float, power: float) -> E
 
 
 def smooth_spring(compliance_m_per_n: float, tension_n: float, tilt: float, bend: float) -> ElongationLaw:
-    """A spring whose compliance is c exp(a s + b s^2), a smooth function of the tension over `tension_n`."""
-
-    def compliance(tension: Array) -> Array:
-        s = np.clip(tension / tension_n, -MOST_TENSION, MOST_TENSION)
-        return np.asarray(compliance_m_per_n * np.exp(tilt * s + bend * s**2))
+    """A spring whose compliance is c exp(a s + b |s|), a function of s, the tension over `tension_n`, up to a limit."""
 
     def law(tension: Array) -> tuple[Array, Array]:
-        mean = sum(weight * compliance(0.5 * (1.0 + node) * tension) for node, weight in zip(*NODES, strict=True))
-        return 0.5 * np.asarray(mean) * tension, compliance(tension)
+        s = tension / tension_n
+        rate = np.where(s > 0.0, bend + tilt, bend - tilt)
+        rate = np.where(np.abs(rate) < LEAST_RATE, LEAST_RATE, rate)  # the limit of no change
+        size = np.minimum(np.abs(s), MOST_TENSION)
+        compliance = compliance_m_per_n * np.exp(rate * size)
+        grown = (compliance - compliance_m_per_n) / rate + compliance * (np.abs(s) - size)
+        return np.sign(s) * tension_n * grown, compliance
 
     return law
 

@@ -27,6 +27,7 @@ from calibration.effects.strut_laws import (
     one_sided_spring,
     series_spring,
     slipping_law,
+    smooth_spring,
 )
 from calibration.machine import equilibrium
 from calibration.machine.description import load_machine
@@ -38,6 +39,8 @@ LAWS = {
     "play": lambda: clearance_law(3e-5, 400.0),
     "softer": lambda: series_spring(COMPLIANCE),
     "slipping": lambda: slipping_law(COMPLIANCE, 2000.0, 2.0),
+    "smooth": lambda: smooth_spring(COMPLIANCE, 3000.0, 0.7, -0.3),
+    "smooth alike": lambda: smooth_spring(COMPLIANCE, 3000.0, 0.3, -0.3),
     "tension alone": lambda: one_sided_spring(COMPLIANCE, 1.0, 200.0),
     "compression alone": lambda: one_sided_spring(COMPLIANCE, -1.0, 200.0),
 }

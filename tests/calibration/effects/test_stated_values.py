@@ -161,7 +161,8 @@ def test_a_table_that_is_on_adds_its_corrections_to_the_commands(rig):
     both_m = rig.change_m(lambda v: replace(v, drives=corrected(v.drives, True)))
     check_same(rig.shift_m("tables_left_on", "table.5", WEIGHT), both_m, rel=1e-2)
     built = CATALOGUE.effect("tables_left_on").forms(rig.inputs, 0)
-    alone = [c for c in built.contributions if c[0][0] == "travel.left"]
+    alone = [c for c, form in zip(built.contributions, built.named, strict=True) if form == "one_drive"]
+    alone = [c for c in alone if c[0][0] == "travel.left"]
     left_m = rig.change_m(lambda v: replace(v, drives=corrected(v.drives, False)))
     check_same(rig.of_columns(alone[1:], [WEIGHT]), left_m, rel=1e-2)
 
@@ -170,9 +171,15 @@ def test_a_table_may_be_switched_on_or_off_in_the_middle(rig):
     built, t = CATALOGUE.effect("tables_left_on").forms(rig.inputs, 0), rig.inputs.context.elapsed_s
     onset_s = 0.4 * float(t.max())
     switched = [built.contributions[s.columns[0]][0] for s in built.sets if s.parameters.get("onset_s") == onset_s]
-    assert {channel for channel, _ in switched} == {"table.2", "table.5"}
+    whole = [shape for channel, shape in switched if channel.startswith("table.")]
+    assert {channel for channel, _ in switched} == {"table.2", "table.5", "travel.left"}  # and drive by drive
     late, early = (t >= onset_s).astype(float), (t < onset_s).astype(float)
-    assert all(np.array_equal(shape, wanted) for (_, shape), wanted in zip(switched, (late, early) * 2, strict=True))
+    assert all(np.array_equal(shape, wanted) for shape, wanted in zip(whole, (late, early) * 2, strict=True))
+    of_left = [shape for channel, shape in switched if channel == "travel.left"]
+    on_at_last, on_at_first = of_left[:2]
+    assert not np.any(on_at_last[t < onset_s])
+    assert not np.any(on_at_first[t >= onset_s])
+    assert np.any(on_at_last) and np.any(on_at_first)
     without_time = replace(rig.inputs, context=replace(rig.inputs.context, breaks_s=(1.0,)))
     assert not any(s.parameters for s in CATALOGUE.effect("tables_left_on").forms(without_time, 0).sets)
 

@@ -179,7 +179,8 @@ def test_a_table_may_be_switched_on_or_off_in_the_middle(rig):
     on_at_last, on_at_first = of_left[:2]
     assert not np.any(on_at_last[t < onset_s])
     assert not np.any(on_at_first[t >= onset_s])
-    assert np.any(on_at_last) and np.any(on_at_first)
+    assert np.any(on_at_last)
+    assert np.any(on_at_first)
     without_time = replace(rig.inputs, context=replace(rig.inputs.context, breaks_s=(1.0,)))
     assert not any(s.parameters for s in CATALOGUE.effect("tables_left_on").forms(without_time, 0).sets)
 

@@ -75,9 +75,9 @@ demo-check: $(VENV)/run.stamp
 		$(if $(SEEDS),--seeds $(SEEDS))
 
 # Mock and calibration in two processes, over a pseudo-terminal, socketcand and TCP, against one process: the same
-# parameters, and equal ones without drift and warmth. In the rig's own time, for hours, on free cores, which answer every
-# SYNC in time; MACHINE=planar4 SCALE=10, which is not led by SYNC, ten times as fast. POSES=12 JOB=measure for a first
-# look of 40 minutes. Stopped, it goes on.
+# parameters, and equal ones without drift and warmth. In the rig's own time, for hours, on cores that answer every SYNC in
+# time: raise both processes' priority (chrt -f 20) where others work beside them. SCALE=2 for twice as fast; MACHINE=planar4
+# SCALE=10, which is not led by SYNC. POSES=12 JOB=measure for a first look of half an hour. Stopped, it goes on.
 two-processes: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.two_processes $(or $(MACHINE),gough8) $(if $(SCALE),--scale $(SCALE)) \
 		$(if $(POSES),--poses $(POSES)) $(if $(JOB),--job $(JOB))

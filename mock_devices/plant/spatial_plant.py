@@ -227,7 +227,7 @@ class SpatialPlant(HistoryPlant):
         departure: Departure | None = None,
         small_step: float = SMALL_STEP,
     ) -> SpatialPose:
-        """The pose at rest, found from the last one. That of a reading is the same, bit for bit, whatever was before."""
+        """The pose at rest, found from the last one; that of a reading bit for bit the same, whatever was before."""
         with self._pose_lock:
             try:
                 pose = self._machine.pose(drives, self._payload, temperatures_c, self._pose, departure, small_step)

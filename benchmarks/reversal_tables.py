@@ -2,7 +2,7 @@
 
 Each seed's machine is calibrated twice, the same but for what its drives read: images of version 2, which have a value
 for each direction, or of version 1 alone. Which drives have a reversal and of which size, the campaign's own diagnosis
-says.
+says. Stopped, it goes on with the campaign that was not finished.
 
     python -m benchmarks.reversal_tables [--seeds 1,2] [--out runs/reversal-tables]
 """
@@ -16,8 +16,10 @@ from importlib import resources
 from pathlib import Path
 
 from benchmarks.calibrated_mock import calibrated_mock
+from benchmarks.results_file import code_digest
 from pkm_rig.results.outcome import CampaignOutcome
 from pkm_rig.rig.config import embedded_rig_path
+from tests.kept_results import KeptResults, key_of, until_stopped
 
 BACKLASH = ("backlash=3e-5,place=left", "backlash=2.4e-5,place=right")
 SINGLE = "single.toml"  # a profile beside the rig file
@@ -54,17 +56,21 @@ def main() -> int:
     parser.add_argument("--seeds", default="1,2")
     parser.add_argument("--out", type=Path, default=Path("runs/reversal-tables"))
     arguments = parser.parse_args()
-    worse = 0
+    code = code_digest("calibration", "drivers", "mock_devices", "pkm_rig", "benchmarks/reversal_tables.py")
+    kept, worse = KeptResults(arguments.out / "campaigns.jsonl"), 0
     for seed in map(int, arguments.seeds.split(",")):
         left = {}
         for kind, by_direction in (("single", False), ("by direction", True)):
-            folder = arguments.out / f"seed-{seed}" / kind.replace(" ", "-")
-            with calibrated_mock(write_rig(folder, by_direction=by_direction), seed, folder / "store") as run:
-                print(f"seed {seed}, {kind:12}: {figures(run.outcome)}", flush=True)
-                left[kind] = [v.after.position_rms_m for v in run.outcome.verified]
+            folder, key = arguments.out / f"seed-{seed}" / kind.replace(" ", "-"), key_of(code, seed, kind)
+            if key not in kept:
+                with calibrated_mock(write_rig(folder, by_direction=by_direction), seed, folder / "store") as run:
+                    after_m = [v.after.position_rms_m for v in run.outcome.verified]
+                    kept.add({"key": key, "figures": figures(run.outcome), "after_m": after_m})
+            print(f"seed {seed}, {kind:12}: {kept[key]['figures']}", flush=True)
+            left[kind] = kept[key]["after_m"]
         worse += any(turned > plain for plain, turned in zip(left["single"], left["by direction"], strict=True))
     return int(worse > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(until_stopped(main))

@@ -124,19 +124,15 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
         corrections = context.table_corrections_m(generation, drives, context.drives)
         at_times = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
         sets.add_set(sets.add((f"table.{generation}", at_times)), weight=WALK_WEIGHT)
-        of_each = [
-            c
-            for name, correction in zip(drives, corrections.T, strict=True)
-            if np.any(correction)
-            for c in sets.add((f"travel.{name}", correction[:, None] * at_times))
-        ]
-        if len(drives) > 1 and of_each:  # drive by drive, at any time
+        in_each = [(f"travel.{n}", c) for n, c in zip(drives, corrections.T, strict=True) if np.any(c)]
+        by_drive = len(drives) > 1 and bool(in_each)
+        if by_drive:
+            of_each = [c for channel, shape in in_each for c in sets.add((channel, shape[:, None] * at_times))]
             sets.add_set(of_each, weight=WALK_WEIGHT)
         for onset, prior in inputs.onsets((f"table.{generation}",)):
             after = (t >= onset).astype(np.float64)
-            in_each = [(f"travel.{n}", c) for n, c in zip(drives, corrections.T, strict=True) if np.any(c)]
             for switched in (after, 1.0 - after):
-                if len(drives) > 1:
+                if by_drive:
                     parts = [c for channel, shape in in_each for c in sets.add((channel, shape * switched))]
                     sets.add_set(parts, weight=ONE_DRIVE_WEIGHT * prior, onset_s=onset)
                 column = sets.add((f"table.{generation}", switched), form="switched")

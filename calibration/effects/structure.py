@@ -30,6 +30,7 @@ LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
 LOAD_TERMS, LOAD_WEIGHT = 3, 0.1  # of any function of the load, against proportion
+FORCE_TERMS = 3  # of any function of a column's force, and of its place
 PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of its tension
 LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
@@ -59,7 +60,12 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)), form="payload")
         placed = sets.add((channel, force[:, None] * higher), form="force_by_travel")
         anyhow = sets.add(
-            (channel, np.column_stack([force[:, None] * cosine_basis(u, 3), size * cosine_basis(force, 3)]))
+            (
+                channel,
+                np.column_stack(
+                    [force[:, None] * cosine_basis(u, FORCE_TERMS), size * cosine_basis(force, FORCE_TERMS)]
+                ),
+            )
         )
         bent = np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)
         hard = sets.add((channel, bent), form="force_bent")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from mock_devices.clock import RigClock
 
@@ -27,3 +29,24 @@ class SyncMoments:
             moment_s = self._clock.now_s()
             self._moments.append((timestamp, moment_s))
             return moment_s
+
+
+class DriveTime:
+    """The time that one drive lives in: rig time, but a SYNC's moment while it deals with that. The drive locks."""
+
+    def __init__(self, clock: RigClock, moments: SyncMoments) -> None:
+        self._clock, self._moments = clock, moments
+        self._sync_s: float | None = None
+
+    def now_s(self) -> float:
+        """Rig time, or the SYNC's moment."""
+        return self._clock.now_s() if self._sync_s is None else self._sync_s
+
+    @contextmanager
+    def at_sync(self, timestamp: float) -> Iterator[float]:
+        """Deal with the SYNC whose frame has this time stamp; its moment."""
+        self._sync_s = moment_s = self._moments.moment_s(timestamp)
+        try:
+            yield moment_s
+        finally:
+            self._sync_s = None

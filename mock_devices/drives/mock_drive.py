@@ -24,7 +24,7 @@ from mock_devices.can.node_watch import ErrorHistory, HeartbeatConsumer, Watchdo
 from mock_devices.can.pdo_traffic import PdoTraffic
 from mock_devices.can.sdo_abort import RefusedWrite
 from mock_devices.can.sdo_server import SdoServer
-from mock_devices.can.sync_moments import SyncMoments
+from mock_devices.can.sync_moments import DriveTime, SyncMoments
 from mock_devices.clock import RigClock
 from mock_devices.drives.cia402 import State
 from mock_devices.drives.compensation import Compensation
@@ -73,12 +73,11 @@ class DriveServer:
         self._lock = threading.RLock()
         self._closed = False
         self._clock, self.faults, self.is_first = clock, faults, axis.is_first
-        self._sync_moments = sync_moments or SyncMoments(clock)
-        self._sync_s: float | None = None  # of the SYNC that is dealt with
+        self._time = DriveTime(clock, sync_moments or SyncMoments(clock))
         low_inc, high_inc = (_increments(limit) for limit in axis.travel_m)
         self.compensation = Compensation(node_id, axis.machine_id)
         self.axis = DriveAxis(
-            self._now_s,
+            self._time.now_s,
             AxisLimits(low_inc, high_inc),
             self.compensation,
             axis.start_m / METRES_PER_INCREMENT,
@@ -97,7 +96,7 @@ class DriveServer:
         self._history = ErrorHistory()
         self._trial = Trial(clock, self.axis, self._watch, self._lock, self._send_emergency)
         self._objects = DriveObjects(
-            self.axis, self._now_s, load_kg, self._heartbeat.start, self._watch, self._history, self._trial
+            self.axis, self._time.now_s, load_kg, self._heartbeat.start, self._watch, self._history, self._trial
         )
         self._defaults = deepcopy(self._node.data_store)
         self._saved = deepcopy(self._node.data_store)
@@ -261,34 +260,22 @@ class DriveServer:
         with self._lock:
             self._nmt.on_command(data)
 
-    def _now_s(self) -> float:
-        """Rig time; while a SYNC is dealt with, its moment."""
-        return self._clock.now_s() if self._sync_s is None else self._sync_s
-
     def _on_sync(self, timestamp: float) -> None:
-        moment_s = self._sync_moments.moment_s(timestamp)
-        with self._lock:
-            self._sync_s = moment_s
-            try:
-                frames = self._sync()
-            finally:
-                self._sync_s = None
+        with self._lock, self._time.at_sync(timestamp) as moment_s:
+            if self.is_first and self.faults.strikes("drive-emergency"):
+                self.axis.fault(_OVER_CURRENT)
+            self.axis.sync()
+            if self.axis.state is State.OPERATION_ENABLED and self._objects.beyond_torque():
+                self.axis.fault(EMCY_FOLLOWING_ERROR)
+            if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
+                self._sync_watch.set_limit(self.axis.cyclic.patience_s)
+            self._sync_watch.on_message()
+            frames = self._pdos.on_sync()
             is_operational = self._nmt.state is NmtState.OPERATIONAL
         for cob_id, data in frames:
             self.send_frame(cob_id, data)
         if is_operational:
             self._watch_machine(moment_s)
-
-    def _sync(self) -> list[tuple[int, bytes]]:
-        if self.is_first and self.faults.strikes("drive-emergency"):
-            self.axis.fault(_OVER_CURRENT)
-        self.axis.sync()
-        if self.axis.state is State.OPERATION_ENABLED and self._objects.beyond_torque():
-            self.axis.fault(EMCY_FOLLOWING_ERROR)
-        if self._sync_watch.limit_s != self.axis.cyclic.patience_s:
-            self._sync_watch.set_limit(self.axis.cyclic.patience_s)
-        self._sync_watch.on_message()
-        return self._pdos.on_sync()
 
     # Frames to the bus.
 

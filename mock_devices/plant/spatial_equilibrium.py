@@ -18,7 +18,7 @@ from mock_devices.plant.structure import NoEquilibrium
 Array = NDArray[np.float64]
 
 SMALL_STEP = 1e-13
-_DECIMALS = 7
+_DECIMALS = 7  # far above round-off, near enough for one Newton step
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.05
 _NEAR = 1e-3  # farther away rods under huge forces would make the expansion curve the wrong way

@@ -185,6 +185,14 @@ def test_a_table_may_be_switched_on_or_off_in_the_middle(rig):
     assert not any(s.parameters for s in CATALOGUE.effect("tables_left_on").forms(without_time, 0).sets)
 
 
+def test_a_table_without_corrections_makes_no_empty_basis_set(rig):
+    without = tuple(t.model_copy(update={"corrections_m": ((0.0,) * 3,) * 4}) for t in TABLES)
+    context = replace(rig.inputs.context, known_tables=without)
+    built = CATALOGUE.effect("tables_left_on").forms(replace(rig.inputs, context=context), 0)
+    assert built.sets
+    assert all(basis_set.columns for basis_set in built.sets)
+
+
 @pytest.mark.parametrize("drive", ["left", "right"])
 def test_a_scale_that_changes_moves_the_end_of_the_travel_by_its_size_from_the_moment_on(rig, drive):
     machine, context = rig.linear.machine, rig.linear.context

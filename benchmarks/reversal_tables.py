@@ -56,6 +56,8 @@ def main() -> int:
     parser.add_argument("--seeds", default="1,2")
     parser.add_argument("--out", type=Path, default=Path("runs/reversal-tables"))
     arguments = parser.parse_args()
+    if not re.fullmatch(r"\d+(,\d+)*", arguments.seeds):
+        parser.error(f"--seeds {arguments.seeds}: give whole numbers with commas between them")
     code = code_digest("calibration", "drivers", "mock_devices", "pkm_rig", "benchmarks/reversal_tables.py")
     kept, worse = KeptResults(arguments.out / "campaigns.jsonl"), 0
     for seed in map(int, arguments.seeds.split(",")):

@@ -42,6 +42,10 @@ NO_DRIFT = "1e-18"  # zero is refused; this is below what an angle resolves
 DRIFTS = ("drift_rad_per_sqrt_h", "drift_of_level_rad_per_sqrt_h", "drift_m_per_sqrt_h")
 
 
+class JobEnded(RuntimeError):
+    """A process of the two ended before it was done; one line."""
+
+
 def rig_files(machine: str, part: str, folder: Path, scale: float, poses: int | None) -> tuple[Path, Path]:
     """The rig file of the one process and that of the two, beside one another; those that are there are kept."""
     one, two = folder / "one.toml", folder / "two.toml"
@@ -83,7 +87,7 @@ def served(rig: Path) -> Iterator[None]:
             deadline = time.monotonic() + READY_S
             while "connect:" not in rig.with_suffix(".mock.log").read_text(encoding="utf-8")[begin:]:
                 if mock.poll() is not None or time.monotonic() > deadline:
-                    raise RuntimeError(f"the mock did not start: see {log.name}")
+                    raise JobEnded(f"the mock did not start: see {log.name}")
                 time.sleep(0.1)
             yield
         finally:
@@ -101,7 +105,7 @@ def campaign_of(rig: Path, out: Path, job: str) -> tuple[str, float]:
     command = [sys.executable, "-m", "pkm_rig.cli", job, "--rig", str(rig), "--out", str(out), *resume]
     done = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True)
     if done.returncode not in (0, 1):
-        raise RuntimeError(f"{job} ended with status {done.returncode}; the same command goes on")
+        raise JobEnded(f"{job} ended with status {done.returncode}; the same command goes on")
     if job == "measure":
         measured.touch()  # taken up again it would measure its warm-up once more
     return last_campaign(out) or "", time.monotonic() - begun_s
@@ -181,13 +185,21 @@ def main() -> int:
         demo_rig_path(options.machine)
     except InputError as error:
         parser.error(str(error))
+    if wrong := set(options.parts.split(",")) - set(PARTS):
+        parser.error(f"--parts: no part {', '.join(sorted(wrong))}; there are {', '.join(PARTS)}")
+    if not options.scale > 0.0:
+        parser.error(f"--scale {options.scale:g}: give rig seconds in a second, above 0")
     reached = True
     for part in options.parts.split(","):
         folder = options.out / f"{options.machine}-{part}{'' if options.poses is None else f'-{options.poses}'}"
         folder = folder.with_name(f"{folder.name}-{options.job}")
         result = folder / "result.json"
         if not result.exists():
-            row = run_part(options.machine, part, folder, options.scale, options.poses, options.job)
+            try:
+                row = run_part(options.machine, part, folder, options.scale, options.poses, options.job)
+            except (InputError, JobEnded) as error:
+                print(f"two_processes: {error}", file=sys.stderr)
+                return 2
             result.write_text(json.dumps(row, indent=1), encoding="utf-8")
         line, good = line_of(json.loads(result.read_text(encoding="utf-8")))
         print(line, flush=True)

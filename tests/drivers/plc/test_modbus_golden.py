@@ -69,7 +69,6 @@ class ScriptedPlc:
         self.script, self.left = tuple(script), list(script)
         self._receive, self._send, self._tcp = receive, send, tcp
         self.thread = threading.Thread(target=self._play, daemon=True)
-        self.thread.start()
 
     def _play(self) -> None:
         for request, answer in self.script:
@@ -107,6 +106,7 @@ def line(request: pytest.FixtureRequest, script: Script) -> Iterator[tuple[Modbu
             def serve() -> None:
                 wire, _ = listener.accept()
                 played.append(ScriptedPlc(script, wire.recv, wire.sendall, True))
+                played[0].thread.start()  # known to the test before the first answer can reach it
                 played[0].thread.join(10.0)
                 wire.close()
 
@@ -120,6 +120,7 @@ def line(request: pytest.FixtureRequest, script: Script) -> Iterator[tuple[Modbu
     played.append(
         ScriptedPlc(script, lambda size: os.read(master, size), lambda data: (os.write(master, data), None)[1], False)
     )
+    played[0].thread.start()
     yield RtuLine(os.ttyname(slave), parity="N"), played
     played[0].thread.join(10.0)
     os.close(slave)

@@ -19,7 +19,7 @@ from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.outlying_readings import fitting_readings, outlier_weights
+from calibration.diagnosis.outlying_readings import fitting_readings, giant_readings, outlier_weights
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
@@ -200,10 +200,11 @@ def linearise_recording(
     usable = usable_rows(recording)
     rows = usable
     for _ in range(GATINGS):
-        linear, keep = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
+        linear, keep, giants = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
         if np.all(keep):
             break
-        rows = rows[keep]
+        # Giants spoil the fit by which the others are judged; what is wrong beside these hardly moves it.
+        rows, judge = rows[keep], giants
     return linear
 
 
@@ -214,8 +215,9 @@ def _linearise_rows(
     *,
     judge: bool,
     held: Mapping[str, float] | None,
-) -> tuple[LinearModel, NDArray[np.bool_]]:
-    """The linear model of some rows (n,) without wrong ones (k,), and which of them (n,) fit the others."""
+) -> tuple[LinearModel, NDArray[np.bool_], bool]:
+    """The linear model of some rows (n,) without wrong ones (k,), which of them (n,) to keep, and whether the others
+    are giants, beside which nothing else has been judged."""
     setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
     used = in_first_frame(recording.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
@@ -240,7 +242,11 @@ def _linearise_rows(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
-    keep = fitting_readings(observed, whiten, residual, columns) if judge else np.ones(len(rows), dtype=np.bool_)
+    keep, giants = np.ones(len(rows), dtype=np.bool_), False
+    if judge:
+        giant = giant_readings(observed, residual, columns)
+        giants = bool(np.any(giant))
+        keep = ~giant if giants else fitting_readings(observed, whiten, residual, columns)
     q = inverse_covariance_factor(columns)
     weight = outlier_weights(residual, q)
     if weight is not None:
@@ -263,7 +269,7 @@ def _linearise_rows(
         q=q,
         of_calibration=by_unknowns.shape[2] + by_nests.shape[2],
     )
-    return linear, keep
+    return linear, keep, giants
 
 
 def _all_readings(

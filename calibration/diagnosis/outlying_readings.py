@@ -25,12 +25,10 @@ SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading 
 def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> NDArray[np.bool_]:
     """Which readings (n,) are not wrong by what the others say, whatever an effect may have changed (any_change.py).
 
-    whiten (n, 3, 3), residual (n, 3) and columns (n, 3, b) of the linear model. Where many are wrong, only those count
-    that are so grossly; where many are gross, an effect that nothing here describes is the likely cause, and all stay.
+    whiten (n, 3, 3), residual (n, 3) and columns (n, 3, b) of the linear model, without giants (`giant_readings`).
+    Where many are wrong, only those count that are so grossly; where many are gross, an effect that nothing here
+    describes is the likely cause, and all stay.
     """
-    giant = _beyond_calibration(observed, residual, columns)
-    if np.any(giant):  # they would spoil what is said of the others
-        return ~giant
     stand, (of_platform, of_drives) = stands(observed), columns_by_stand(observed, whiten)
     both = np.concatenate([columns, columns_of_any_change(observed, whiten)], axis=2)
     of_platform = of_platform * _shift_sigmas(stand, residual, both, observed.on_platform)
@@ -43,12 +41,16 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     return np.ones(len(sigmas), dtype=bool)
 
 
-def _beyond_calibration(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
-    """Readings (n,) so far off the fit of the others that no effect can be meant; none where these are many."""
+def giant_readings(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
+    """Readings (n,) so far off the fit of the others that no effect can be meant; none where these are many.
+
+    Arguments as of `fitting_readings`. They would spoil what is said of the others, so they go first.
+    """
     readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (_parts(observed),))
     if readings.farthest() <= GIANT_SIGMAS / MOST_ALIKE:
         return np.zeros(len(residual), dtype=bool)
-    giant = readings.judge([np.ones(len(residual), dtype=bool)])[0].sigmas > GIANT_SIGMAS
+    judged = readings.judge([np.ones(len(residual), dtype=bool)], GIANT_SIGMAS / MOST_ALIKE)[0]
+    giant = judged.sigmas > GIANT_SIGMAS
     return giant if np.mean(giant) < LARGEST_OUTLIER_SHARE else np.zeros(len(residual), dtype=bool)
 
 
@@ -94,10 +96,10 @@ class _LeaveOneOut:
             inverses.append(inverse)
             self._within.append(inverse.T @ inverse)
             self._stand_of[rows] = number
-        # C^-1 = B^-1 - D D', by the whitened columns W of which 1 + W'W = R'R: D = B^-1/2' W R^-1.
+        # C^-1 = B^-1 - D D', by the whitened columns W of which 1 + W'W = L L': D = B^-1/2' W L^-1'.
         flat = white.reshape(3 * n, width)
-        upper = np.linalg.cholesky(np.eye(width) + flat.T @ flat).T
-        along = solve_triangular(upper, flat.T, trans="T", lower=False, overwrite_b=True, check_finite=False).T
+        lower = np.linalg.cholesky(np.eye(width) + flat.T @ flat)
+        along = solve_triangular(lower, flat.T, lower=True, overwrite_b=True, check_finite=False).T
         rest = (y.ravel() - along @ (along.T @ y.ravel())).reshape(n, 3)
         along = along.reshape(n, 3, width)
         self._score, self._information = np.empty((n, 3)), np.empty((n, 3, 3))

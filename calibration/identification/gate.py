@@ -84,31 +84,33 @@ class LinearReadings:
         distance = self._distances([np.ones(len(part), dtype=bool) for part in self.residual])[0]
         return max(float(np.max(part, initial=0.0)) for part in distance)
 
-    def judge(self, keep: list[NDArray[np.bool_]]) -> tuple[GatedReadings, ...]:
-        """Which readings to keep, beginning with some."""
+    def judge(
+        self, keep: list[NDArray[np.bool_]], gate_sigmas: float = GATE_SIGMAS
+    ) -> tuple[GatedReadings, ...]:
+        """Which readings to keep, beginning with some; gate_sigmas: own standard deviations beyond which one is not."""
         keep = [part.copy() for part in keep]
         most = int(np.ceil(SUSPECTS * sum(len(part) for part in keep)))
         for _ in range(MOST_ROUNDS):  # suspects, the worst first
             distance = self._distances(keep)[0]
             worst = max(float(np.max(d[k], initial=0.0)) for d, k in zip(distance, keep, strict=True))
             free = most - sum(int(np.count_nonzero(~part)) for part in keep)
-            if worst <= GATE_SIGMAS or free <= 0:
+            if worst <= gate_sigmas or free <= 0:
                 break
-            limit = max(GATE_SIGMAS, 0.5 * worst)
+            limit = max(gate_sigmas, 0.5 * worst)
             above = np.sort(np.concatenate([d[k & (d > limit)] for d, k in zip(distance, keep, strict=True)]))
             if above.size > free:
                 limit = float(above[-free - 1])
             keep = [k & (d <= limit) for d, k in zip(distance, keep, strict=True)]
-        return self._settle(keep)
+        return self._settle(keep, gate_sigmas)
 
-    def _settle(self, keep: list[NDArray[np.bool_]]) -> tuple[GatedReadings, ...]:
+    def _settle(self, keep: list[NDArray[np.bool_]], gate_sigmas: float) -> tuple[GatedReadings, ...]:
         """Judge all readings by their own scales until the same are kept; in the end none comes back any more."""
         for number in range(MOST_ROUNDS):
             distance, deviation = self._distances(keep)
             sigmas = tuple(
                 own_sigmas(d, r.shape[1], kind) for d, r, kind in zip(distance, self.residual, self.kinds, strict=True)
             )
-            new = [s <= GATE_SIGMAS for s in sigmas]
+            new = [s <= gate_sigmas for s in sigmas]
             if number > MOST_ROUNDS // 2:
                 new = [a & b for a, b in zip(new, keep, strict=True)]
             if all(np.array_equal(a, b) for a, b in zip(new, keep, strict=True)):

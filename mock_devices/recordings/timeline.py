@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_devices.effects.base import Array, Effect, MotionState, StationSight
+from mock_devices.effects.base import Array, Effect, Leg, MotionState, StationSight
 from mock_devices.machine_file import MachineFile
 from mock_devices.plant.affected_machine import AffectedMachine, motion_states
 from mock_devices.plant.motion_history import MotionHistory
@@ -61,11 +62,23 @@ class Timeline:
 
     def motion_states(self, effects: Sequence[Effect], thermal: Thermal, payloads: Sequence[Payload]) -> MotionState:
         """The moments of all readings, after `effects` were told of every motion. Effects must be new."""
-        history = MotionHistory(self.start_m, effects, self.design.start_s)
-        for drive, motion in self.motions:
-            history.add(drive, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s)
+        history, ended = self._history
+        for effect in effects:
+            if type(effect).record_leg is not Effect.record_leg:
+                for drive, leg in ended:
+                    effect.record_leg(drive, leg)
         mass = np.array([payload.mass_kg for payload in payloads])[self.payload]
         return motion_states(history, self.t_s, self.q_m, self.velocity_m_per_s, mass, self.exchanges, thermal)
+
+    @cached_property
+    def _history(self) -> tuple[MotionHistory, list[tuple[int, Leg]]]:
+        """The legs of all drives, and in which order effects are told of them: the same whatever the effects."""
+        history = MotionHistory(self.start_m, (), self.design.start_s)
+        ended = []
+        for drive, motion in self.motions:
+            ended.append((drive, history.legs(drive)[-1]))
+            history.add(drive, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s)
+        return history, ended
 
     def sight(
         self, affected: AffectedMachine, thermal: Thermal, payloads: Sequence[Payload]

@@ -67,7 +67,7 @@ class VerdictSettings:
     docs/reference/definitions.md and docs/explanation/diagnosis.md."""
     distinguishable: float = 10.0
     """Log evidence below the verdict's at which the data exclude an effect. Source: tuned."""
-    distinguishable_share: float = 0.05
+    distinguishable_share: float = 0.01
     """The same, over the verdict's own log evidence. Source: tuned."""
     max_compared: int = 6
     """Effects next in the ranking that are compared with the verdict. Source: computing time."""

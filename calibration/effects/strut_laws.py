@@ -163,8 +163,9 @@ def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:
     """Play to each side, which closes over a width of tension."""
 
     def law(tension: Array) -> tuple[Array, Array]:
-        hypotenuse = np.hypot(tension, width_n)
-        return clearance_m * tension / hypotenuse, clearance_m * width_n**2 / hypotenuse**3
+        square = tension * tension + width_n * width_n
+        per_newton = clearance_m / np.sqrt(square)
+        return per_newton * tension, per_newton * (width_n * width_n / square)
 
     return law
 
@@ -207,7 +208,7 @@ def one_sided_spring(compliance_m_per_n: float, side: float, width_n: float) -> 
     """A spring in series that acts in tension (side 1) or in compression (side -1) only."""
 
     def law(tension: Array) -> tuple[Array, Array]:
-        hypotenuse = np.hypot(tension, width_n)
+        hypotenuse = np.sqrt(tension * tension + width_n * width_n)
         half = 0.5 * compliance_m_per_n
         return half * (tension + side * (hypotenuse - width_n)), half * (1.0 + side * tension / hypotenuse)
 

@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, LevelPosterior, scaled_levels
 from calibration.diagnosis.ranking import Cause
-from calibration.diagnosis.search import SearchResult, excess_threshold, search_causes
+from calibration.diagnosis.search import SearchResult, excess_threshold, search_causes, something_is_left
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED, Effect, EffectInputs
 from calibration.recording.header import DisturbanceLevels
@@ -25,7 +25,6 @@ from calibration.recording.header import DisturbanceLevels
 WORTH_SEARCHING = 2.0  # log posterior that other levels have over those that were tried
 SHARE_OF_CAUSES, SHORT_OF_CAUSES = 0.8, 10.0  # of the log posterior of causes: less for levels alone is too little
 SHARE_OF_EXCESS = 0.5  # of what non-parametric alternatives have more, that levels must have with the causes
-SHARE_OF_UNKNOWN = 0.5  # of the excess at which an effect is unknown, from which on something is left
 NO_LEVELS = DisturbanceLevels()
 ANY_LEVEL = DisturbanceLevels(drift_m=1.0, reseat_m=1.0, reversal_m=1.0, temperature_k=1.0)
 TOLD_BY_FORM = 20.0  # log posterior over what levels explain, at which an effect is told from them whatever its size
@@ -151,5 +150,4 @@ def _like_disturbances(causes: Sequence[Cause]) -> list[Effect]:
 
 def _may_change(result: SearchResult) -> bool:
     """Whether other levels could leave out a cause or explain what is left: not where one cause explains all."""
-    left = result.excess_log_evidence > SHARE_OF_UNKNOWN * excess_threshold(result.log_evidence)
-    return bool(result.causes) and (left or len({cause.effect.name for cause in result.causes}) > 1)
+    return bool(result.causes) and (something_is_left(result) or len({cause.effect.name for cause in result.causes}) > 1)

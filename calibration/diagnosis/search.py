@@ -20,6 +20,7 @@ from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.partial_context import NotRecorded, PartialContext
 
+SHARE_OF_UNKNOWN = 0.5  # of the excess at which an effect is unknown, from which on something is left
 NO_INSTRUMENT = "no station measured reflectors; nothing that was read responds to it"
 
 
@@ -58,7 +59,7 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     """
     alone = rank_effects(likelihood, inputs, effects)
     found = _search(likelihood, inputs, effects, alone, by_visit=False)
-    if found.excess_log_evidence < excess_threshold(found.log_evidence):
+    if not something_is_left(found):
         return found
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
@@ -90,17 +91,27 @@ def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> f
     return settings.excess_threshold + settings.excess_share * max(explained, 0.0)
 
 
+def something_is_left(result: SearchResult) -> bool:
+    """Whether alternatives explain so much more that other effects or levels of disturbances are worth a search."""
+    return result.excess_log_evidence > SHARE_OF_UNKNOWN * excess_threshold(result.log_evidence)
+
+
 @dataclass(frozen=True)
 class _Explanation:
     """Causes that were included one after the other: likelihoods without any and after each, their log evidence less
-    the penalty for more than one, alternatives to what remains (empty without causes), and the best log evidence of
-    causes and the strongest of these together."""
+    the penalty for more than one, and alternatives to what remains (empty without causes). of_fewer: the best log
+    evidence of fewer causes with an alternative in place of the next, which is penalised as that is."""
 
     causes: tuple[Cause, ...]
     likelihoods: tuple[MarginalLikelihood, ...]
     log_evidence: float = 0.0
     non_parametric: tuple[NonParametricEffect, ...] = ()
-    best_log_evidence: float = 0.0
+    of_fewer: float = 0.0
+
+    @property
+    def best_log_evidence(self) -> float:
+        """Of causes and the strongest alternative together."""
+        return max(self.of_fewer, self.log_evidence + max((a.log_evidence for a in self.non_parametric), default=0.0))
 
 
 def _search(
@@ -174,23 +185,27 @@ def _include_from(
         share = VERDICT.min_gain_share_same_part if same_part else VERDICT.min_gain_share
         if gain < max(VERDICT.detection_threshold, share * log_evidence):
             break
+        of_fewer = found.of_fewer
         if found.causes:
-            share_of_explained = VERDICT.further_cause_penalty_share * (log_evidence + gain)
-            log_evidence -= VERDICT.further_cause_penalty + share_of_explained
-        log_evidence += gain
+            log_evidence = _with_one_more(found.log_evidence, gain)
+            of_fewer = max(of_fewer, _with_one_more(found.log_evidence, found.non_parametric[0].log_evidence))
+        else:
+            log_evidence = gain
         given = include_cause(found.likelihoods[-1], ranked[0])
         non_parametric = rank_non_parametric(given, inputs)
         found = _Explanation(
-            (*found.causes, ranked[0]),
-            (*found.likelihoods, given),
-            log_evidence,
-            tuple(non_parametric),
-            max(found.best_log_evidence, log_evidence + non_parametric[0].log_evidence),
+            (*found.causes, ranked[0]), (*found.likelihoods, given), log_evidence, tuple(non_parametric), of_fewer
         )
         if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
             break
         ranked = rank_effects(given, inputs, effects, by_visit=by_visit, explained=log_evidence)
     return found
+
+
+def _with_one_more(log_evidence: float, gain: float) -> float:
+    """Log evidence of causes and of one more that adds so much, less what that one costs."""
+    explained = log_evidence + gain
+    return explained - VERDICT.further_cause_penalty - VERDICT.further_cause_penalty_share * explained
 
 
 def _same_part_of_machine(inputs: EffectInputs, one: Cause, other: Cause) -> bool:

@@ -150,4 +150,5 @@ def _like_disturbances(causes: Sequence[Cause]) -> list[Effect]:
 
 def _may_change(result: SearchResult) -> bool:
     """Whether other levels could leave out a cause or explain what is left: not where one cause explains all."""
-    return bool(result.causes) and (something_is_left(result) or len({cause.effect.name for cause in result.causes}) > 1)
+    several = len({cause.effect.name for cause in result.causes}) > 1
+    return bool(result.causes) and (several or something_is_left(result))

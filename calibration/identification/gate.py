@@ -84,10 +84,10 @@ class LinearReadings:
         distance = self._distances([np.ones(len(part), dtype=bool) for part in self.residual])[0]
         return max(float(np.max(part, initial=0.0)) for part in distance)
 
-    def judge(
-        self, keep: list[NDArray[np.bool_]], gate_sigmas: float = GATE_SIGMAS
-    ) -> tuple[GatedReadings, ...]:
-        """Which readings to keep, beginning with some; gate_sigmas: own standard deviations beyond which one is not."""
+    def judge(self, keep: list[NDArray[np.bool_]], gate_sigmas: float | None = None) -> tuple[GatedReadings, ...]:
+        """Which readings to keep, beginning with some; gate_sigmas: own standard deviations beyond which one is not,
+        by default GATE_SIGMAS."""
+        gate_sigmas = GATE_SIGMAS if gate_sigmas is None else gate_sigmas
         keep = [part.copy() for part in keep]
         most = int(np.ceil(SUSPECTS * sum(len(part) for part in keep)))
         for _ in range(MOST_ROUNDS):  # suspects, the worst first

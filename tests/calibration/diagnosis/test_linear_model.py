@@ -125,6 +125,15 @@ def test_grossly_wrong_readings_are_left_out_and_nothing_else(wandering):
     np.testing.assert_allclose(linear.residual, alone.residual, atol=1e-6)
 
 
+def test_what_is_wrong_beside_giants_is_found_once_these_are_gone(wandering):
+    """Ten millimetres off, and at another visit a fifth of one."""
+    on_platform = np.char.startswith(np.asarray(wandering["smr"]), "P")
+    usable = np.isin(np.arange(len(wandering)), usable_rows(wandering))
+    giant, small = np.flatnonzero(usable & on_platform)[[11, 97]]
+    linear = linearise_recording(shifted(shifted(wandering, [giant], 1e-2), [small], 2e-4))
+    assert linear.wrong.tolist() == sorted([giant, small])
+
+
 def test_a_strong_effect_of_few_readings_is_none_that_is_left_out(wandering):
     """Ten standard deviations at one visit in sixty, as after a short dwell: the rows keep their place."""
     rows = np.flatnonzero((wandering["visit"] % 60 == 7) & (np.asarray(wandering["phase"]) == "calibration"))

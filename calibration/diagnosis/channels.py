@@ -141,9 +141,7 @@ class Channels:
         if kind == "growth":
             return self._growth_response(of)
         if kind == "payload":
-            sensitivity, axis = observed.poses.sensitivity, AXES.find(of)
-            column = sensitivity.mass(PAYLOAD) if axis < 0 else sensitivity.centre_of_mass(PAYLOAD, axis)
-            return self._platform_shift(column)
+            return self._platform_shift(self.payload_column(f"payload.{of}"))
         drives = observed.poses.visits.drives
         if kind == "scale":
             from_middle = (
@@ -153,6 +151,11 @@ class Channels:
         corrections = observed.context.table_corrections_m(int(of), machine.drive_names, drives)[observed.visit]
         by_drive = [self.shift_m(f"travel.{d}") * corrections[:, a, None] for a, d in enumerate(machine.drive_names)]
         return np.asarray(sum(by_drive))
+
+    def payload_column(self, name: str) -> Array:
+        """dG (f, v) per unit of a channel of the payload: a kilogram, or a metre of its centre along an axis."""
+        sensitivity, axis = self.observed.poses.sensitivity, AXES.find(name.removeprefix("payload."))
+        return sensitivity.mass(PAYLOAD) if axis < 0 else sensitivity.centre_of_mass(PAYLOAD, axis)
 
     def _growth_response(self, part: str) -> Array:
         """All dimensions of a part become longer by one, relatively; what it carries goes with it."""

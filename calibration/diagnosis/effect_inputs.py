@@ -63,6 +63,11 @@ def inputs_of_readings(observed: ObservedModel, channels: Channels, periods: Per
         channels=channels.names,
         periods=periods,
         onsets=onsets,
+        payload_tension={
+            name: _payload_tension(observed.poses.sensitivity, channels.payload_column(name))[visit]
+            for name in channels.names
+            if name.startswith("payload.")
+        },
     )
 
 
@@ -72,6 +77,14 @@ def _tension_response(sensitivity: Sensitivity) -> Array:
     pose_response = sensitivity.pose_derivatives([sensitivity.length(j) for j in range(struts)])
     elongation = np.einsum("fin,nfj->nij", sensitivity.state.wrench[:, :struts], pose_response)
     return np.asarray(sensitivity.geometry.stiffness_n_per_m[:struts, None] * (elongation - np.eye(struts)))
+
+
+def _payload_tension(sensitivity: Sensitivity, column: Array) -> Array:
+    """Change (v, s) of the tension of each strut with a payload that changes by a column (f, v): dt_i = k_i J_i dx."""
+    struts = len(sensitivity.geometry.length_m)
+    pose_response = sensitivity.pose_derivatives([column])[:, :, 0]
+    elongation = np.einsum("fin,nf->ni", sensitivity.state.wrench[:, :struts], pose_response)
+    return np.asarray(sensitivity.geometry.stiffness_n_per_m[:struts] * elongation)
 
 
 def periodograms(likelihood: MarginalLikelihood) -> tuple[Periodogram, ...]:

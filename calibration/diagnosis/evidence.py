@@ -95,6 +95,7 @@ class MarginalLikelihood:
         self._added = added
         self._projections: dict[str, Array] = {}
         self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
+        self._grouped: dict[str, tuple[NDArray[np.intp], InformationAndScore]] = {}
 
     @classmethod
     def of(cls, linear: LinearisedReadings) -> MarginalLikelihood:
@@ -199,6 +200,16 @@ class MarginalLikelihood:
             absorbed = (q @ along_factor).reshape(*response.shape, -1)
             out.append(response[:, :, None] * shapes[rows][:, None, :] - absorbed)
         return np.concatenate(out, axis=2)
+
+    def grouped(self, channel: str, group: NDArray[np.intp]) -> InformationAndScore:
+        """Information (v, v) and score (v,) of one unit of a channel at all readings of each group; group (n,): its
+        number."""
+        if (kept := self._grouped.get(channel)) is None or not np.array_equal(kept[0], group):
+            sums = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
+            along_factor = sums @ self._projection(channel)
+            information = np.diag(sums @ self.response.norm(channel) ** 2) - along_factor @ along_factor.T
+            kept = self._grouped[channel] = (group, InformationAndScore(information, sums @ self._score(channel)))
+        return kept[1]
 
     def information_by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:
         """Information and score (v,) of one unit of a channel during each single visit; arrival (n,): the visit."""

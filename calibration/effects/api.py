@@ -9,7 +9,7 @@ size of one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -76,7 +76,8 @@ class EffectInputs:
     """Everything that an effect may use: the machine, the context of the readings, forces of the fitted model.
 
     tension_n (n, s): of the struts; tension_response_n_per_m (n, s, s): change of each strut's tension with the length
-    of each; pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m
+    of each; payload_tension (n, s) by channel of the payload: change of each strut's tension with one unit of it;
+    pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m
     (n, 3): the measured points in the station's frame. periods: of a drive, between a shortest and a longest in m, the
     most prominent spatial periods with the prior probability of each; onsets: of some channels, the most likely times,
     in s since the campaign's start, of a lasting change, also with prior probabilities.
@@ -92,6 +93,7 @@ class EffectInputs:
     channels: tuple[str, ...]
     periods: Callable[[int, float, float], Sequence[tuple[float, float]]]
     onsets: Callable[[Sequence[str]], Sequence[tuple[float, float]]]
+    payload_tension: Mapping[str, Array] = field(default_factory=dict)
 
     def drive(self, index: int) -> str:
         """Name of a drive."""
@@ -197,7 +199,7 @@ class Effect:
             raise ValueError(
                 f"'{self.name}' has {len(chosen.low)} parameters on its curve {number}, not {len(parameters)}"
             )
-        return chosen.tangent(np.clip(parameters, chosen.low, chosen.high)).contributions
+        return chosen.at_readings(chosen.tangent(np.clip(parameters, chosen.low, chosen.high)))
 
     def basis_sets(self, inputs: EffectInputs, place: int) -> BasisSets:
         """Its basis sets at a place, built once for the inputs."""

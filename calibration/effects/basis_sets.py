@@ -6,6 +6,9 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calibration.base.arrays import Array
 from calibration.effects.columns import ColumnsByChannel, Contributions
 from calibration.effects.former_names import former_name
@@ -130,14 +133,16 @@ class Tangent:
 
     relative (1 + p,): standard deviations, relative to the size, within which the tangent is a good approximation;
     units (p,): of the parameters, in which their coefficients over the size count. size: weights with which the first
-    coefficients add up to the size. step: change of the point (p,) for coefficients (1 + p,).
+    coefficients add up to the size. value: coefficient of the first column at the point itself, the size there;
+    zero: whatever the readings make most likely. step: was asked for by former versions.
     """
 
     contributions: tuple[Contributions, ...]
     relative: tuple[float, ...]
     units: tuple[float, ...]
     size: tuple[float, ...]
-    step: Callable[[Array], Array]
+    step: Callable[[Array], Array] | None = None
+    value: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,9 @@ class Curve:
     """A family of columns that is not linear in its parameters (p), fitted iteratively from several starts (m, p).
 
     The first parameter carries the size. low, high (p,): limits; spread (p,): prior standard deviations about zero,
-    infinite where only the limits are known. form: its name, as that of a column.
+    infinite where only the limits are known. form: its name, as that of a column. group (n,): where the columns of its
+    tangents are alike among readings, as at one stand, they have one row for each group, whose number this is of each
+    reading.
     """
 
     starts: Array
@@ -154,3 +161,10 @@ class Curve:
     spread: Array
     tangent: Callable[[Array], Tangent]
     form: str = ""
+    group: NDArray[np.intp] | None = None
+
+    def at_readings(self, tangent: Tangent) -> tuple[Contributions, ...]:
+        """The columns of one of its tangents at all readings."""
+        if (group := self.group) is None:
+            return tangent.contributions
+        return tuple(tuple((channel, shape[group]) for channel, shape in column) for column in tangent.contributions)

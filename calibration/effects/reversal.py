@@ -10,6 +10,7 @@ from calibration.effects.basis_functions import cosine_basis, curve_over, rises_
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
 REST_TERMS = 4  # of any function of the rest
+LOAD_TERMS, ANY_LOAD_WEIGHT = 3, 0.3  # of any function of the load; what grows with it is wind-up rather than play
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
@@ -45,6 +46,10 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     sets.add_set(main, (*place, *resting[1]), share=0.3, sign=1.0)
     any_rest = sets.add((travel, side[:, None] * cosine_basis(np.log(inputs.context.dwell_s + 0.3), REST_TERMS)))
     sets.add_set(main, (*place, *any_rest), share=0.6, sign=1.0)
+    if varies(inputs.payload_ratio, PRESSED_LEAST):
+        any_load = sets.add((travel, side[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
+        sets.add_set(main, any_load, share=0.6, weight=ANY_LOAD_WEIGHT, sign=1.0)
+        sets.add_set(main, (*any_load, *place), share=0.6, weight=ANY_LOAD_WEIGHT, sign=1.0)
     return sets
 
 

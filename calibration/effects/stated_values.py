@@ -81,7 +81,8 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
     """What is mounted has another mass or centre than stated: all of it in proportion, or by what was not counted.
 
     Weight and its moment in the platform's equilibrium (Merlet, Parallel Robots, Springer 2006, ch. 9). A centre that
-    is off by d counts as the mass m d / 0.25 m, which has the same moment at a lever of 0.25 m.
+    is off by d counts as the mass m d / 0.25 m, which has the same moment at a lever of 0.25 m. Beside each form is
+    what struts of another stiffness than the fitted one, which a wrong payload has spoilt, make of its forces.
     """
     sets, kg = BasisSets(), inputs.context.payload_kg
     largest = max(float(kg.max()), 1e-9)
@@ -92,18 +93,37 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
     any_load = np.stack([mounted, inputs.payload_ratio, inputs.payload_ratio**2], axis=1)
     each_time = mounted[:, None] * cosine_basis(inputs.context.exchanges, MOUNTINGS)
     anyhow = sets.add(("payload.mass", np.concatenate([any_load, each_time], axis=1)))
+    whenever = anyhow[:1]  # of each channel what is always mounted
     for channel in (c for c in inputs.channels if c.startswith("payload.") and c != "payload.mass"):
         moment = mounted * LEVER_M / np.maximum(kg, LEAST_LOAD_SHARE * largest)
         shifted += sets.add((channel, mounted * (LEVER_M / largest)), form="shifted")
         beside += sets.add((channel, moment), form="beside")
-        anyhow += sets.add((channel, moment[:, None] * np.concatenate([any_load, each_time], axis=1)))
-    sets.add_set(in_proportion, shifted)
-    sets.add_set(not_counted, beside)
-    sets.add_set(shifted)
-    sets.add_set(beside)
+        at_any_load = sets.add((channel, moment[:, None] * np.concatenate([any_load, each_time], axis=1)))
+        anyhow, whenever = [*anyhow, *at_any_load], [*whenever, at_any_load[0]]
+
+    def yielding(columns: Sequence[int]) -> list[int]:
+        return [c for column in columns for c in _by_strut(sets, inputs, column)]
+
+    sets.add_set(in_proportion, (*shifted, *yielding(in_proportion)))
+    sets.add_set(not_counted, (*beside, *yielding(not_counted)))
+    sets.add_set(shifted, yielding(shifted))
+    sets.add_set(beside, yielding(beside))
     sets.add_set((*in_proportion, *not_counted), (*shifted, *beside), weight=0.5)
-    sets.add_set(anyhow, weight=0.5)
+    sets.add_set(anyhow, yielding(whenever), weight=0.5)
     return sets
+
+
+def _by_strut(sets: BasisSets, inputs: EffectInputs, column: int) -> list[int]:
+    """What each strut grows by the forces of a column of the payload, if it is softer by its own stiffness."""
+    ((channel, shape),) = sets.contributions[column]
+    if channel not in inputs.payload_tension:
+        return []
+    growth = shape[:, None] * inputs.payload_tension[channel] / inputs.machine.nominal.stiffness_n_per_m
+    return [
+        c
+        for strut, name in enumerate(inputs.machine.strut_names)
+        for c in sets.add((f"length.{name}", growth[:, strut]), form=sets.named[column])
+    ]
 
 
 def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:

@@ -21,6 +21,7 @@ from calibration.effects.strut_laws import (
     curve_of_law,
     misfit_m,
     one_sided_spring,
+    saturating_law,
     series_spring,
     slipping_law,
     smooth_spring,
@@ -151,7 +152,8 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     restrained = RestrainedStrut.from_inputs(inputs, strut)
     compliance, typical = 1.0 / restrained.stiffness_n_per_m, restrained.typical_n
     drive = int(inputs.machine.strut_drive[strut])
-    u = inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(inputs.context))
+    u = (inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(inputs.context)))[restrained.rows]
+    load = inputs.payload_ratio[restrained.rows]
     ratio, bend = LawParameter(np.log(0.02), np.log(50.0)), LawParameter(-6.0, 6.0, 2.0)
     threshold, power = LawParameter(np.log(0.02), np.log(4.0)), LawParameter(np.log(0.5), np.log(8.0))
 
@@ -162,7 +164,7 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
         return slipping_law(compliance, typical * float(np.exp(at[0])), float(np.exp(at[1])))
 
     def anywhere(at: Array) -> ElongationLaw:
-        bent = at[1] * u + at[2] * u**2 + at[3] * inputs.payload_ratio
+        bent = at[1] * u + at[2] * u**2 + at[3] * load
         return series_spring(compliance * np.exp(at[0] + bent))
 
     def stretched(at: Array) -> ElongationLaw:
@@ -213,23 +215,35 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
 
 
 def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
-    """Play that the tension closes, and that may vary with the payload."""
+    """Play that the tension closes, and that may vary with the payload; and any play, which closes anyhow."""
     restrained = RestrainedStrut.from_inputs(inputs, strut)
+    drive, load = int(inputs.machine.strut_drive[strut]), inputs.payload_ratio[restrained.rows]
+    u = inputs.normalised_travel(drive)[restrained.rows] if drive >= 0 else np.zeros(len(load))
     play_m, by_load = LawParameter(np.log(1e-6), np.log(4e-4)), LawParameter(-3.0, 3.0, 0.7)
     width = LawParameter(np.log(0.005), np.log(2.0))  # over the typical tension
+    by_place, power = LawParameter(-2.0, 2.0, 0.5), LawParameter(0.0, np.log(8.0))
+
+    def anyhow(at: Array) -> ElongationLaw:
+        play = np.exp(at[0] + at[2] * load + at[3] * u)
+        return saturating_law(play, restrained.typical_n * float(np.exp(at[1])), float(np.exp(at[4])))
 
     def law(at: Array) -> ElongationLaw:
-        return clearance_law(np.exp(at[0] + at[2] * inputs.payload_ratio), restrained.typical_n * float(np.exp(at[1])))
+        return clearance_law(np.exp(at[0] + at[2] * load), restrained.typical_n * float(np.exp(at[1])))
 
     def size_at(at: Array, _: Array | None = None) -> float:
         return float(np.exp(at[0]))
 
-    starts = [(np.log(c), np.log(w), 0.0) for c in (1e-5, 4e-5, 1.6e-4) for w in (0.015, 0.15)]
+    starts = [(np.log(3e-5), np.log(w), by) for w in (0.03, 0.3) for by in (-0.8, 0.0, 0.8)]
     middles = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
     return (
         curve_of_law(
             restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=size_at,
             misfit_unit_m=size_at, misfit_m=misfit_m(inputs), form="smooth_play",
+        ),
+        curve_of_law(
+            restrained, anyhow, (play_m, width, by_load, by_place, power),
+            starts=[(*start, 0.0, np.log(3.0)) for start in starts], middles=middles, size=size_at,
+            misfit_unit_m=size_at, misfit_m=misfit_m(inputs), form="",
         ),
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.effects.api import Curve, EffectInputs, Tangent
@@ -23,23 +24,26 @@ MISFIT_TOLERANCES = 3.0  # standard deviation of a misfit, in tolerances of a st
 COLUMN_SHARE = 0.4  # standard deviation of every parameter's column, relative to the size
 ITERATIONS = 40
 SOLVED = 1e-9  # last step of a tension, over the typical one
-MIN_GROWTH_SHARE = 0.5  # assumed at least, when the first parameter is changed to correct the size
 DERIVATIVE_STEP = 0.02  # of a parameter, for the numerical derivative of a law
 MOST_TENSION = 2.0  # over the typical one, up to which a compliance changes
+MOST_WIDTHS = 1e4  # of a tension, beyond which a play is closed
 LEAST_RATE = 1e-6  # of a compliance's change
 LEAST_RESTRAINT = 1e-3  # over the strut's stiffness; with less the strut counts as unrestrained
 
 
 @dataclass(frozen=True)
 class RestrainedStrut:
-    """A strut within the structure that restrains it.
+    """A strut within the structure that restrains it, at each of the stands (v) where it differs.
 
-    tension_n (n,): as a linear strut; restraint_n_per_m (n,): tension lost per metre of elongation; misfit (n, j):
-    change of the tension in N per metre of each misfit, the first of which is the strut's own length.
+    rows (v,): a reading of each stand; group (n,): the stand of each reading. tension_n (v,): as a linear strut;
+    restraint_n_per_m (v,): tension lost per metre of elongation; misfit (v, j): change of the tension in N per metre of
+    each misfit, the first of which is the strut's own length.
     """
 
     channel: str
     stiffness_n_per_m: float
+    rows: NDArray[np.intp]
+    group: NDArray[np.intp]
     tension_n: Array
     restraint_n_per_m: Array
     misfit: Array
@@ -48,15 +52,20 @@ class RestrainedStrut:
     def from_inputs(cls, inputs: EffectInputs, strut: int) -> RestrainedStrut:
         """A strut by its index. Misfits: lengths of all struts; its own in proportion to each drive and the payload."""
         response = inputs.tension_response_n_per_m[:, strut]
+        differs = np.column_stack([inputs.tension_n[:, strut], response, inputs.context.drives, inputs.payload_ratio])
+        _, rows, group = np.unique(differs, axis=0, return_index=True, return_inverse=True)
+        response = response[rows]
         own = response[:, strut]
         order = [strut, *(i for i in range(response.shape[1]) if i != strut)]
-        along_drives = [own * inputs.normalised_travel(drive) for drive in range(len(inputs.machine.drive_names))]
+        along_drives = [own * inputs.normalised_travel(drive)[rows] for drive in range(len(inputs.machine.drive_names))]
         return cls(
             f"length.{inputs.machine.strut_names[strut]}",
             float(inputs.machine.nominal.stiffness_n_per_m[strut]),
-            inputs.tension_n[:, strut],
+            rows,
+            group.reshape(-1),  # numpy 2.0 returned another shape
+            inputs.tension_n[rows, strut],
             np.maximum(-own, 0.0),
-            np.column_stack([response[:, order], *along_drives, own * inputs.payload_ratio]),
+            np.column_stack([response[:, order], *along_drives, own * inputs.payload_ratio[rows]]),
         )
 
     @property
@@ -73,7 +82,7 @@ class RestrainedStrut:
         return [0.0, *((mean - middle * spread) / restraint for middle in middles)]
 
     def solve_tension(self, law: ElongationLaw, misfit_m: Array) -> tuple[Array, Array, Array]:
-        """Tension T (n,), g'(T) (n,) and 1 / (1 + r g'(T)), by Newton's method safeguarded with bisection."""
+        """Tension T (v,), g'(T) (v,) and 1 / (1 + r g'(T)), by Newton's method safeguarded with bisection."""
         free = self.tension_n + self.misfit @ misfit_m
         low, high, tension = np.minimum(free, 0.0), np.maximum(free, 0.0), 0.5 * free
         last_step = high - low
@@ -123,7 +132,7 @@ def curve_of_law(
 
     law: from its parameters, of which the first alone sets how much the strut elongates; starts: values of them to
     start from; middles: mean tensions to start from, in standard deviations. size: of the effect, from the parameters
-    and the elongation (n,). misfit_unit_m: unit in which misfits count; misfit_m: their standard deviation. form: name.
+    and the elongation (v,). misfit_unit_m: unit in which misfits count; misfit_m: their standard deviation. form: name.
     """
     n, misfits = len(parameters), strut.misfit.shape[1]
 
@@ -140,23 +149,16 @@ def curve_of_law(
         # Relative growth of the elongation with the first parameter.
         share = float(growth @ by_parameter[0]) / max(float(growth @ growth), 1e-300)
 
-        def step(coefficients: Array) -> Array:
-            main = max(float(coefficients[0]), 0.2 * size_here)
-            out = coefficients[1:] / main
-            out[n:] *= unit_m
-            out[0] += np.log(main / size_here) / (np.sign(share) * max(abs(share), MIN_GROWTH_SHARE))
-            return np.asarray(out)
-
         units = (1.0,) * n + (unit_m,) * misfits
         contributions = tuple(((strut.channel, column / size_here),) for column in columns)
-        return Tangent(contributions, (1.0,) + (COLUMN_SHARE,) * len(units), units, (1.0, share), step)
+        return Tangent(contributions, (1.0,) + (COLUMN_SHARE,) * len(units), units, (1.0, share), value=size_here)
 
     low = np.array([*(p.low for p in parameters), *[-5.0 * misfit_m] * misfits])
     high = np.array([*(p.high for p in parameters), *[5.0 * misfit_m] * misfits])
     others = np.zeros(misfits - 1)
     all_starts = np.array([[*start, own, *others] for start in starts for own in strut.starting_misfits_m(middles)])
     spread = np.array([*(p.spread for p in parameters), *[misfit_m] * misfits])
-    return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent, form)
+    return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent, form, strut.group)
 
 
 def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:
@@ -166,6 +168,19 @@ def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:
         square = tension * tension + width_n * width_n
         per_newton = clearance_m / np.sqrt(square)
         return per_newton * tension, per_newton * (width_n * width_n / square)
+
+    return law
+
+
+def saturating_law(clearance_m: Array | float, width_n: float, power: float) -> ElongationLaw:
+    """Play to each side that closes along any curve: s / (1 + |s|^p)^(1/p), of s the tension over a width."""
+
+    def law(tension: Array) -> tuple[Array, Array]:
+        s = np.minimum(np.abs(tension / width_n), MOST_WIDTHS)
+        open_share = 1.0 / (1.0 + s**power)
+        return np.sign(tension) * clearance_m * s * open_share ** (1.0 / power), (
+            clearance_m / width_n * open_share ** (1.0 + 1.0 / power)
+        )
 
     return law
 

@@ -166,6 +166,10 @@ class Twin:
             context=combined,
             tension_n=append(campaign.tension_n, requested.tension_n),
             tension_response_n_per_m=append(campaign.tension_response_n_per_m, requested.tension_response_n_per_m),
+            payload_tension={
+                name: append(tension, requested.payload_tension[name])
+                for name, tension in campaign.payload_tension.items()
+            },
             pull_n=append(campaign.pull_n, requested.pull_n),
             moment_nm=append(campaign.moment_nm, requested.moment_nm),
             sight_m=append(campaign.sight_m, requested.sight_m),

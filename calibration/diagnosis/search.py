@@ -135,7 +135,7 @@ def _search(
         for leader in leaders:
             if leader.log_evidence > VERDICT.leaders_share * found.log_evidence:
                 other = _include_from(likelihood, inputs, effects, [leader], by_visit=by_visit)
-                if other.log_evidence > best.log_evidence + temperature(best.log_evidence):
+                if other.log_evidence > best.log_evidence:
                     best = other
         ranking = _with_main_cause_first(ranking, best, best.log_evidence - found.log_evidence)
     non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
@@ -187,8 +187,11 @@ def _include_from(
             break
         of_fewer = found.of_fewer
         if found.causes:
-            log_evidence = _with_one_more(found.log_evidence, gain)
-            of_fewer = max(of_fewer, _with_one_more(found.log_evidence, found.non_parametric[0].log_evidence))
+            log_evidence = _with_one_more(found.log_evidence, gain, same_part=same_part)
+            instead = found.non_parametric[0]
+            kinds = {_kind(channel) for channel, _ in instead.channels}
+            same_part = any(_channel_kinds(cause) & kinds for cause in found.causes)
+            of_fewer = max(of_fewer, _with_one_more(found.log_evidence, instead.log_evidence, same_part=same_part))
         else:
             log_evidence = gain
         given = include_cause(found.likelihoods[-1], ranked[0])
@@ -202,14 +205,16 @@ def _include_from(
     return found
 
 
-def _with_one_more(log_evidence: float, gain: float) -> float:
+def _with_one_more(log_evidence: float, gain: float, *, same_part: bool) -> float:
     """Log evidence of causes and of one more that adds so much, less what that one costs."""
     explained = log_evidence + gain
-    return explained - VERDICT.further_cause_penalty - VERDICT.further_cause_penalty_share * explained
+    share = VERDICT.further_cause_penalty_share_same_part if same_part else VERDICT.further_cause_penalty_share
+    return explained - VERDICT.further_cause_penalty - share * explained
 
 
 def _same_part_of_machine(inputs: EffectInputs, one: Cause, other: Cause) -> bool:
-    """Whether two causes act at the same drive or its struts, or are the same effect."""
+    """Whether two causes are the same effect, or act at the same drive or its struts through the same kind of channel:
+    what is left over there may be one's model error, elsewhere hardly."""
     machine = inputs.machine
 
     def drives(cause: Cause) -> set[int]:
@@ -219,7 +224,18 @@ def _same_part_of_machine(inputs: EffectInputs, one: Cause, other: Cause) -> boo
             return {int(machine.strut_drive[machine.strut_names.index(cause.place)])}
         return set()
 
-    return one.effect.name == other.effect.name or bool(drives(one) & drives(other))
+    if one.effect.name == other.effect.name:
+        return True
+    return bool(drives(one) & drives(other)) and bool(_channel_kinds(one) & _channel_kinds(other))
+
+
+def _channel_kinds(cause: Cause) -> set[str]:
+    """How a cause acts: along a drive, on the length of a strut ..."""
+    return {_kind(channel) for part in cause.parts for column in part.contributions for channel, _ in column}
+
+
+def _kind(channel: str) -> str:
+    return channel.partition(".")[0]
 
 
 def _refit_causes(

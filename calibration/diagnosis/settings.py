@@ -22,12 +22,14 @@ class VerdictSettings:
     min_gain_share: float = 0.006
     """Log evidence that a further cause must add, over what is explained already. Source: tuned."""
     min_gain_share_same_part: float = 0.03
-    """The same at a part that has a cause, and at a further place of an effect: the rest may be that cause's model
-    error. Source: tuned."""
+    """The same through a channel through which a cause acts already, and at a further place of an effect: the rest may
+    be that cause's model error. Source: tuned."""
     further_cause_penalty: float = 10.0
     """Log evidence that each further cause costs, as several effects together mimic a single one. Source: tuned."""
-    further_cause_penalty_share: float = 0.02
+    further_cause_penalty_share: float = 0.005
     """The same, over what is explained with it. Source: tuned."""
+    further_cause_penalty_share_same_part: float = 0.02
+    """The same through a channel through which a cause acts already. Source: tuned."""
     leaders: int = 3
     """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time."""
     leaders_share: float = 0.2

@@ -3,6 +3,7 @@
 __all__ = [
     "any_change",
     "cause_size",
+    "channel_responses",
     "channels",
     "curve_fit",
     "departure_evidence",

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 from scipy.special import log_ndtr
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channel_responses import ChannelResponses, sums_over_visits
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linearised_readings import LinearisedReadings, project_out
 from calibration.effects.api import BasisSet
@@ -25,7 +25,6 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 SIZES = 9
 SIZE_STEPS = np.linspace(0.0, 1.0, SIZES)  # logarithms of the sizes tried, over the plausible range
 LOG_2 = float(np.log(2.0))
-UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,16 @@ class InformationAndScore:
     """Information F (k, k) and score g (k,) of columns (k), the unknowns of the calibration projected out."""
 
     information: Array
+    score: Array
+
+
+@dataclass(frozen=True)
+class _PartOfChannel:
+    """Sums over groups (g) of readings, for one unit of a channel: projection along_factor (g, b), norm (g,) of the
+    response, score (g,)."""
+
+    along_factor: Array
+    norm: Array
     score: Array
 
 
@@ -45,32 +54,6 @@ class BasisSetEvidence:
     size: float
     coefficients: Array
     covariance: Array
-
-
-class ChannelResponses:
-    """Whitened responses (n, w) of a linear model's readings to one unit of each channel, computed on first use."""
-
-    def __init__(self, linear: LinearisedReadings) -> None:
-        self.channels = Channels(linear)
-        self._linear = linear
-        self._responses: dict[str, Array] = {}
-        self._norms: dict[str, Array] = {}
-
-    def norm(self, channel: str) -> Array:
-        """Norm (n,) of each reading's response to a channel."""
-        if channel not in self._norms:
-            self._norms[channel] = np.linalg.norm(self(channel), axis=1)
-        return self._norms[channel]
-
-    def __call__(self, channel: str) -> Array:
-        """The response (n, w) to a channel."""
-        if channel not in self._responses:
-            self._responses[channel] = (
-                self._linear.left_alone[channel.removeprefix(UNKNOWN_CHANNEL)]
-                if channel.startswith(UNKNOWN_CHANNEL)
-                else self._linear.whiten_shift(self.channels.shift_m(channel))
-            )
-        return self._responses[channel]
 
 
 class MarginalLikelihood:
@@ -94,6 +77,7 @@ class MarginalLikelihood:
         self.weighted_residual = weighted_residual
         self._added = added
         self._projections: dict[str, Array] = {}
+        self._parts: dict[tuple[str, bool], _PartOfChannel] = {}
         self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
 
     @classmethod
@@ -155,22 +139,42 @@ class MarginalLikelihood:
         along_factor = np.zeros((self.q.shape[2], columns.count))
         score = np.zeros(columns.count)
         information = np.zeros((columns.count, columns.count))
-        done: list[str] = []
+        done: dict[str, Array | None] = {}  # shapes by visit
         for channel, (numbers, shapes) in columns.shapes.items():
-            response = self.response(channel)
-            along_factor[:, numbers] += self._projection(channel).T @ shapes
-            score[numbers] += self._score(channel) @ shapes
-            for other in done:
-                product = np.einsum("nj,nj->n", response, self.response(other))
-                if np.any(product):
-                    other_numbers, other_shapes = columns.shapes[other]
-                    block = shapes.T @ (product[:, None] * other_shapes)
-                    information[np.ix_(numbers, other_numbers)] += block
-                    information[np.ix_(other_numbers, numbers)] += block.T
-            weighted = self.response.norm(channel)[:, None] * shapes
-            information[np.ix_(numbers, numbers)] += weighted.T @ weighted
-            done.append(channel)
+            by_visit = self.response.by_visit(channel, shapes)
+            part = self._part(channel, by_visit=by_visit is not None)
+            own_shapes = shapes[self.response.rows(channel)] if by_visit is None else by_visit
+            along_factor[:, numbers] += part.along_factor.T @ own_shapes
+            score[numbers] += part.score @ own_shapes
+            weighted = part.norm[:, None] * own_shapes
+            information[_block(numbers, numbers)] += weighted.T @ weighted
+            for other, other_by_visit in done.items():
+                product = np.einsum("nj,nj->n", self.response(channel), self.response(other))
+                if not (rows := np.flatnonzero(product)).size:
+                    continue
+                other_numbers, other_shapes = columns.shapes[other]
+                if by_visit is not None and other_by_visit is not None:
+                    block = by_visit.T @ ((self.response.sums_over_visits @ product)[:, None] * other_by_visit)
+                else:
+                    block = shapes[rows].T @ (product[rows, None] * other_shapes[rows])
+                information[_block(numbers, other_numbers)] += block
+                information[_block(other_numbers, numbers)] += block.T
+            done[channel] = by_visit
         return InformationAndScore(information - along_factor.T @ along_factor, score)
+
+    def _part(self, channel: str, *, by_visit: bool) -> _PartOfChannel:
+        """What a channel adds to information and score, by visit or by reading that responds."""
+        if (channel, by_visit) not in self._parts:
+            response = self.response(channel)
+            values = self._projection(channel), np.sum(response**2, axis=1), self._score(channel)
+            if by_visit:
+                sums = self.response.sums_over_visits
+                along_factor, square, score = (sums @ value for value in values)
+            else:
+                rows = self.response.rows(channel)
+                along_factor, square, score = (value[rows] for value in values)
+            self._parts[channel, by_visit] = _PartOfChannel(along_factor, np.sqrt(square), score)
+        return self._parts[channel, by_visit]
 
     def of_families(self, families: Sequence[Sequence[Contributions]]) -> list[InformationAndScore]:
         """Information and score of several families of columns, each by itself, of which only few are like another."""
@@ -179,12 +183,13 @@ class MarginalLikelihood:
             return [self.information_and_score(family) for family in families]
         (channel,) = channels
         shapes = [np.stack([column[0][1] for column in family], axis=1) for family in families]
-        every = np.concatenate(shapes, axis=1)
-        along, score = self._projection(channel).T @ every, self._score(channel) @ every
-        norm, out, first = self.response.norm(channel)[:, None], [], 0
+        part, rows = self._part(channel, by_visit=False), self.response.rows(channel)
+        every = np.concatenate(shapes, axis=1)[rows]
+        along, score = part.along_factor.T @ every, part.score @ every
+        out, first = [], 0
         for shape in shapes:
-            own, weighted = slice(first, first + shape.shape[1]), norm * shape
-            first = own.stop
+            own = slice(first, first + shape.shape[1])
+            weighted, first = part.norm[:, None] * every[:, own], own.stop
             information = weighted.T @ weighted - along[:, own].T @ along[:, own]
             out.append(InformationAndScore(information, score[own]))
         return out
@@ -202,14 +207,10 @@ class MarginalLikelihood:
 
     def information_by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:
         """Information and score (v,) of one unit of a channel during each single visit; arrival (n,): the visit."""
-        count = int(arrival.max()) + 1
-        response = self.response(channel)
-        sums = csr_array((np.ones(len(arrival)), (arrival, np.arange(len(arrival)))), shape=(count, len(arrival)))
+        response, sums = self.response(channel), sums_over_visits(arrival)
         along_factor = sums @ self._projection(channel)
-        information = np.bincount(arrival, np.sum(response**2, axis=1), minlength=count)
-        information = information - np.sum(along_factor**2, axis=1)
-        score = np.bincount(arrival, np.sum(response * self.weighted_residual, axis=1), minlength=count)
-        return np.asarray(np.maximum(information, 0.0)), np.asarray(score, dtype=np.float64)
+        information = sums @ np.sum(response**2, axis=1) - np.sum(along_factor**2, axis=1)
+        return np.asarray(np.maximum(information, 0.0)), np.asarray(sums @ self._score(channel))
 
     def _score(self, channel: str) -> Array:
         """Score (n,) of one unit of a channel at each single reading."""
@@ -251,7 +252,14 @@ class _AddedFactor:
 
 def _along(response: Array, q: Array) -> Array:
     """Products (n, j) of responses (n, w) with q (n, w, j)."""
-    return np.asarray(sum(response[:, [c]] * q[:, c] for c in range(response.shape[1])))
+    return np.asarray(np.matmul(response[:, None, :], q)[:, 0])
+
+
+def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | NDArray[np.intp], ...]:
+    """Index of a block of a matrix by its rows and columns, both ascending; slices where no number is left out."""
+    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (rows, columns)):
+        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return np.ix_(rows, columns)
 
 
 def log_sum(logs: Array, axis: int = 0) -> Array:

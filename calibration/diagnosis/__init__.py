@@ -31,6 +31,7 @@ __all__ = [
     "result",
     "search",
     "settings",
+    "staggered_columns",
     "twin",
     "verdict",
 ]

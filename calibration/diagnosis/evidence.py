@@ -307,18 +307,16 @@ def _evidence(
     grown = 1.0 + square * values[:, None, :]
     logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
     evidence = log_sum(logs, axis=1) - np.log(len(sizes))
-    out = []
-    for row, (basis_set, best) in enumerate(zip(basis_sets, np.argmax(logs, axis=1).tolist(), strict=True)):
-        a = float(sizes[best])
-        shrunk = a * a / (1.0 + a * a * values[row])
-        coefficients = relative[row] * (vectors[row] @ (shrunk * along[row]))
-        scaled = vectors[row] * relative[row][:, None]
-        covariance = (scaled * shrunk) @ scaled.T
-        log_evidence = float(evidence[row])
+    best = sizes[np.argmax(logs, axis=1)]
+    shrunk = best[:, None] ** 2 / (1.0 + best[:, None] ** 2 * values)
+    scaled = vectors * relative[:, :, None]
+    coefficients = np.einsum("mkj,mj->mk", scaled, shrunk * along)
+    covariances = (scaled * shrunk[:, None, :]) @ scaled.transpose(0, 2, 1)
+    for row, basis_set in enumerate(basis_sets):
         if basis_set.sign:
-            log_evidence += _log_share_of_sign(basis_set.sign * coefficients[0], covariance[0, 0])
-        out.append(BasisSetEvidence(basis_set, log_evidence, a, coefficients, covariance))
-    return out
+            evidence[row] += _log_share_of_sign(basis_set.sign * coefficients[row, 0], covariances[row, 0, 0])
+    entries = zip(basis_sets, evidence.tolist(), best.tolist(), coefficients, covariances, strict=True)
+    return [BasisSetEvidence(*entry) for entry in entries]
 
 
 def _log_share_of_sign(mean: float, variance: float) -> float:

@@ -196,13 +196,12 @@ class MarginalLikelihood:
 
     def observable_columns(self, channels: Sequence[str], shapes: Array, rows: NDArray[np.intp]) -> Array:
         """Rows (m, w, k c) of shapes (n, k) acting through channels (c), after the calibration has been refitted."""
-        out = []
+        out, q, of_rows = [], self.q[rows].reshape(-1, self.q.shape[2]), shapes[rows]
         for channel in channels:
-            along_factor = self._projection(channel).T @ shapes
-            response = self.response(channel)[rows]
-            q = self.q[rows].reshape(-1, self.q.shape[2])
+            part, response = self._part(channel, by_visit=False), self.response(channel)[rows]
+            along_factor = part.along_factor.T @ shapes[self.response.rows(channel)]
             absorbed = (q @ along_factor).reshape(*response.shape, -1)
-            out.append(response[:, :, None] * shapes[rows][:, None, :] - absorbed)
+            out.append(response[:, :, None] * of_rows[:, None, :] - absorbed)
         return np.concatenate(out, axis=2)
 
     def information_by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -6,7 +6,10 @@ visits, several times fewer.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +18,20 @@ from scipy.sparse import csr_array
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.effects.columns import ColumnsByChannel
 
 UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 FEW = 16  # readings that mostly tell already whether a shape differs within visits
+
+
+@dataclass(frozen=True)
+class PartOfChannel:
+    """Sums over groups (g) of readings, for one unit of a channel: projection along_factor (g, b), norm (g,) of the
+    response, score (g,)."""
+
+    along_factor: Array
+    norm: Array
+    score: Array
 
 
 class ChannelResponses:
@@ -29,6 +43,7 @@ class ChannelResponses:
         self._responses: dict[str, Array] = {}
         self._rows: dict[str, NDArray[np.intp]] = {}
         self._visits: dict[str, _Visits] = {}
+        self._by_visit: WeakKeyDictionary[ColumnsByChannel, Mapping[str, Array | None]] = WeakKeyDictionary()
 
     def __call__(self, channel: str) -> Array:
         """The response (n, w) to a channel."""
@@ -46,9 +61,16 @@ class ChannelResponses:
             self._rows[channel] = np.flatnonzero(np.any(self(channel) != 0.0, axis=1))
         return self._rows[channel]
 
-    def by_visit(self, channel: str, shapes: Array) -> Array | None:
-        """Shapes (v, k) at each visit if all of its readings that respond to a channel have the same, (n, k); else
-        None."""
+    def columns_by_visit(self, columns: ColumnsByChannel) -> Mapping[str, Array | None]:
+        """For each channel of some columns the shapes (v, k) at each visit if all of its readings that respond to the
+        channel have the same; else None."""
+        if columns not in self._by_visit:
+            self._by_visit[columns] = {
+                name: self._at_visits(name, shapes) for name, (_, shapes) in columns.shapes.items()
+            }
+        return self._by_visit[columns]
+
+    def _at_visits(self, channel: str, shapes: Array) -> Array | None:
         if channel not in self._visits:
             self._visits[channel] = _Visits(self.rows(channel), self._linear.context.arrival)
         return self._visits[channel].of_shapes(shapes)
@@ -70,7 +92,7 @@ class _Visits:
         self._few = slice(None, None, len(self._others) // FEW + 1)
 
     def of_shapes(self, shapes: Array) -> Array | None:
-        """As `ChannelResponses.by_visit`."""
+        """As `ChannelResponses.columns_by_visit`, of one channel."""
         for some in (self._few, slice(None)):
             if not np.array_equal(shapes[self._others[some]], shapes[self._same_as[some]]):
                 return None
@@ -80,3 +102,8 @@ class _Visits:
 def sums_over_visits(arrival: NDArray[np.intp]) -> csr_array:
     """Matrix (v, n) that sums up what readings have at each visit; arrival (n,): the visit of each."""
     return csr_array((np.ones(len(arrival)), (arrival, np.arange(len(arrival)))))
+
+
+def products_along(response: Array, q: Array) -> Array:
+    """Products (n, j) of responses (n, w) with q (n, w, j)."""
+    return np.asarray(np.matmul(response[:, None, :], q)[:, 0])

@@ -10,15 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.channel_responses import ChannelResponses, sums_over_visits
+from calibration.diagnosis.channel_responses import (
+    ChannelResponses,
+    PartOfChannel,
+    products_along,
+    sums_over_visits,
+)
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linearised_readings import LinearisedReadings, project_out
+from calibration.diagnosis.linearised_readings import LinearisedReadings, project_onto, project_out
 from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
@@ -32,16 +38,6 @@ class InformationAndScore:
     """Information F (k, k) and score g (k,) of columns (k), the unknowns of the calibration projected out."""
 
     information: Array
-    score: Array
-
-
-@dataclass(frozen=True)
-class _PartOfChannel:
-    """Sums over groups (g) of readings, for one unit of a channel: projection along_factor (g, b), norm (g,) of the
-    response, score (g,)."""
-
-    along_factor: Array
-    norm: Array
     score: Array
 
 
@@ -60,24 +56,23 @@ class MarginalLikelihood:
     """Marginal likelihood of columns on a linear model, and on columns that are already part of the model.
 
     weighted_residual (n, w): C^-1 y; q (n, w, b): 1 - q q' is C^-1, the inverse covariance of the readings. response:
-    whitened response (n, w) to one unit of a channel.
+    whitened response (n, w) to one unit of a channel. factor: q, or what is added to a parent's.
     """
 
     def __init__(
         self,
         linear: LinearisedReadings,
         response: ChannelResponses,
-        q: Array,
+        factor: Array | _AddedFactor,
         weighted_residual: Array,
-        added: _AddedFactor | None = None,
     ) -> None:
         self.linear = linear
         self.response = response
-        self.q = q
+        self._factor = factor
         self.weighted_residual = weighted_residual
-        self._added = added
+        self._added = factor if isinstance(factor, _AddedFactor) else None
         self._projections: dict[str, Array] = {}
-        self._parts: dict[tuple[str, bool], _PartOfChannel] = {}
+        self._parts: dict[tuple[str, bool], PartOfChannel] = {}
         self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
 
     @classmethod
@@ -103,15 +98,25 @@ class MarginalLikelihood:
         added = np.linalg.solve(upper.T, projected.T).T
         along_residual = added.T @ self.linear.residual.ravel()
         weighted_residual = self.weighted_residual - (added @ along_residual).reshape(self.weighted_residual.shape)
-        added = added.reshape(*columns.shape[:2], -1)
-        q = np.concatenate([self.q, added], axis=2)
-        return MarginalLikelihood(
-            self.linear, self.response, q, weighted_residual, _AddedFactor(self, added, along_residual)
-        )
+        factor = _AddedFactor(self, added.reshape(*columns.shape[:2], -1), along_residual)
+        return MarginalLikelihood(self.linear, self.response, factor, weighted_residual)
+
+    @cached_property
+    def q(self) -> Array:
+        """The factor (n, w, b); of most models with something added none is needed."""
+        factor = self._factor
+        return np.concatenate([factor.parent.q, factor.q], axis=2) if isinstance(factor, _AddedFactor) else factor
+
+    @property
+    def _rank(self) -> int:
+        return self.q.shape[2] if self._added is None else self._added.parent._rank + self._added.q.shape[2]
 
     def apply(self, columns: Array) -> Array:
         """Inverse covariance times columns (n, w, k)."""
-        return project_out(self.q, columns)
+        if self._added is None:
+            return project_out(self.q, columns)
+        former = self._added.parent.apply(columns)
+        return former - project_onto(self._added.q, columns)
 
     def columns(self, contributions: Sequence[Contributions]) -> Array:
         """Whitened columns (n, w, k)."""
@@ -136,33 +141,33 @@ class MarginalLikelihood:
         return self._kept[columns]
 
     def _information_and_score(self, columns: ColumnsByChannel) -> InformationAndScore:
-        along_factor = np.zeros((self.q.shape[2], columns.count))
+        along_factor = np.zeros((self._rank, columns.count))
         score = np.zeros(columns.count)
         information = np.zeros((columns.count, columns.count))
-        done: dict[str, Array | None] = {}  # shapes by visit
+        all_by_visit, done = self.response.columns_by_visit(columns), list[str]()
         for channel, (numbers, shapes) in columns.shapes.items():
-            by_visit = self.response.by_visit(channel, shapes)
+            by_visit = all_by_visit[channel]
             part = self._part(channel, by_visit=by_visit is not None)
             own_shapes = shapes[self.response.rows(channel)] if by_visit is None else by_visit
             along_factor[:, numbers] += part.along_factor.T @ own_shapes
             score[numbers] += part.score @ own_shapes
             weighted = part.norm[:, None] * own_shapes
             information[_block(numbers, numbers)] += weighted.T @ weighted
-            for other, other_by_visit in done.items():
+            for other in done:
                 product = np.einsum("nj,nj->n", self.response(channel), self.response(other))
                 if not (rows := np.flatnonzero(product)).size:
                     continue
-                other_numbers, other_shapes = columns.shapes[other]
+                (other_numbers, other_shapes), other_by_visit = columns.shapes[other], all_by_visit[other]
                 if by_visit is not None and other_by_visit is not None:
                     block = by_visit.T @ ((self.response.sums_over_visits @ product)[:, None] * other_by_visit)
                 else:
                     block = shapes[rows].T @ (product[rows, None] * other_shapes[rows])
                 information[_block(numbers, other_numbers)] += block
                 information[_block(other_numbers, numbers)] += block.T
-            done[channel] = by_visit
+            done.append(channel)
         return InformationAndScore(information - along_factor.T @ along_factor, score)
 
-    def _part(self, channel: str, *, by_visit: bool) -> _PartOfChannel:
+    def _part(self, channel: str, *, by_visit: bool) -> PartOfChannel:
         """What a channel adds to information and score, by visit or by reading that responds."""
         if (channel, by_visit) not in self._parts:
             response = self.response(channel)
@@ -173,7 +178,7 @@ class MarginalLikelihood:
             else:
                 rows = self.response.rows(channel)
                 along_factor, square, score = (value[rows] for value in values)
-            self._parts[channel, by_visit] = _PartOfChannel(along_factor, np.sqrt(square), score)
+            self._parts[channel, by_visit] = PartOfChannel(along_factor, np.sqrt(square), score)
         return self._parts[channel, by_visit]
 
     def of_families(self, families: Sequence[Sequence[Contributions]]) -> list[InformationAndScore]:
@@ -219,7 +224,7 @@ class MarginalLikelihood:
         """Rows (n, b): a channel's response along q."""
         if channel not in self._projections:
             self._projections[channel] = (
-                _along(self.response(channel), self.q)
+                products_along(self.response(channel), self.q)
                 if self._added is None
                 else np.concatenate([self._added.parent._projection(channel), self._added.projection(channel)], axis=1)
             )
@@ -231,27 +236,35 @@ class _AddedFactor:
 
     def __init__(self, parent: MarginalLikelihood, q: Array, along_residual: Array) -> None:
         self.parent = parent
-        self._q = q
+        self.q = q
         self._along_residual = along_residual
         self._projections: dict[str, Array] = {}
+        self._by_visit: dict[str, Array] = {}
 
     def projection(self, channel: str) -> Array:
         """Rows (n, j): a channel's response along q."""
         if channel not in self._projections:
-            self._projections[channel] = _along(self.parent.response(channel), self._q)
+            self._projections[channel] = products_along(self.parent.response(channel), self.q)
         return self._projections[channel]
 
     def updated(self, columns: ColumnsByChannel, former: InformationAndScore) -> InformationAndScore:
         """Information and score with what was added, from those of the parent."""
-        along = np.zeros((self._q.shape[2], columns.count))
+        along = np.zeros((self.q.shape[2], columns.count))
+        by_visit = self.parent.response.columns_by_visit(columns)
         for channel, (numbers, shapes) in columns.shapes.items():
-            along[:, numbers] += self.projection(channel).T @ shapes
+            at_visits = by_visit[channel]
+            along[:, numbers] += (
+                self.projection(channel).T @ shapes
+                if at_visits is None
+                else self._projection_by_visit(channel).T @ at_visits
+            )
         return InformationAndScore(former.information - along.T @ along, former.score - along.T @ self._along_residual)
 
-
-def _along(response: Array, q: Array) -> Array:
-    """Products (n, j) of responses (n, w) with q (n, w, j)."""
-    return np.asarray(np.matmul(response[:, None, :], q)[:, 0])
+    def _projection_by_visit(self, channel: str) -> Array:
+        """The same, summed over the readings of each visit (v, j)."""
+        if channel not in self._by_visit:
+            self._by_visit[channel] = self.parent.response.sums_over_visits @ self.projection(channel)
+        return self._by_visit[channel]
 
 
 def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | NDArray[np.intp], ...]:

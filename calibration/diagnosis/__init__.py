@@ -3,6 +3,7 @@
 __all__ = [
     "any_change",
     "cause_size",
+    "channel_responses",
     "channels",
     "curve_fit",
     "departure_evidence",
@@ -30,6 +31,7 @@ __all__ = [
     "result",
     "search",
     "settings",
+    "staggered_columns",
     "twin",
     "verdict",
 ]

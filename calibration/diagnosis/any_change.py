@@ -54,8 +54,10 @@ def columns_by_stand(observed: ObservedModel, whiten: Array) -> tuple[Array, Arr
     return of_platform, of_drives
 
 
-def columns_of_any_change(observed: ObservedModel, whiten: Array) -> Array:
-    """Whitened columns (n, 3, k): functions of time, place, side, load, speed, rest at all that is not the platform."""
+def columns_of_any_change(observed: ObservedModel, whiten: Array) -> list[Array]:
+    """Whitened columns, some (n, 3, k) for each channel: functions of time, place, side, load, speed and rest at all
+    that is not the platform.
+    """
     machine, context, channels = observed.machine, observed.context, Channels(observed)
     hours = context.elapsed_s / HOUR_S
     walk = np.concatenate([np.ones((len(context), 1)), random_walk_basis(hours, WALK_TERMS)], axis=1)
@@ -76,7 +78,7 @@ def columns_of_any_change(observed: ObservedModel, whiten: Array) -> Array:
     slow = walk[:, : SLOW_TERMS + 1]
     everywhere = [name for name in channels.names if name.startswith(("station.", "light."))]
     parts += [_shaped(_free(whiten, observed, channels.shift_m(name)), slow) for name in everywhere]
-    return np.concatenate(parts, axis=2)
+    return parts
 
 
 def _functions_of_drive(observed: ObservedModel, drive: int) -> Array:

@@ -10,22 +10,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 from scipy.special import log_ndtr
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channel_responses import (
+    ChannelResponses,
+    PartOfChannel,
+    products_along,
+    sums_over_visits,
+)
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linearised_readings import LinearisedReadings, project_out
+from calibration.diagnosis.linearised_readings import LinearisedReadings, project_onto, project_out
 from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
 SIZES = 9
 SIZE_STEPS = np.linspace(0.0, 1.0, SIZES)  # logarithms of the sizes tried, over the plausible range
 LOG_2 = float(np.log(2.0))
-UNKNOWN_CHANNEL = "unknown."  # followed by the name of an unknown that the calibration does not fit
 
 
 @dataclass(frozen=True)
@@ -47,53 +52,27 @@ class BasisSetEvidence:
     covariance: Array
 
 
-class ChannelResponses:
-    """Whitened responses (n, w) of a linear model's readings to one unit of each channel, computed on first use."""
-
-    def __init__(self, linear: LinearisedReadings) -> None:
-        self.channels = Channels(linear)
-        self._linear = linear
-        self._responses: dict[str, Array] = {}
-        self._norms: dict[str, Array] = {}
-
-    def norm(self, channel: str) -> Array:
-        """Norm (n,) of each reading's response to a channel."""
-        if channel not in self._norms:
-            self._norms[channel] = np.linalg.norm(self(channel), axis=1)
-        return self._norms[channel]
-
-    def __call__(self, channel: str) -> Array:
-        """The response (n, w) to a channel."""
-        if channel not in self._responses:
-            self._responses[channel] = (
-                self._linear.left_alone[channel.removeprefix(UNKNOWN_CHANNEL)]
-                if channel.startswith(UNKNOWN_CHANNEL)
-                else self._linear.whiten_shift(self.channels.shift_m(channel))
-            )
-        return self._responses[channel]
-
-
 class MarginalLikelihood:
     """Marginal likelihood of columns on a linear model, and on columns that are already part of the model.
 
     weighted_residual (n, w): C^-1 y; q (n, w, b): 1 - q q' is C^-1, the inverse covariance of the readings. response:
-    whitened response (n, w) to one unit of a channel.
+    whitened response (n, w) to one unit of a channel. factor: q, or what is added to a parent's.
     """
 
     def __init__(
         self,
         linear: LinearisedReadings,
         response: ChannelResponses,
-        q: Array,
+        factor: Array | _AddedFactor,
         weighted_residual: Array,
-        added: _AddedFactor | None = None,
     ) -> None:
         self.linear = linear
         self.response = response
-        self.q = q
+        self._factor = factor
         self.weighted_residual = weighted_residual
-        self._added = added
+        self._added = factor if isinstance(factor, _AddedFactor) else None
         self._projections: dict[str, Array] = {}
+        self._parts: dict[tuple[str, bool], PartOfChannel] = {}
         self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
         self._grouped: dict[str, tuple[NDArray[np.intp], InformationAndScore]] = {}
 
@@ -120,15 +99,25 @@ class MarginalLikelihood:
         added = np.linalg.solve(upper.T, projected.T).T
         along_residual = added.T @ self.linear.residual.ravel()
         weighted_residual = self.weighted_residual - (added @ along_residual).reshape(self.weighted_residual.shape)
-        added = added.reshape(*columns.shape[:2], -1)
-        q = np.concatenate([self.q, added], axis=2)
-        return MarginalLikelihood(
-            self.linear, self.response, q, weighted_residual, _AddedFactor(self, added, along_residual)
-        )
+        factor = _AddedFactor(self, added.reshape(*columns.shape[:2], -1), along_residual)
+        return MarginalLikelihood(self.linear, self.response, factor, weighted_residual)
+
+    @cached_property
+    def q(self) -> Array:
+        """The factor (n, w, b); of most models with something added none is needed."""
+        factor = self._factor
+        return np.concatenate([factor.parent.q, factor.q], axis=2) if isinstance(factor, _AddedFactor) else factor
+
+    @property
+    def _rank(self) -> int:
+        return self.q.shape[2] if self._added is None else self._added.parent._rank + self._added.q.shape[2]
 
     def apply(self, columns: Array) -> Array:
         """Inverse covariance times columns (n, w, k)."""
-        return project_out(self.q, columns)
+        if self._added is None:
+            return project_out(self.q, columns)
+        former = self._added.parent.apply(columns)
+        return former - project_onto(self._added.q, columns)
 
     def columns(self, contributions: Sequence[Contributions]) -> Array:
         """Whitened columns (n, w, k)."""
@@ -153,25 +142,45 @@ class MarginalLikelihood:
         return self._kept[columns]
 
     def _information_and_score(self, columns: ColumnsByChannel) -> InformationAndScore:
-        along_factor = np.zeros((self.q.shape[2], columns.count))
+        along_factor = np.zeros((self._rank, columns.count))
         score = np.zeros(columns.count)
         information = np.zeros((columns.count, columns.count))
-        done: list[str] = []
+        all_by_visit, done = self.response.columns_by_visit(columns), list[str]()
         for channel, (numbers, shapes) in columns.shapes.items():
-            response = self.response(channel)
-            along_factor[:, numbers] += self._projection(channel).T @ shapes
-            score[numbers] += self._score(channel) @ shapes
+            by_visit = all_by_visit[channel]
+            part = self._part(channel, by_visit=by_visit is not None)
+            own_shapes = shapes[self.response.rows(channel)] if by_visit is None else by_visit
+            along_factor[:, numbers] += part.along_factor.T @ own_shapes
+            score[numbers] += part.score @ own_shapes
+            weighted = part.norm[:, None] * own_shapes
+            information[_block(numbers, numbers)] += weighted.T @ weighted
             for other in done:
-                product = np.einsum("nj,nj->n", response, self.response(other))
-                if np.any(product):
-                    other_numbers, other_shapes = columns.shapes[other]
-                    block = shapes.T @ (product[:, None] * other_shapes)
-                    information[np.ix_(numbers, other_numbers)] += block
-                    information[np.ix_(other_numbers, numbers)] += block.T
-            weighted = self.response.norm(channel)[:, None] * shapes
-            information[np.ix_(numbers, numbers)] += weighted.T @ weighted
+                product = np.einsum("nj,nj->n", self.response(channel), self.response(other))
+                if not (rows := np.flatnonzero(product)).size:
+                    continue
+                (other_numbers, other_shapes), other_by_visit = columns.shapes[other], all_by_visit[other]
+                if by_visit is not None and other_by_visit is not None:
+                    block = by_visit.T @ ((self.response.sums_over_visits @ product)[:, None] * other_by_visit)
+                else:
+                    block = shapes[rows].T @ (product[rows, None] * other_shapes[rows])
+                information[_block(numbers, other_numbers)] += block
+                information[_block(other_numbers, numbers)] += block.T
             done.append(channel)
         return InformationAndScore(information - along_factor.T @ along_factor, score)
+
+    def _part(self, channel: str, *, by_visit: bool) -> PartOfChannel:
+        """What a channel adds to information and score, by visit or by reading that responds."""
+        if (channel, by_visit) not in self._parts:
+            response = self.response(channel)
+            values = self._projection(channel), np.sum(response**2, axis=1), self._score(channel)
+            if by_visit:
+                sums = self.response.sums_over_visits
+                along_factor, square, score = (sums @ value for value in values)
+            else:
+                rows = self.response.rows(channel)
+                along_factor, square, score = (value[rows] for value in values)
+            self._parts[channel, by_visit] = PartOfChannel(along_factor, np.sqrt(square), score)
+        return self._parts[channel, by_visit]
 
     def of_families(self, families: Sequence[Sequence[Contributions]]) -> list[InformationAndScore]:
         """Information and score of several families of columns, each by itself, of which only few are like another."""
@@ -180,25 +189,25 @@ class MarginalLikelihood:
             return [self.information_and_score(family) for family in families]
         (channel,) = channels
         shapes = [np.stack([column[0][1] for column in family], axis=1) for family in families]
-        every = np.concatenate(shapes, axis=1)
-        along, score = self._projection(channel).T @ every, self._score(channel) @ every
-        norm, out, first = self.response.norm(channel)[:, None], [], 0
+        part, rows = self._part(channel, by_visit=False), self.response.rows(channel)
+        every = np.concatenate(shapes, axis=1)[rows]
+        along, score = part.along_factor.T @ every, part.score @ every
+        out, first = [], 0
         for shape in shapes:
-            own, weighted = slice(first, first + shape.shape[1]), norm * shape
-            first = own.stop
+            own = slice(first, first + shape.shape[1])
+            weighted, first = part.norm[:, None] * every[:, own], own.stop
             information = weighted.T @ weighted - along[:, own].T @ along[:, own]
             out.append(InformationAndScore(information, score[own]))
         return out
 
     def observable_columns(self, channels: Sequence[str], shapes: Array, rows: NDArray[np.intp]) -> Array:
         """Rows (m, w, k c) of shapes (n, k) acting through channels (c), after the calibration has been refitted."""
-        out = []
+        out, q, of_rows = [], self.q[rows].reshape(-1, self.q.shape[2]), shapes[rows]
         for channel in channels:
-            along_factor = self._projection(channel).T @ shapes
-            response = self.response(channel)[rows]
-            q = self.q[rows].reshape(-1, self.q.shape[2])
+            part, response = self._part(channel, by_visit=False), self.response(channel)[rows]
+            along_factor = part.along_factor.T @ shapes[self.response.rows(channel)]
             absorbed = (q @ along_factor).reshape(*response.shape, -1)
-            out.append(response[:, :, None] * shapes[rows][:, None, :] - absorbed)
+            out.append(response[:, :, None] * of_rows[:, None, :] - absorbed)
         return np.concatenate(out, axis=2)
 
     def grouped(self, channel: str, group: NDArray[np.intp]) -> InformationAndScore:
@@ -213,14 +222,10 @@ class MarginalLikelihood:
 
     def information_by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:
         """Information and score (v,) of one unit of a channel during each single visit; arrival (n,): the visit."""
-        count = int(arrival.max()) + 1
-        response = self.response(channel)
-        sums = csr_array((np.ones(len(arrival)), (arrival, np.arange(len(arrival)))), shape=(count, len(arrival)))
+        response, sums = self.response(channel), sums_over_visits(arrival)
         along_factor = sums @ self._projection(channel)
-        information = np.bincount(arrival, np.sum(response**2, axis=1), minlength=count)
-        information = information - np.sum(along_factor**2, axis=1)
-        score = np.bincount(arrival, np.sum(response * self.weighted_residual, axis=1), minlength=count)
-        return np.asarray(np.maximum(information, 0.0)), np.asarray(score, dtype=np.float64)
+        information = sums @ np.sum(response**2, axis=1) - np.sum(along_factor**2, axis=1)
+        return np.asarray(np.maximum(information, 0.0)), np.asarray(sums @ self._score(channel))
 
     def _score(self, channel: str) -> Array:
         """Score (n,) of one unit of a channel at each single reading."""
@@ -230,7 +235,7 @@ class MarginalLikelihood:
         """Rows (n, b): a channel's response along q."""
         if channel not in self._projections:
             self._projections[channel] = (
-                _along(self.response(channel), self.q)
+                products_along(self.response(channel), self.q)
                 if self._added is None
                 else np.concatenate([self._added.parent._projection(channel), self._added.projection(channel)], axis=1)
             )
@@ -242,27 +247,42 @@ class _AddedFactor:
 
     def __init__(self, parent: MarginalLikelihood, q: Array, along_residual: Array) -> None:
         self.parent = parent
-        self._q = q
+        self.q = q
         self._along_residual = along_residual
         self._projections: dict[str, Array] = {}
+        self._by_visit: dict[str, Array] = {}
 
     def projection(self, channel: str) -> Array:
         """Rows (n, j): a channel's response along q."""
         if channel not in self._projections:
-            self._projections[channel] = _along(self.parent.response(channel), self._q)
+            self._projections[channel] = products_along(self.parent.response(channel), self.q)
         return self._projections[channel]
 
     def updated(self, columns: ColumnsByChannel, former: InformationAndScore) -> InformationAndScore:
         """Information and score with what was added, from those of the parent."""
-        along = np.zeros((self._q.shape[2], columns.count))
+        along = np.zeros((self.q.shape[2], columns.count))
+        by_visit = self.parent.response.columns_by_visit(columns)
         for channel, (numbers, shapes) in columns.shapes.items():
-            along[:, numbers] += self.projection(channel).T @ shapes
+            at_visits = by_visit[channel]
+            along[:, numbers] += (
+                self.projection(channel).T @ shapes
+                if at_visits is None
+                else self._projection_by_visit(channel).T @ at_visits
+            )
         return InformationAndScore(former.information - along.T @ along, former.score - along.T @ self._along_residual)
 
+    def _projection_by_visit(self, channel: str) -> Array:
+        """The same, summed over the readings of each visit (v, j)."""
+        if channel not in self._by_visit:
+            self._by_visit[channel] = self.parent.response.sums_over_visits @ self.projection(channel)
+        return self._by_visit[channel]
 
-def _along(response: Array, q: Array) -> Array:
-    """Products (n, j) of responses (n, w) with q (n, w, j)."""
-    return np.asarray(sum(response[:, [c]] * q[:, c] for c in range(response.shape[1])))
+
+def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | NDArray[np.intp], ...]:
+    """Index of a block of a matrix by its rows and columns, both ascending; slices where no number is left out."""
+    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (rows, columns)):
+        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return np.ix_(rows, columns)
 
 
 def log_sum(logs: Array, axis: int = 0) -> Array:
@@ -310,18 +330,16 @@ def _evidence(
     grown = 1.0 + square * values[:, None, :]
     logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
     evidence = log_sum(logs, axis=1) - np.log(len(sizes))
-    out = []
-    for row, (basis_set, best) in enumerate(zip(basis_sets, np.argmax(logs, axis=1).tolist(), strict=True)):
-        a = float(sizes[best])
-        shrunk = a * a / (1.0 + a * a * values[row])
-        coefficients = relative[row] * (vectors[row] @ (shrunk * along[row]))
-        scaled = vectors[row] * relative[row][:, None]
-        covariance = (scaled * shrunk) @ scaled.T
-        log_evidence = float(evidence[row])
+    best = sizes[np.argmax(logs, axis=1)]
+    shrunk = best[:, None] ** 2 / (1.0 + best[:, None] ** 2 * values)
+    scaled = vectors * relative[:, :, None]
+    coefficients = np.einsum("mkj,mj->mk", scaled, shrunk * along)
+    covariances = (scaled * shrunk[:, None, :]) @ scaled.transpose(0, 2, 1)
+    for row, basis_set in enumerate(basis_sets):
         if basis_set.sign:
-            log_evidence += _log_share_of_sign(basis_set.sign * coefficients[0], covariance[0, 0])
-        out.append(BasisSetEvidence(basis_set, log_evidence, a, coefficients, covariance))
-    return out
+            evidence[row] += _log_share_of_sign(basis_set.sign * coefficients[row, 0], covariances[row, 0, 0])
+    entries = zip(basis_sets, evidence.tolist(), best.tolist(), coefficients, covariances, strict=True)
+    return [BasisSetEvidence(*entry) for entry in entries]
 
 
 def _log_share_of_sign(mean: float, variance: float) -> float:

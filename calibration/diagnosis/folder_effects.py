@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calibration.diagnosis.evidence import UNKNOWN_CHANNEL
+from calibration.diagnosis.channel_responses import UNKNOWN_CHANNEL
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter
 from calibration.model.model import Unknown
 

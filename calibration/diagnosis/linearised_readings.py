@@ -202,8 +202,13 @@ def inverse_covariance_factor(columns: Array) -> Array:
     return np.ascontiguousarray(q).reshape(*columns.shape[:2], -1)
 
 
-def project_out(q: Array, columns: Array) -> Array:
-    """(1 - q q') times columns (n, w, k) or (n, w): what remains once all that q (n, w, r) spans has been fitted."""
+def project_onto(q: Array, columns: Array) -> Array:
+    """q q' times columns (n, w, k) or (n, w)."""
     flat = columns.reshape(q.shape[0] * q.shape[1], -1)
     factor = q.reshape(len(flat), -1)
-    return np.asarray((flat - factor @ (factor.T @ flat)).reshape(columns.shape))
+    return np.asarray((factor @ (factor.T @ flat)).reshape(columns.shape))
+
+
+def project_out(q: Array, columns: Array) -> Array:
+    """(1 - q q') times columns (n, w, k) or (n, w): what remains once all that q (n, w, r) spans has been fitted."""
+    return columns - project_onto(q, columns)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 
 from calibration.base.arrays import Array
 from calibration.base.outliers import GATE_SIGMAS, scale_of
 from calibration.diagnosis.any_change import FREE_SIGMAS, columns_by_stand, columns_of_any_change, stands
 from calibration.diagnosis.linearised_readings import project_out
 from calibration.diagnosis.observed_model import ObservedModel
+from calibration.diagnosis.staggered_columns import StaggeredColumns
 from calibration.identification.gate import LinearReadings
 
 HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
@@ -30,7 +31,8 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     describes is the likely cause, and all stay.
     """
     stand, (of_platform, of_drives) = stands(observed), columns_by_stand(observed, whiten)
-    both = np.concatenate([columns, columns_of_any_change(observed, whiten)], axis=2)
+    # Of whatever may have changed, much concerns one reflector or one drive only.
+    both = StaggeredColumns(np.concatenate([*columns_of_any_change(observed, whiten), columns], axis=2))
     of_platform = of_platform * _shift_sigmas(stand, residual, both, observed.on_platform)
     by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
     leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
@@ -60,14 +62,17 @@ def _parts(observed: ObservedModel) -> NDArray[np.intp]:
     return np.unique(parts[observed.smr], return_inverse=True)[1].astype(np.intp)
 
 
-def _shift_sigmas(stand: NDArray[np.intp], residual: Array, columns: Array, on_platform: NDArray[np.bool_]) -> float:
+def _shift_sigmas(
+    stand: NDArray[np.intp], residual: Array, columns: StaggeredColumns, on_platform: NDArray[np.bool_]
+) -> float:
     """Typical shift of the platform at a stand that none of the columns explains, in sigma; one at least.
 
     A slider's reading that is off while the platform stands where it should is then wrong; where the platform has moved
     with it, the drive has slipped.
     """
-    flat = columns.reshape(-1, columns.shape[2])
-    fitted = flat @ np.linalg.solve(flat.T @ flat + np.eye(flat.shape[1]), flat.T @ residual.ravel())
+    flat = columns.of_readings.reshape(-1, columns.shape[2])
+    factor = cho_factor(columns.gram + np.eye(flat.shape[1]), overwrite_a=True, check_finite=False)
+    fitted = flat @ cho_solve(factor, flat.T @ residual.ravel(), check_finite=False)
     left = (residual - fitted.reshape(residual.shape))[on_platform]
     numbers, index = np.unique(stand[on_platform], return_inverse=True)
     mean = np.stack([np.bincount(index, left[:, k]) for k in range(3)], axis=1) / np.bincount(index)[:, None]
@@ -77,38 +82,39 @@ def _shift_sigmas(stand: NDArray[np.intp], residual: Array, columns: Array, on_p
 class _LeaveOneOut:
     """Deviations of single readings from what all others predict, each reading three numbers with correlated others.
 
-    C = B + A A' with A the columns (n, 3, k) and B = 1 + Z Z' within each stand (n,), Z its columns (n, 3, f). Of the
-    readings with index i, (C^-1 y)_i' ((C^-1)_ii)^-1 (C^-1 y)_i is chi-squared (Rasmussen and Williams 2006, eq. 5.12).
+    C = B + A A' with A the columns (n, 3, k), which are overwritten, and B = 1 + Z Z' within each stand (n,), Z its
+    columns (n, 3, f). Of the readings with index i, (C^-1 y)_i' ((C^-1)_ii)^-1 (C^-1 y)_i is chi-squared (Rasmussen and
+    Williams 2006, eq. 5.12).
     """
 
-    def __init__(self, stand: NDArray[np.intp], by_stand: Array, residual: Array, columns: Array) -> None:
+    def __init__(self, stand: NDArray[np.intp], by_stand: Array, residual: Array, columns: StaggeredColumns) -> None:
         n, width = len(residual), columns.shape[2]
         order = np.argsort(stand, kind="stable")
         self._stands = np.split(order, np.flatnonzero(np.diff(stand[order])) + 1)
         self._stand_of = np.empty(n, dtype=np.intp)
         self._within: list[Array] = []  # B^-1 of each stand
-        white, y, inverses = np.empty((n, 3, width)), np.empty((n, 3)), []
+        y, absorbed = np.empty((n, 3)), []
         for number, rows in enumerate(self._stands):
             z = by_stand[rows].reshape(3 * len(rows), -1)
-            inverse = np.linalg.inv(np.linalg.cholesky(np.eye(len(z)) + z @ z.T))
-            white[rows] = (inverse @ columns[rows].reshape(len(z), -1)).reshape(len(rows), 3, -1)
-            y[rows] = (inverse @ residual[rows].ravel()).reshape(-1, 3)
-            inverses.append(inverse)
-            self._within.append(inverse.T @ inverse)
+            z = z[:, np.any(z != 0.0, axis=0)]
+            # B^-1 = 1 - X X' with X = Z R^-1 and 1 + Z'Z = R'R.
+            x = z @ np.linalg.inv(np.linalg.cholesky(np.eye(z.shape[1]) + z.T @ z)).T
+            self._within.append(np.eye(len(x)) - x @ x.T)
+            y[rows] = (self._within[-1] @ residual[rows].ravel()).reshape(-1, 3)
+            absorbed.append(x.T @ columns.of_readings[rows].reshape(len(x), -1))
             self._stand_of[rows] = number
-        # C^-1 = B^-1 - D D', by the whitened columns W of which 1 + W'W = L L': D = B^-1/2' W L^-1'.
-        flat = white.reshape(3 * n, width)
-        lower = np.linalg.cholesky(np.eye(width) + flat.T @ flat)
-        along = solve_triangular(lower, flat.T, lower=True, overwrite_b=True, check_finite=False).T
-        rest = (y.ravel() - along @ (along.T @ y.ravel())).reshape(n, 3)
-        along = along.reshape(n, 3, width)
+        # C^-1 = B^-1 - D D' with D = B^-1 A L'^-1 and 1 + A' B^-1 A = L L'.
+        of_stands = np.concatenate(absorbed)
+        lower = np.linalg.cholesky(np.eye(width) + columns.gram - of_stands.T @ of_stands)
+        along = columns.divide(np.asarray(lower))
+        rest = along.reshape(3 * n, width).T @ y.ravel()
         self._score, self._information = np.empty((n, 3)), np.empty((n, 3, 3))
-        for rows, inverse, within in zip(self._stands, inverses, self._within, strict=True):
-            self._score[rows] = (inverse.T @ rest[rows].ravel()).reshape(-1, 3)
-            part = (inverse.T @ along[rows].reshape(3 * len(rows), -1)).reshape(len(rows), 3, -1)
+        for rows, within in zip(self._stands, self._within, strict=True):
+            along[rows] = (within @ along[rows].reshape(3 * len(rows), -1)).reshape(len(rows), 3, -1)
             own = within.reshape(len(rows), 3, len(rows), 3).diagonal(axis1=0, axis2=2)
-            self._information[rows] = own.transpose(2, 0, 1) - part @ part.transpose(0, 2, 1)
-            along[rows] = part
+            self._information[rows] = own.transpose(2, 0, 1)
+        self._information -= along @ along.transpose(0, 2, 1)
+        self._score = y - along @ rest
         self._along = along.reshape(3 * n, width)
 
     def judge(self, kind: NDArray[np.intp]) -> Array:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from calibration.diagnosis.evidence import UNKNOWN_CHANNEL, MarginalLikelihood
+from calibration.diagnosis.channel_responses import UNKNOWN_CHANNEL
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
 from calibration.diagnosis.ranking import (
     Cause,

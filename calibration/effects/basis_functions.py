@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -61,6 +62,7 @@ def curve_over(course: Array) -> Array:
     return np.column_stack([course / max(float(np.ptp(course)), 1e-9), cosine_basis(course, CURVE_TERMS)])
 
 
+@cache
 def rises_of_curve() -> tuple[float, ...]:
     """By how much straight lines through the columns of a curve rise over its course: its ends say little."""
     even = np.linspace(-0.5, 0.5, 1001)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,11 +121,17 @@ class LinearReadings:
 
     def _factor(self, keep: list[NDArray[np.bool_]]) -> Array:
         """R (u, u), R^T R being the information of the readings that are kept and of the priors."""
-        rows = [j[k].reshape(-1, self.z.size) for j, k in zip(self.jacobian, keep, strict=True)]
-        information = np.eye(self.z.size)
-        for part in rows:
-            information += part.T @ part
+        information = np.eye(self.z.size) + self._information_of_all
+        for j, k in zip(self.jacobian, keep, strict=True):
+            left_out = j[~k].reshape(-1, self.z.size)
+            information -= left_out.T @ left_out
         return np.asarray(np.linalg.cholesky(information).T)
+
+    @cached_property
+    def _information_of_all(self) -> Array:
+        """J^T J (u, u) of all readings, the few that are left out among them."""
+        rows = [j.reshape(-1, self.z.size) for j in self.jacobian]
+        return np.asarray(sum(part.T @ part for part in rows))
 
     def _step(self, factor: Array, keep: list[NDArray[np.bool_]]) -> Array:
         gradient = self.z.copy()
@@ -139,7 +146,8 @@ class LinearReadings:
         distances, deviations = [], []
         for r, j, k in zip(self.residual, self.jacobian, keep, strict=True):
             left = r + j @ step
-            root = solve_triangular(factor, j.reshape(-1, step.size).T, trans="T").T.reshape(j.shape)
+            flat = j.reshape(-1, step.size)
+            root = solve_triangular(factor, flat.T, trans="T", check_finite=False).T.reshape(j.shape)
             hat = root @ root.transpose(0, 2, 1)
             spread = np.eye(r.shape[1]) + np.where(k, -1.0, 1.0)[:, None, None] * hat
             solved = np.linalg.solve(spread, left[:, :, None])[:, :, 0]

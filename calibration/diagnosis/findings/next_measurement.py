@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.rotation import rotation_matrix
+from calibration.diagnosis.channel_responses import UNKNOWN_CHANNEL
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings
-from calibration.diagnosis.evidence import UNKNOWN_CHANNEL
 from calibration.diagnosis.findings.proposals import VISITS, Proposal, duration_min, proposals
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.observed_model import TOOL, ObservedModel

@@ -65,12 +65,15 @@ def _coordinate_shares(
     region = regions(linear)[linear.home_visit[rows]]
     # What the noise-free readings contain beyond calibration and disturbances, after a refit: C^-1 (H c).
     gap = (likelihood.weighted_residual - truth_likelihood.weighted_residual)[rows]
+    coordinates = [c for c in _coordinates(linear, periodograms) if ASK_FOR.get(c[0]) not in linear.context.missing]
+    every = np.concatenate([shapes for _, _, shapes in coordinates], axis=1)
+    columns = likelihood.observable_columns(acting, every, rows).reshape(*gap.shape, len(acting), -1)
     by_direction: dict[str, float] = {}
-    for kind, name, shapes in _coordinates(linear, periodograms):
-        if ASK_FOR.get(kind) in linear.context.missing:
-            continue
-        columns = likelihood.observable_columns(acting, shapes, rows)
-        share = _share(kind, name, _cross_validated_squares(columns, gap, region))
+    last = 0
+    for kind, name, shapes in coordinates:
+        first, last = last, last + shapes.shape[1]
+        own = columns[:, :, :, first:last].reshape(*gap.shape, -1)
+        share = _share(kind, name, _cross_validated_squares(own, gap, region))
         drive = name.rsplit(" ", 1)[-1]
         if kind == "direction":
             by_direction[drive] = share.share

@@ -9,6 +9,7 @@ import pytest
 
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.outlying_readings import _LeaveOneOut
+from calibration.diagnosis.staggered_columns import StaggeredColumns
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 
 GROSS_M = {"platform": 1.5e-4, "slider": 4.0e-4, "floor": 3.0e-4}
@@ -23,7 +24,7 @@ def test_deviations_are_those_of_dense_predictions_without_the_reading():
     residual = 4.0 * rng.standard_normal((n, 3))
     keep = np.ones(n, dtype=bool)
     keep[[1, 6, 7]] = False
-    got = _LeaveOneOut(stand, by_stand, residual, columns)._distances(keep)
+    got = _LeaveOneOut(stand, by_stand, residual, StaggeredColumns(columns.copy()))._distances(keep)
     a, y = columns.reshape(3 * n, -1), residual.ravel()
     shifted = np.repeat(by_stand.reshape(3 * n, -1), 4, axis=1).reshape(3 * n, 2, 4)
     shifted *= np.repeat(stand[:, None] == np.arange(4), 3, axis=0)[:, None, :]

@@ -214,9 +214,9 @@ class MarginalLikelihood:
         """Information (v, v) and score (v,) of one unit of a channel at all readings of each group; group (n,): its
         number."""
         if (kept := self._grouped.get(channel)) is None or not np.array_equal(kept[0], group):
-            sums = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
+            sums = sums_over_visits(group)
             along_factor = sums @ self._projection(channel)
-            information = np.diag(sums @ self.response.norm(channel) ** 2) - along_factor @ along_factor.T
+            information = np.diag(sums @ np.sum(self.response(channel) ** 2, axis=1)) - along_factor @ along_factor.T
             kept = self._grouped[channel] = (group, InformationAndScore(information, sums @ self._score(channel)))
         return kept[1]
 

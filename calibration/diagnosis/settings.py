@@ -36,10 +36,10 @@ class VerdictSettings:
     """Of what is explained, what such an effect must explain alone. Source: computing time."""
     residual_search_threshold: float = 4.0
     """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
-    curve_fit_share: float = 0.25
+    curve_fit_share: float = 0.4
     """Curves of an effect are fitted above this share of the strongest effect's log evidence. Source: computing time;
     effects that won by a curve had more on the simulated rigs."""
-    curve_fit_share_at_place: float = 0.6
+    curve_fit_share_at_place: float = 0.7
     """The same among the places of one effect. Source: as above."""
 
     # Probabilities.

@@ -183,9 +183,9 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
         return MISFIT_UNIT * misfit_m(inputs)
 
     ratios = [np.log(r) for r in (0.3, 1.0, 5.0)]
-    thresholds = [(np.log(t), np.log(p)) for t in (0.15, 0.5, 1.2) for p in (1.5, 6.0)]
+    thresholds = [(np.log(t), np.log(p)) for t in (0.2, 1.0) for p in (1.5, 6.0)]
     angles = [(r, by, 0.0) for r in ratios for by in (-1.5, 0.0, 1.5)]
-    far, near = (-3.0, -1.0, 0.0, 1.0, 3.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
+    far, near = (-3.0, -1.0, 1.0, 3.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
     own_misfit_m = misfit_m(inputs)
     return (
         curve_of_law(
@@ -201,8 +201,8 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
             size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
         ),
         curve_of_law(
-            restrained, stretched, (ratio, bend, bend), starts=[(r, b, 0.0) for r in ratios for b in (-1.0, 0.0, 1.0)],
-            middles=far[::2], size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
+            restrained, stretched, (ratio, bend, bend), starts=[(r, b, 0.0) for r in ratios[1:] for b in (-1.0, 1.0)],
+            middles=far, size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
         ),
         *(
             curve_of_law(
@@ -233,8 +233,8 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
     def size_at(at: Array, _: Array | None = None) -> float:
         return float(np.exp(at[0]))
 
-    starts = [(np.log(3e-5), np.log(w), by) for w in (0.03, 0.3) for by in (-0.8, 0.0, 0.8)]
-    middles = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+    starts = [(np.log(3e-5), np.log(w), by) for w in (0.03, 0.3) for by in (-0.8, 0.8)]
+    middles = (-2.0, -1.0, 0.0, 1.0, 2.0)
     return (
         curve_of_law(
             restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=size_at,

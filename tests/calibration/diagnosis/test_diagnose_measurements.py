@@ -75,6 +75,21 @@ def test_an_error_along_a_drive_is_named_and_shrinks_the_gap():
     assert sides.settles == ("backlash",)
 
 
+def test_readings_that_are_left_out_are_listed():
+    measured = made(Wanted("planar4", ("x_m", "y_m", "rz_rad"), shift=play, sides=True, visits=60, load=payloads))
+    measured.conditions["t_rig_s"] = np.arange(60.0) * 90.0
+    measured.coordinates[[7, 30], 0] += [5e-3, -2e-3]
+    found = diagnose_measurements(measured)
+    assert found.verdict == "backlash"
+    listed = [(r.name, r.of, r.visit, r.t_rig_s, r.unit, r.reason) for r in found.left_out]
+    assert listed == [
+        ("coordinates.csv line 9", "visit 7", 7, 630.0, "m", "model gate"),
+        ("coordinates.csv line 32", "visit 30", 30, 2700.0, "m", "model gate"),
+    ]
+    assert [r.size for r in found.left_out] == pytest.approx([5e-3, 2e-3], rel=0.1)
+    assert all(r.sigmas > 6.0 for r in found.left_out)
+
+
 def test_a_machine_as_it_was_calibrated_has_no_effect():
     found = diagnose_measurements(made(Wanted(columns=("x_m", "y_m", "z_m"), sides=True)))
     assert found.verdict == "none"

@@ -8,7 +8,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL
+from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL, SPECS
 from mock_devices.settings import DisturbanceLevels
 
 FULL = {
@@ -27,6 +27,12 @@ BATCH = 40
 RAW_OF_EFFECT = (3.0, 5.0, 3.0, 5.0, 3.0, 1.0, 5.0, 3.0)
 RAW_OF_OUTSIDE = (3.0, 3.0, 5.0, 3.0, 1.0)
 RAW_TO_FIND = (3.0, 5.0)
+
+# Of stated values the index of air alone is no effect of its own, but some variants of one: of three single cases of
+# refraction two have these, so that a full run has 20 cases of it that are to be found, as of other stated values.
+REFRACTION = "refraction"
+INDEX_OF_AIR = tuple(v for v in SPECS[REFRACTION].variants if v.startswith("index_"))
+OF_THREE, OTHER_TURN = 3, 2
 
 STYLES = ("rich", "platform", "poor")  # of the designs of null and outside cases
 GROSS = 5  # one case in so many has gross readings, another is given some once its verdict is sure
@@ -53,7 +59,8 @@ class Slot:
     """A case to be made. effects: names, empty for null; raw: their sizes in sigma; profile: '' draws one.
 
     style: of its design, '' as its kind wants; declared: a name of DECLARED; gross: whether some readings are gross;
-    spoiled: whether a sure verdict is asked for again with gross readings.
+    spoiled: whether a sure verdict is asked for again with gross readings; variants: those from which that of an effect
+    is drawn, all if empty.
     """
 
     key: str
@@ -66,6 +73,7 @@ class Slot:
     declared: str = RIGHT
     gross: bool = False
     spoiled: bool = False
+    variants: tuple[str, ...] = ()
 
 
 def counts(n: int) -> dict[str, int]:
@@ -118,8 +126,17 @@ def _slot(kind: str, i: int, outside: tuple[str, ...]) -> Slot:
         raw = RAW_OF_OUTSIDE[turn % len(RAW_OF_OUTSIDE)]
         return Slot(key, kind, (outside[i % len(outside)],), (raw,), style=style)
     if kind == "effect":
-        return Slot(key, kind, (name,), (RAW_OF_EFFECT[turn % len(RAW_OF_EFFECT)],))
+        raw = RAW_OF_EFFECT[turn % len(RAW_OF_EFFECT)]
+        return Slot(key, kind, (name,), (raw,), variants=_variants(name, turn))
     return Slot(key, kind, (name,), (RAW_TO_FIND[(turn + i) % 2],))
+
+
+def _variants(name: str, turn: int) -> tuple[str, ...]:
+    """Those from which a case of one effect is drawn, the effects being gone through for the `turn`-th time."""
+    if name != REFRACTION:
+        return ()
+    index = turn % OF_THREE != OTHER_TURN
+    return INDEX_OF_AIR if index else tuple(v for v in SPECS[name].variants if v not in INDEX_OF_AIR)
 
 
 def _with_decoys(slots: list[Slot], count: int) -> list[Slot]:

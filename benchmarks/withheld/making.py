@@ -100,7 +100,9 @@ def _effects(
     for name, raw in zip(slot.effects, slot.raw, strict=True):
         best: tuple[float, EffectChoice, dict[str, Any]] | None = None
         for _ in range(MOST_DRAWS):
-            choice = draw(name, drawn.timeline.machine, rng, final=final, duration_s=drawn.duration_s)
+            choice = draw(
+                name, drawn.timeline.machine, rng, final=final, duration_s=drawn.duration_s, among=slot.variants
+            )
             if any(_same_strut(choice, other) for other in choices):
                 continue
             try:

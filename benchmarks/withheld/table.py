@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from benchmarks.scoring import goals
 from benchmarks.scoring.goals import ALIKE_SIGMA, class_size
 from benchmarks.scoring.measure import Measure, held_to, quantiles, share
-from benchmarks.withheld.cases import MISDECLARED
+from benchmarks.withheld.cases import INDEX_OF_AIR, MISDECLARED
 from benchmarks.withheld.score_rows import (
     Row,
     answerable,
@@ -55,7 +55,11 @@ def whole_measures(rows: Sequence[Row]) -> list[Measure]:
 
 def _singles(rows: list[Row]) -> list[Measure]:
     told = [r for r in rows if all(sigma > ALIKE_SIGMA for sigma in r["mimics_sigma"].values())]
-    return [share("named right where no other effect is within 0.3 sigma", [right(r) for r in told])]
+    index = [r for r in rows if r["variant"][0] in INDEX_OF_AIR]
+    return [
+        share("named right where no other effect is within 0.3 sigma", [right(r) for r in told]),
+        share("index of air: named right", [right(r) for r in index]),
+    ]
 
 
 def _platform(rows: list[Row]) -> list[Measure]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -93,16 +94,21 @@ def make(choice: EffectChoice, site: Site, seed: int) -> Effect:
 
 
 def draw(
-    name: str, machine: MachineFile, rng: np.random.Generator, *, final: bool | None = None, duration_s: float = 3600.0
-) -> EffectChoice:
+    name: str, machine: MachineFile, rng: np.random.Generator, *, final: bool | None = None, duration_s: float = 3600.0,
+    among: Collection[str] = (),
+) -> EffectChoice:  # fmt: skip
     """A choice with place, variant and all parameters but the size drawn within their ranges; the size in its middle.
 
-    `final` wants the final variant, or any but it; None draws from all. What sets in does so well within `duration_s`.
+    `final` wants the final variant, or any but it; None draws from all, or from those `among` these alone. What sets in
+    does so well within `duration_s`. Raises EffectError where no variant is left.
     """
     spec = spec_of(name)
     variants = spec.variants if final is None else (spec.final,) if final else tuple(
         v for v in spec.variants if v != spec.final
     )  # fmt: skip
+    variants = tuple(v for v in variants if not among or v in among)
+    if not variants:
+        raise EffectError(f"effect {name}: none of its variants is among {', '.join(among)}")
     others = []
     for p in spec.others:
         if p.name == "onset_s":

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.withheld import lane, over_the_wire, run
-from benchmarks.withheld.cases import DECLARED, DECOYS, FULL, PROFILES, STYLES, Slot, plan
+from benchmarks.withheld.cases import DECLARED, DECOYS, FULL, INDEX_OF_AIR, PROFILES, STYLES, Slot, plan
 from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
 from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.left_out_forms import FormComparison, shares_of_sets
@@ -59,6 +59,11 @@ def maker(*slots, seed=4):
 # --- what a run consists of
 
 
+def test_a_case_has_one_of_the_variants_that_its_slot_names():
+    slot = Slot("effect-r", "effect", ("refraction",), (5.0,), variants=INDEX_OF_AIR[:1])
+    assert case_of(slot).truth["effects"][0]["variant"] == "index_offset"
+
+
 def test_a_full_run_has_all_the_cases_that_are_wanted():
     slots = plan()
     assert len({slot.key for slot in slots}) == len(slots) == sum(FULL.values())
@@ -66,6 +71,12 @@ def test_a_full_run_has_all_the_cases_that_are_wanted():
     assert set(big) == set(CATALOGUE)
     assert min(big.values()) >= 30
     assert {s.raw[0] for s in slots if s.kind == "effect"} == {1.0, 3.0, 5.0}
+    index = [s for s in slots if s.kind == "effect" and set(s.variants) == set(INDEX_OF_AIR)]
+    assert {s.effects for s in index} == {("refraction",)}
+    assert sum(s.raw[0] >= 3.0 for s in index) >= 20
+    bent = [s for s in slots if s.kind == "effect" and s.effects == ("refraction",) and s not in index]
+    assert {v for s in bent for v in s.variants} == set(SPECS["refraction"].variants) - set(INDEX_OF_AIR)
+    assert slots == plan()
     null = [s for s in slots if s.kind == "null"]
     assert Counter(s.profile for s in null) == dict.fromkeys(PROFILES, 320)
     assert Counter(s.declared for s in null) == dict.fromkeys(DECLARED, 400)

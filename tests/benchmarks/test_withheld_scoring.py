@@ -88,6 +88,14 @@ def test_rows_are_counted_as_the_goals_say():
         {**pair, "named": ["backlash", "refraction"]},
         row("next", "backlash", "none", after_chosen=True, after_random=False),
     ]  # fmt: skip
+    of_air = [
+        row("effect", "refraction", verdict, variant=[variant])
+        for verdict, variant in (("refraction", "index_fixed"), ("none", "index_late"), ("none", "plume"))
+    ]
+    assert (by_name(of_air)["index of air: named right"].value, by_name(of_air)["index of air: named right"].n) == (
+        0.5,
+        2,
+    )
     measures = by_name(rows)
     for name, value, n in (
         ("visible single effects named right", 0.5, 2),

@@ -149,6 +149,14 @@ def test_seeds_decide_what_is_drawn():
         assert 1.0 <= dict(c.parameters)["tau_s"] <= 20.0
 
 
+def test_a_variant_is_drawn_among_those_that_are_wanted():
+    rng, wanted = np.random.default_rng(2), ("index_fixed", "index_late", "power_law")
+    assert {draw("refraction", FILE, rng, among=wanted).variant for _ in range(60)} == set(wanted)
+    assert {draw("refraction", FILE, rng, final=False, among=wanted).variant for _ in range(60)} == set(wanted[:2])
+    with pytest.raises(EffectError, match="refraction: none of its variants is among plume"):
+        draw("refraction", FILE, rng, final=True, among=("plume",))
+
+
 def test_choices_are_read_from_one_line():
     choice = parse("backlash=2e-5,place=right,variant=closing,tau_s=3,seed=7", FILE)
     assert choice == EffectChoice("backlash", 2e-5, "right", "closing", (("tau_s", 3.0),), 7)

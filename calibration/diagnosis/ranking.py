@@ -62,7 +62,7 @@ def rank_effects(
     """All effects, the most likely first; those without a basis set at any place are left out.
 
     by_visit: whether effects may be others at each visit, where they are of that kind. explained: log evidence of the
-    causes in the model, of which a further one must add a share: what is far from it is not fitted with curves.
+    causes in the model, of which a further one must add a share: what is far from it is not refined.
     """
     by_effect = [
         (effect, places)
@@ -71,13 +71,15 @@ def rank_effects(
     ]
     strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
     strongest = max(strongest, VERDICT.min_gain_share * explained)
-    threshold = max(VERDICT.detection_threshold, VERDICT.curve_fit_share * strongest)
+    threshold = max(VERDICT.detection_threshold, VERDICT.refined_share * strongest)
     causes = []
     for effect, places in by_effect:
-        if _total_log_evidence(places) <= threshold:
+        if (log_evidence := _total_log_evidence(places)) <= threshold:
             causes.append(_cause(effect, places))
             continue
-        cause = _cause(effect, _refine(likelihood, inputs, effect, places, by_visit=by_visit))
+        curves = log_evidence > VERDICT.curve_fit_share * strongest
+        refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
+        cause = _cause(effect, refined)
         causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
     return first_likely(causes)
 
@@ -115,7 +117,7 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
     while left := [name for name in names if name not in {cause.place, *(part.place for part in further)}]:
         if not (places := _evidence_by_place(given, inputs, effect, left)):
             break
-        if _total_log_evidence(places) > VERDICT.detection_threshold:
+        if _total_log_evidence(places) > VERDICT.worth_refining:  # a curve may have what no column has
             places = _refine(given, inputs, effect, places, by_visit=by_visit)
         part = _cause(effect, places)
         if part.log_evidence < max(VERDICT.detection_threshold, VERDICT.min_gain_share_same_part * log_evidence):
@@ -168,17 +170,19 @@ def _refine(
     places: list[_PlaceEvidence],
     *,
     by_visit: bool,
+    curves: bool = True,
 ) -> list[_PlaceEvidence]:
-    """The same with the effect's curves and departures, at the places where its basis sets have evidence."""
+    """The same with the effect's departures and, if wanted, its curves, at the places where its basis sets have
+    evidence."""
     every, low = effect.places(inputs.machine), smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
     def with_curves(place: _PlaceEvidence) -> _PlaceEvidence:
-        curves = effect.curves(inputs, every.index(place.place))
-        fit = fit_curves(likelihood, curves, low, effect.size.high)
+        of_place = effect.curves(inputs, every.index(place.place)) if curves else ()
+        fit = fit_curves(likelihood, of_place, low, effect.size.high)
         if fit is None:
             return place
-        log_evidence = fit.log_evidence - float(np.log(len(places) * len(curves)))
+        log_evidence = fit.log_evidence - float(np.log(len(places) * len(of_place)))
         both = float(np.logaddexp(log_evidence, place.log_evidence)) - float(np.log(2.0))
         if log_evidence > place.log_evidence:
             return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
@@ -194,7 +198,7 @@ def _refine(
         log_evidence = near.log_evidence + departing.gain
         return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions)
 
-    threshold = VERDICT.curve_fit_share_at_place * strongest
+    threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]
 
 

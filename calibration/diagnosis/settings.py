@@ -61,7 +61,7 @@ class VerdictSettings:
     """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""
     excess_width_share: float = 0.008
     """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
-    temperature_share: float = 0.01
+    temperature_share: float = 0.003
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
     no basis set is exact. Source: tuned to calibrated probabilities."""
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import (
+from calibration.diagnosis.basis_set_evidence import (
     BasisSetEvidence,
     InformationAndScore,
-    MarginalLikelihood,
     evidence_of_families,
 )
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import BasisSet, Curve, Tangent
 from calibration.effects.columns import Contributions
 

@@ -13,9 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.basis_set_evidence import (
+    BasisSetEvidence,
+    evidence_of_basis_sets,
+    log_sum,
+)
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.departure_evidence import with_departures
-from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs

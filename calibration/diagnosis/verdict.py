@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit
 
-from calibration.diagnosis.evidence import log_sum
+from calibration.diagnosis.basis_set_evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
 from calibration.diagnosis.search import SearchResult, excess_threshold, temperature

@@ -10,14 +10,13 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calibration.diagnosis import departure_evidence
-from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
-from calibration.diagnosis.evidence import (
-    SIZES,
+from calibration.diagnosis.basis_set_evidence import (
     InformationAndScore,
-    MarginalLikelihood,
     evidence_of_basis_sets,
     log_evidence_of_sizes,
 )
+from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
+from calibration.diagnosis.evidence import SIZES, MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.evidence import BasisSetEvidence
 from calibration.diagnosis.findings.effect_summary import _relative_u_of_form
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet

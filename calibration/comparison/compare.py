@@ -188,8 +188,9 @@ def _remarks_on_folders(pair: TwoFolders) -> list[str]:
     out = []
     for linear, scatter in zip((pair.before, pair.after), pair.scatter, strict=True):
         out += _rough(linear.campaign, scatter)
-        if linear.wrong_names:
-            out.append(f"{linear.campaign}: left out, as they do not fit the others: {', '.join(linear.wrong_names)}")
+        if linear.left_out:
+            names = ", ".join(f"{reading.name} ({reading.of})" for reading in linear.left_out)
+            out.append(f"{linear.campaign}: left out, as they do not fit the others: {names}")
     return out
 
 

@@ -191,6 +191,7 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
         spectra=spectra(likelihood, by_drive),
         remarks=remarks(linear, stated, search_result, verdict, noise_floor_m),
         evidence=kept_evidence(search_result, found.none_elsewhere),
+        left_out=linear.left_out,
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 

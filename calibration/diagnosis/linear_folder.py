@@ -39,14 +39,12 @@ from calibration.reduction.data_checks import require_enough_poses
 class LinearFolder(LinearisedReadings):
     """The linearised readings of a measurement folder.
 
-    measured: without wrong_lines, the readings that do not fit the others. rows: what each row is. used (v,): rows of
-    the folder's visits. declared: levels of the disturbances. left_unknowns: those whose responses are in `left_alone`,
-    in its order.
+    measured: without the readings of left_out. rows: what each row is. used (v,): rows of the folder's visits.
+    declared: levels of the disturbances. left_unknowns: those whose responses are in `left_alone`, in its order.
     """
 
     measured: MeasuredMachine
     rows: FolderRows
-    wrong_lines: tuple[str, ...]
     used: NDArray[np.intp]
     declared: DisturbanceLevels
     left_unknowns: tuple[Unknown, ...]
@@ -96,11 +94,6 @@ class LinearFolder(LinearisedReadings):
     def sigma_of_length_m(self) -> float:
         """Median standard deviation of the lengths read."""
         return float(np.median(self.rows.sigma[self.rows.is_length]))
-
-    @property
-    def wrong_names(self) -> Sequence[str]:
-        """File and line of each."""
-        return self.wrong_lines
 
     @property
     def source_rows(self) -> NDArray[np.intp]:
@@ -228,7 +221,7 @@ def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
         measured=measured,
         rows=rows,
         used=fit.used,
-        wrong_lines=tuple(f"{reading.name} ({reading.of})" for reading in left_out),
+        left_out=left_out,
         declared=levels,
         left_unknowns=tuple(fit.layout.unknowns[i] for i in np.flatnonzero(~fit.fitted)),
     )

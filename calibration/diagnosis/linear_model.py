@@ -19,7 +19,7 @@ from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.outlying_readings import fitting_readings, giant_readings, outlier_weights
+from calibration.diagnosis.outlying_readings import judge_readings, outlier_weights
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
@@ -30,6 +30,7 @@ from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
+from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 NEST_PRIOR_M = 5.0e-3
@@ -42,8 +43,8 @@ PHASES = ("calibration", "repeatability", "nests", "verification_before")
 class LinearModel(LinearisedReadings):
     """The linearised readings of a recording: reflectors' positions, three numbers each.
 
-    rows (n,): rows of the recording that are used; wrong (k,): those that are left out because they do not fit the
-    others. values (u,): unknowns of model and station, where it is linear. station: as fitted; setup (n,): its row.
+    rows (n,): rows of the recording that are used; wrong (k,): those of left_out. values (u,):
+    unknowns of model and station, where it is linear. station: as fitted; setup (n,): its row.
     """
 
     station: StationModel
@@ -77,12 +78,6 @@ class LinearModel(LinearisedReadings):
     def load(self) -> NDArray[np.intp]:
         """Number (n,) of the payload at each reading."""
         return np.asarray(self.recording["payload"][self.rows]).astype(np.intp)
-
-    @property
-    def wrong_names(self) -> Sequence[str]:
-        """The readings that were left out, with their reflectors."""
-        uid, smr = (np.asarray(self.recording[name])[self.wrong] for name in ("uid", "smr"))
-        return [f"{name} of {reflector}" for name, reflector in zip(uid, smr, strict=True)]
 
     @property
     def source_rows(self) -> NDArray[np.intp]:
@@ -198,13 +193,16 @@ def linearise_recording(
     if the readings do not allow it.
     """
     usable = usable_rows(recording)
-    rows = usable
+    rows, left_out = usable, tuple[LeftOutReading, ...]()
     for _ in range(GATINGS):
-        linear, keep, giants = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
-        if np.all(keep):
+        linear, wrong = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
+        linear = replace(linear, left_out=left_out)
+        if not wrong:
             break
+        left_out = (*left_out, *wrong.values())
         # Giants spoil the fit by which the others are judged; what is wrong beside these hardly moves it.
-        rows, judge = rows[keep], giants
+        rows = np.setdiff1d(rows, list(wrong))
+        judge = any(reading.reason == GIANT for reading in wrong.values())
     return linear
 
 
@@ -215,9 +213,8 @@ def _linearise_rows(
     *,
     judge: bool,
     held: Mapping[str, float] | None,
-) -> tuple[LinearModel, NDArray[np.bool_], bool]:
-    """The linear model of some rows (n,) without wrong ones (k,), which of them (n,) to keep, and whether the others
-    are giants, beside which nothing else has been judged."""
+) -> tuple[LinearModel, dict[int, LeftOutReading]]:
+    """The linear model of some rows (n,) without wrong ones (k,), and those of its rows that are wrong too."""
     setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
     used = in_first_frame(recording.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
@@ -242,11 +239,8 @@ def _linearise_rows(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
-    keep, giants = np.ones(len(rows), dtype=np.bool_), False
-    if judge:
-        giant = giant_readings(observed, residual, columns)
-        giants = bool(np.any(giant))
-        keep = ~giant if giants else fitting_readings(observed, whiten, residual, columns)
+    judged = judge_readings(observed, whiten, residual, columns) if judge else None
+    new = {} if judged is None else judged.named(recording, rows, whiten)
     q = inverse_covariance_factor(columns)
     weight = outlier_weights(residual, q)
     if weight is not None:
@@ -269,7 +263,7 @@ def _linearise_rows(
         q=q,
         of_calibration=by_unknowns.shape[2] + by_nests.shape[2],
     )
-    return linear, keep, giants
+    return linear, new
 
 
 def _all_readings(

@@ -18,6 +18,7 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.model.payload import PayloadEntry
 from calibration.recording.header import AccuracyEntry, DisturbanceLevels
+from calibration.reduction.left_out import LeftOutReading
 
 NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
 
@@ -52,6 +53,7 @@ class LinearisedReadings(ObservedModel, ABC):
     those of the model and its instruments. q (n, w, r): 1 - q q' is the inverse covariance of
     the readings. of_calibration: number of columns before those of the disturbances. left_alone: whitened responses
     (n, w) to one unit of unknowns that the calibration does not fit, by their names; channels 'unknown.NAME'.
+    left_out: readings that are none of these, because they do not fit them.
     """
 
     whiten: Array
@@ -62,6 +64,7 @@ class LinearisedReadings(ObservedModel, ABC):
     q: Array
     of_calibration: int
     left_alone: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
+    left_out: tuple[LeftOutReading, ...] = field(default=(), kw_only=True)
 
     @property
     @abstractmethod
@@ -102,11 +105,6 @@ class LinearisedReadings(ObservedModel, ABC):
     def sigma_of_length_m(self) -> float:
         """Standard deviation of a typical length read."""
         return float(np.median(1.0 / np.linalg.norm(self.whiten[:, 0], axis=1)))
-
-    @property
-    @abstractmethod
-    def wrong_names(self) -> Sequence[str]:
-        """The readings that were left out because they do not fit the others, by name."""
 
     @property
     @abstractmethod

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
@@ -13,6 +15,8 @@ from calibration.diagnosis.linearised_readings import project_out
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.staggered_columns import StaggeredColumns
 from calibration.identification.gate import LinearReadings
+from calibration.recording.recording import Recording
+from calibration.reduction.left_out import DIAGNOSIS, GIANT, LeftOutReading
 
 HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
 GROSS_SIGMAS, GIANT_SIGMAS = 15.0, 60.0  # of a reading's own
@@ -23,10 +27,40 @@ WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same 
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
 
-def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> NDArray[np.bool_]:
-    """Which readings (n,) are not wrong by what the others say, whatever an effect may have changed (any_change.py).
+@dataclass(frozen=True)
+class JudgedReadings:
+    """keep (n,): readings that are not wrong; sigmas (n,): own standard deviations by which each is off the others.
 
-    whiten (n, 3, 3), residual (n, 3) and columns (n, 3, b) of the linear model, without giants (`giant_readings`).
+    deviation (k, 3): whitened, of those that are wrong from what all that are kept say. reason: why these are wrong.
+    """
+
+    keep: NDArray[np.bool_]
+    sigmas: Array
+    deviation: Array
+    reason: str
+
+    def named(self, recording: Recording, rows: NDArray[np.intp], whiten: Array) -> dict[int, LeftOutReading]:
+        """The wrong ones by their rows in a recording, rows (n,) being those of all and whiten (n, 3, 3) theirs."""
+        off = np.flatnonzero(~self.keep)
+        size_m = np.linalg.norm(np.linalg.solve(whiten[off], self.deviation[:, :, None])[:, :, 0], axis=1)
+        return {
+            int(rows[i]): LeftOutReading.of_recording(recording, int(rows[i]), m, self.sigmas[i], self.reason)
+            for i, m in zip(off, size_m, strict=True)
+        }
+
+
+def judge_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings:
+    """Which readings are wrong, whiten (n, 3, 3), residual (n, 3) and columns (n, 3, b) of the linear model.
+
+    Giants spoil the fit by which the others are judged, so where there are some nothing else is looked for.
+    """
+    giants = giant_readings(observed, residual, columns)
+    return fitting_readings(observed, whiten, residual, columns) if giants is None else giants
+
+
+def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings:
+    """Which readings are not wrong by what the others say, whatever an effect may have changed (any_change.py).
+
     Where many are wrong, only those count that are so grossly; where many are gross, an effect that nothing here
     describes is the likely cause, and all stay.
     """
@@ -37,23 +71,21 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
     leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
     sigmas = leave_one_out.judge(_parts(observed))
-    for limit in (GATE_SIGMAS, GROSS_SIGMAS):
-        if np.mean(sigmas > limit) < LARGEST_OUTLIER_SHARE:
-            return np.asarray(sigmas <= limit)
-    return np.ones(len(sigmas), dtype=bool)
+    few = (limit for limit in (GATE_SIGMAS, GROSS_SIGMAS) if np.mean(sigmas > limit) < LARGEST_OUTLIER_SHARE)
+    keep = np.asarray(sigmas <= next(few, np.inf))
+    return JudgedReadings(keep, sigmas, leave_one_out.deviations_without(keep), DIAGNOSIS)
 
 
-def giant_readings(observed: ObservedModel, residual: Array, columns: Array) -> NDArray[np.bool_]:
-    """Readings (n,) so far off the fit of the others that no effect can be meant; none where these are many.
-
-    Arguments as of `fitting_readings`. They would spoil what is said of the others, so they go first.
-    """
+def giant_readings(observed: ObservedModel, residual: Array, columns: Array) -> JudgedReadings | None:
+    """Those so far off the fit of the others that no effect can be meant; None without any, and where they are many."""
     readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (_parts(observed),))
     if readings.farthest() <= GIANT_SIGMAS / MOST_ALIKE:
-        return np.zeros(len(residual), dtype=bool)
+        return None
     judged = readings.judge([np.ones(len(residual), dtype=bool)], GIANT_SIGMAS / MOST_ALIKE)[0]
     giant = judged.sigmas > GIANT_SIGMAS
-    return giant if np.mean(giant) < LARGEST_OUTLIER_SHARE else np.zeros(len(residual), dtype=bool)
+    if not 0.0 < np.mean(giant) < LARGEST_OUTLIER_SHARE:
+        return None
+    return JudgedReadings(~giant, judged.sigmas, judged.deviation[giant], GIANT)
 
 
 def _parts(observed: ObservedModel) -> NDArray[np.intp]:
@@ -140,6 +172,10 @@ class _LeaveOneOut:
                 if sigmas[suspect] > limit:
                     keep[suspect] = False
 
+    def deviations_without(self, keep: NDArray[np.bool_]) -> Array:
+        """Whitened deviations (k, 3) of the readings that are not kept (n,) from what all that are say of them."""
+        return np.zeros((0, 3)) if np.all(keep) else self._predicted_without(np.flatnonzero(~keep))[2]
+
     def _sigmas(self, keep: NDArray[np.bool_], kind: NDArray[np.intp]) -> Array:
         """Deviations (n,) in own standard deviations, whose scales those that are kept determine."""
         distance = self._distances(keep)
@@ -158,17 +194,21 @@ class _LeaveOneOut:
         out = np.flatnonzero(~keep)
         if not out.size:
             return _roots(score, information + SINGULAR * np.eye(3))
-        coupled = self._coupled(out)
-        by_reading = coupled.reshape(len(keep), 3, -1)
+        by_reading, covariance, deviation = self._predicted_without(out)
+        information = information - by_reading @ covariance @ by_reading.transpose(0, 2, 1)
+        score = score - (by_reading @ deviation.ravel()).reshape(-1, 3)
+        distance = _roots(score, information + SINGULAR * np.eye(3))
+        own = covariance.reshape(len(out), 3, len(out), 3).diagonal(axis1=0, axis2=2).transpose(2, 0, 1)
+        distance[out] = _roots(deviation, own)
+        return distance
+
+    def _predicted_without(self, out: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Of some rows (m,): their columns (n, 3, 3 m) of P, P_SS^-1 (3 m, 3 m), deviations (m, 3) (`_distances`)."""
+        by_reading = self._coupled(out).reshape(len(self._score), 3, -1)
         of_out = by_reading[out].reshape(3 * len(out), -1)
         own_information = 0.5 * (of_out + of_out.T) + SINGULAR * np.eye(len(of_out))
         covariance = np.asarray(np.linalg.inv(own_information), dtype=np.float64)
-        deviation = covariance @ score[out].ravel()
-        information = information - by_reading @ covariance @ by_reading.transpose(0, 2, 1)
-        distance = _roots(score - (coupled @ deviation).reshape(-1, 3), information + SINGULAR * np.eye(3))
-        own = covariance.reshape(len(out), 3, len(out), 3).diagonal(axis1=0, axis2=2).transpose(2, 0, 1)
-        distance[out] = _roots(deviation.reshape(-1, 3), own)
-        return distance
+        return by_reading, covariance, (covariance @ self._score[out].ravel()).reshape(-1, 3)
 
     def _coupled(self, rows: NDArray[np.intp]) -> Array:
         """Columns (3 n, 3 m) of the inverse covariance of all readings, of some of them (m,)."""

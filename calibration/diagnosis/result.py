@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.reduction.left_out import LeftOutReading
 
 NONE, UNKNOWN = "none", "unknown"
 KINDS = (
@@ -201,7 +202,7 @@ class Diagnosis:
     UNKNOWN). ranking: probability by name, NONE and UNKNOWN included; they add up to one. not_tested: reason by name.
     hidden_m: detection limit, the RMS that an undetected effect could still have (95 %). inside_geometry: RMS in m by
     name of what the geometry has absorbed. where: empty for NONE, whose gap is noise. clues: of an unknown effect.
-    evidence: what the ranking follows from.
+    evidence: what the ranking follows from. left_out: readings that were wrong by what all others say.
     """
 
     campaign: str
@@ -222,3 +223,4 @@ class Diagnosis:
     spectra: tuple[Spectrum, ...]
     remarks: tuple[str, ...] = ()
     evidence: KeptEvidence | None = None
+    left_out: tuple[LeftOutReading, ...] = ()

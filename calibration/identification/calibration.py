@@ -119,10 +119,9 @@ def _wrong_readings(model: Model, reduction: Reduction) -> tuple[LeftOutReading,
     gated = gate_readings(LeastSquaresProblem(model, offered.visits, [readings]), [on_platform.astype(np.intp)])[0]
     wrong = np.flatnonzero(~gated.keep)
     size_m = np.linalg.norm(np.linalg.solve(readings.whiten[wrong], gated.deviation[wrong, :, None]), axis=(1, 2))
+    row = {uid: row for row, uid in enumerate(reduction.recording["uid"].tolist())}
     return tuple(
-        LeftOutReading(
-            str(uid[i]), model.machine.smrs[offered.smr[i]].name, float(m), "m", float(gated.sigmas[i]), MODEL
-        )
+        LeftOutReading.of_recording(reduction.recording, row[str(uid[i])], m, gated.sigmas[i], MODEL)
         for i, m in zip(wrong, size_m, strict=True)
     )
 

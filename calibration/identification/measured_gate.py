@@ -47,6 +47,10 @@ def _named(measured: MeasuredMachine, readings: Readings, judged: GatedReadings,
     white, sigmas = float(np.abs(judged.deviation[row, worst])), float(judged.sigmas[row])
     name, of = measured.line_of(readings, row)
     if isinstance(readings, ToolCoordinates):
-        size = white * float(readings.sigma[row, worst])
-        return LeftOutReading(name, of, size, "rad" if readings.coordinates[worst] > 2 else "m", sigmas, MODEL)
+        size, visit = white * float(readings.sigma[row, worst]), int(readings.visit[row])
+        times = measured.conditions.get("t_rig_s")
+        return LeftOutReading(
+            name, of, size, "rad" if readings.coordinates[worst] > 2 else "m", sigmas, MODEL,
+            int(measured.number[visit]), None if times is None else float(times[visit]),
+        )  # fmt: skip
     return LeftOutReading(name, of, white * float(readings.sigma_m[row]), "m", sigmas, MODEL)  # type: ignore[attr-defined]

@@ -43,8 +43,7 @@ def gate_nests(recording: Recording) -> tuple[Recording, tuple[LeftOutReading, .
             wrong = wrong_nest_readings(readings, recording.file.station.accuracy)
             keep[some[wrong.rows]] = False
             for row, size_m, sigmas in zip(some[wrong.rows], wrong.size_m, wrong.sigmas, strict=True):
-                name, smr = str(recording["uid"][row]), str(recording["smr"][row])
-                left_out.append(LeftOutReading(name, smr, float(size_m), "m", float(sigmas), NEST))
+                left_out.append(LeftOutReading.of_recording(recording, int(row), size_m, sigmas, NEST))
     return (recording.take(keep), tuple(left_out)) if left_out else (recording, ())
 
 

@@ -131,21 +131,14 @@ def reduce(
     position = setups.to_first(drift_free.position_m, setup)
     covariance = setups.covariances_in_first(drift_free.covariance_m2, setup)
     observations, info = _observations(recording, position, covariance, setup)
-    uid = np.asarray(recording["uid"])[_of_poses(recording)].astype(str)
+    of_poses = _of_poses(recording)
     zero = (info.phase == CALIBRATION) & (observations.visits.payload_kg == 0.0)
     if not np.any(zero):
         raise InputError(f"recording {recording.file.campaign}: no calibration readings without payload")
     report = basis.report if basis else _robust_frame(recording, observations.of_visits(zero))
     poses = filter_poses(report, observations)
     refused = tuple(
-        LeftOutReading(
-            str(uid[i]),
-            recording.machine.smrs[observations.smr[i]].name,
-            float(poses.size_m[i]),
-            "m",
-            float(poses.sigmas[i]),
-            VISIT,
-        )
+        LeftOutReading.of_recording(recording, int(of_poses[i]), poses.size_m[i], poses.sigmas[i], VISIT)
         for i in np.flatnonzero(~poses.accepted)
     )
     dropped |= {NEST: len(wrong_nests), VISIT: len(refused), MODEL: len(wrong)}
@@ -160,7 +153,7 @@ def reduce(
         setups=setups,
         nests=drift_free.nests,
         offered=observations,
-        uid=uid,
+        uid=np.asarray(recording["uid"])[of_poses].astype(str),
         dropped=dropped,
         left_out=(*wrong, *wrong_nests, *refused),
     )

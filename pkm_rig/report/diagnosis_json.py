@@ -54,6 +54,7 @@ def diagnosis_json(diagnosis: Diagnosis, files: Mapping[str, str | None] | None 
             {"channel": c.channel, "coordinate": c.coordinate, **_numbers(share=c.share)} for c in diagnosis.clues
         ],
         "remarks": list(diagnosis.remarks),
+        "left_out": [reading.as_dict() for reading in diagnosis.left_out],
         "pictures": {},
         "twin": None,
     }

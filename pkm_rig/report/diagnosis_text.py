@@ -25,6 +25,7 @@ from calibration.diagnosis.result import (
 )
 from calibration.reduction.figures import COVERAGE_FACTOR
 from pkm_rig.report.diagnosis_json import additions_by_gain, largest_shares, ranking_by_probability
+from pkm_rig.report.left_out_text import SHOWN, left_out_lines
 from pkm_rig.report.notation import plain_number
 from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 
@@ -101,6 +102,7 @@ def describe_diagnosis(
         parts.append(_title("not tested: this campaign's design cannot show"))
         parts += [_line(f"- {name}: {reason}") for name, reason in diagnosis.not_tested.items()]
     parts += [_line(f"note: {remark}") for remark in diagnosis.remarks]
+    parts += [_line(line) for line in left_out_lines([r.as_dict() for r in diagnosis.left_out], SHOWN)]
     if diagnosis.next_measurement:
         parts += [_title("measure next, by expected information"), _candidates(additions_by_gain(diagnosis))]
         files = [(c["name"], c["file"], c["gain_bit"]) for c in result["next_measurement"] if c["file"]]

@@ -16,6 +16,7 @@ from calibration.identification.prediction import predict_poses
 from calibration.machine.description import COORDINATES
 from calibration.reduction.figures import free_axes
 from pkm_rig.report import diagnosis_pictures, diagnosis_text, maps, pictures
+from pkm_rig.report.left_out_text import SHOWN
 from pkm_rig.report.notation import with_symbols
 from pkm_rig.report.page import Page
 from pkm_rig.report.report_json import maps_of, report_json
@@ -78,6 +79,7 @@ def make_report(
         effect_units=[_effect_unit(entry) for entry in (data["diagnosis"] or {}).get("effects", ())],
         kinds=list(dict.fromkeys(entry["name"].partition(".")[0] for entry in data.get("parameters", ()))),
         most_wrong=WRONG_READINGS,
+        most_wrong_of_diagnosis=SHOWN,
     )
     return Report(html, data)
 

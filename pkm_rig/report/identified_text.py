@@ -8,10 +8,9 @@ from rich.table import Table
 
 from calibration.base.rounding import round_result
 from calibration.identification.observability import HELD
-from pkm_rig.report.left_out_text import left_out_lines
+from pkm_rig.report.left_out_text import SHOWN, left_out_lines
 from pkm_rig.report.terminal import results
 
-SHOWN = 5  # wrong readings
 UNITS = {"m": (1e6, "um"), "rad": (1e6, "urad"), "drive_scale": (1e6, "um/m")}
 
 

@@ -12,11 +12,9 @@ from calibration.identification.model_comparison import predicted_errors
 from calibration.machine.description import COORDINATES
 from calibration.reduction.figures import COVERAGE_FACTOR, Figures, coordinate_errors
 from pkm_rig.report.diagnosis_text import diagnosis_line
-from pkm_rig.report.left_out_text import left_out_lines
+from pkm_rig.report.left_out_text import SHOWN, left_out_lines
 from pkm_rig.report.terminal import print_simulated, results
 from pkm_rig.results.outcome import CampaignOutcome, VerificationResult
-
-SHOWN = 5  # wrong readings
 
 
 def print_outcome(outcome: CampaignOutcome, report: Path | None) -> None:

@@ -19,7 +19,7 @@ from calibration.reduction.reduction import Reduction
 from pkm_rig.report.diagnosis_json import additions_by_gain, largest_shares
 from pkm_rig.report.diagnosis_text import diagnosis_line
 from pkm_rig.report.identity_json import identity_json
-from pkm_rig.report.left_out_text import REASONS
+from pkm_rig.report.left_out_text import SHOWN, left_out_in_words
 from pkm_rig.report.outcome_json import campaign_json, coordinates_json, outcome_json
 from pkm_rig.report.outcome_text import comparison_remark, model_rows
 from pkm_rig.report.residuals_json import residuals_json
@@ -60,10 +60,7 @@ def report_json(
         found["noise_floor_of_visits"] = None if floor is None else floor.as_dict()
         found["range_constant_m"] = source.reduction.range_constant_m
         found["u_range_constant_m"] = source.reduction.range_constant_u_m
-        found["left_out_in_words"] = [
-            {**r.as_dict(), "why": REASONS[r.reason]}
-            for r in sorted(source.reduction.left_out, key=lambda r: -r.sigmas)
-        ]
+        found["left_out_in_words"] = left_out_in_words(source.reduction.left_out)
     if source.calibration is not None:
         found |= _identified(source.calibration.fit)
         found["residuals"] = residuals_json(source.calibration)
@@ -179,6 +176,8 @@ def _diagnosed(source: ReportSource) -> dict[str, Any]:
             {"kind": s.kind, "name": s.name, "share": s.share, "low": s.low, "high": s.high}
             for s in largest_shares(diagnosis)
         ],
+        "diagnosis_left_out_in_words": left_out_in_words(diagnosis.left_out),
+        "diagnosis_left_out_more": max(0, len(diagnosis.left_out) - SHOWN),
         "measure_next": {"adds": additions[0].adds, "minutes": additions[0].minutes} if additions else None,
     }
 

@@ -265,6 +265,12 @@ SENTENCES: dict[str, Sentence] = {
         "abweicht: von denen der Nester, von den anderen Reflektoren derselben Pose (seine Innovation) oder vom "
         "identifizierten Modell.",
     ),
+    "left out of the diagnosis": Sentence(
+        "Left out of the diagnosis, which judges readings by all others whatever an effect may have changed:",
+        "In der Diagnose nicht verwendet; sie prüft Messwerte an allen anderen, was auch immer ein Effekt verändert "
+        "haben mag:",
+    ),
+    "more left out": Sentence("{n} more wrong readings.", "{n} weitere falsche Messwerte."),
     "term: directions": Sentence(
         "Independent combinations of the unknowns; the data decide one if they say more of it than its tolerances do.",
         "Unabhängige Kombinationen der Unbekannten; die Daten bestimmen eine, wenn sie mehr über sie aussagen als "

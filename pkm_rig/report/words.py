@@ -122,6 +122,8 @@ CATALOGUE: dict[str, Words] = {
     "begun": Words("begun, UTC", "begonnen, UTC"),
     "reading": Words("reading", "Messwert"),
     "of": Words("of", "von Größe"),
+    "visit": Words("visit", "Anfahrt"),
+    "rig_time": Words("rig time", "Anlagenzeit"),
     "off_by": Words("off by", "Abweichung"),
     "in_sigmas": Words("in its standard deviations", "in Standardabweichungen"),
     "instrument": Words("instrument", "Messmittel"),
@@ -208,6 +210,14 @@ CATALOGUE: dict[str, Words] = {
         "model gate: does not fit the model that fits all others",
         "Modellschranke: passt nicht zum Modell, das zu allen anderen passt",
     ),
+    "left out: giant": Words(
+        "giant: is farther off the fit of all others than any effect",
+        "Riese: weicht vom Modell, das zu allen anderen passt, weiter ab als jeder Effekt",
+    ),
+    "left out: diagnosis gate": Words(
+        "diagnosis gate: does not fit what all others say, whatever an effect has changed",
+        "Diagnoseschranke: passt nicht zu allen anderen, was auch immer ein Effekt verändert hat",
+    ),
     "part: scatter": Words("scatter over the poses", "Streuung über die Posen"),
     "part: scale": Words(
         "scale of the station, times the reach of the poses", "Maßstab der Messstation, mal Reichweite der Posen"
@@ -281,6 +291,14 @@ PHRASES: tuple[Words, ...] = (  # of what the program states in a field or as a 
     Words("does not fit the other readings of the nests", "passt nicht zu den anderen Messwerten der Nester"),
     Words("does not fit the other reflectors of its visit", "passt nicht zu den anderen Reflektoren derselben Pose"),
     Words("does not fit the model that fits all others", "passt nicht zum Modell, das zu allen anderen passt"),
+    Words(
+        "is farther off the fit of all others than any effect",
+        "weicht vom Modell, das zu allen anderen passt, weiter ab als jeder Effekt",
+    ),
+    Words(
+        "does not fit what all others say, whatever an effect has changed",
+        "passt nicht zu allen anderen, was auch immer ein Effekt verändert hat",
+    ),
     Words("finished", "beendet"),
     Words("interrupted", "unterbrochen"),
     Words("failed", "fehlgeschlagen"),

@@ -22,6 +22,7 @@ from calibration.diagnosis.result import (
     VisitGaps,
     Withheld,
 )
+from calibration.reduction.left_out import LeftOutReading
 
 
 def example(visits: int = 160) -> Diagnosis:
@@ -94,6 +95,14 @@ def example(visits: int = 160) -> Diagnosis:
         ),
         remarks=("the station's frame drifted more than declared",),
     )  # fmt: skip
+
+
+def wrong_readings(count: int) -> tuple[LeftOutReading, ...]:
+    """Readings of P2 that were left out, each farther off than the one before."""
+    return tuple(
+        LeftOutReading(f"r{i}", "P2", 1e-4 * (i + 1), "m", 7.0 + i, "diagnosis gate", 10 * i, 1800.0 * i)
+        for i in range(count)
+    )
 
 
 def planned() -> tuple[ProposedVisit, ...]:

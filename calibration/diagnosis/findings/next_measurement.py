@@ -183,7 +183,9 @@ class _Hypotheses:
         """All reflectors (k) at all planned visits (v), visit by visit."""
         linear = self._linear
         temperatures = {name: t for name, t in planned.temperatures_c.items() if name != "air"}
-        visits = Visits(planned.drives, pose, planned.payload_kg, planned.payload_com_m, temperatures)
+        # Nobody pulls at visits that are proposed, whatever forces the readings at hand were taken under.
+        unloaded = tuple((np.zeros((len(pose), 3)), np.zeros((len(pose), 3))) for _ in linear.poses.visits.forces)
+        visits = Visits(planned.drives, pose, planned.payload_kg, planned.payload_com_m, temperatures, unloaded)
         poses = linear.poses.model.predict(linear.poses.values, visits)
         n, k = len(planned), len(smrs)
         middle = linear.position_m[linear.visit >= 0].mean(axis=0)

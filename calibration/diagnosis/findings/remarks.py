@@ -8,7 +8,6 @@ from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.search import SearchResult
 from calibration.recording.header import DisturbanceLevels
 
-NAMED = 5  # wrong readings
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
 MUCH = 2.0  # times the stated level of a disturbance
 
@@ -20,22 +19,12 @@ def remarks(
     verdict: str,
     noise_floor_m: float | None,
 ) -> tuple[str, ...]:
-    """Readings that were left out, disturbances stronger than stated, and what limits the verdict."""
+    """Disturbances stronger than stated, and what limits the verdict."""
     here = linear.levels
     return (
-        *_left_out(linear),
         *_stronger_disturbances(stated, here),
         *_of_verdict(search_result, verdict, noise_floor_m),
     )
-
-
-def _left_out(linear: LinearisedReadings) -> tuple[str, ...]:
-    """The readings that are left out, the first of them by name."""
-    names = linear.wrong_names
-    if not names:
-        return ()
-    others = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return (f"left out, grossly wrong by what all others say: {', '.join(names[:NAMED])}{others}",)
 
 
 def _stronger_disturbances(stated: DisturbanceLevels, here: DisturbanceLevels) -> tuple[str, ...]:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.base.rotation import rotation_matrix, rotation_vector
-from calibration.machine.description import load_machine, shipped_machine
+from calibration.machine.description import Machine, load_machine, shipped_machine
 from calibration.machine.inverse import rigid_drives
 from calibration.model.model import Model
 from calibration.model.parameters import ParameterSet
 from calibration.model.visits import Visits
+from calibration.recording.measurement_conditions import CENTRE, FORCE, PAYLOAD, POINT, with_loads
 from calibration.recording.measurement_folder import COLUMNS, MeasuredMachine
 from calibration.recording.measurement_header import ColumnEntry, DistancesEntry, MeasurementFile
 
@@ -33,6 +34,7 @@ class Wanted:
     shift: Shift = field(default=lambda drives, sides: np.zeros_like(drives))
     sides: bool = False
     turned: tuple[float, float, float] | None = None  # of the instrument's own frame
+    load: Callable[[Machine, int], dict[str, np.ndarray]] = field(default=lambda machine, count: {})
 
 
 def made(wanted: Wanted) -> MeasuredMachine:
@@ -43,7 +45,8 @@ def made(wanted: Wanted) -> MeasuredMachine:
     drives = rigid_drives(machine, machine.nominal, target)
     reached = np.flatnonzero(np.all(np.isfinite(drives), axis=1))[:count]  # a corner of the workspace may be too far
     target, drives = target[reached], drives[reached]
-    visits = Visits.at_reference_temperature(machine, drives, target)
+    said = wanted.load(machine, len(target))
+    visits = with_loads(Visits.at_reference_temperature(machine, drives, target), said)
     errors = model.parameters.sigma * rng.normal(0.0, 1.0, len(model))
     errors[model.parameters.rows("ln_stiffness")] = 0.0
     sides = rng.choice([-1.0, 1.0], drives.shape)
@@ -75,11 +78,25 @@ def made(wanted: Wanted) -> MeasuredMachine:
         if len(pairs)
         else None,
     )
-    said = {f"{name}_direction": sides[:, a] for a, name in enumerate(machine.drive_names)} if wanted.sides else {}
+    if wanted.sides:
+        said |= {f"{name}_direction": sides[:, a] for a, name in enumerate(machine.drive_names)}
     distance = distance + rng.normal(0.0, SD, len(distance))
     return MeasuredMachine(
         file, machine, visits, np.arange(count, dtype=np.float64), coordinates, pairs, distance, said
     )
+
+
+def payloads(machine: Machine, count: int) -> dict[str, np.ndarray]:
+    """None, or 20 kg beside the tool's point, every other visit."""
+    mass = np.where(np.arange(count) % 2, 20.0, 0.0)
+    return {PAYLOAD: mass, **{name: np.full(count, 0.01) for name in CENTRE}}
+
+
+def forces(machine: Machine, count: int) -> dict[str, np.ndarray]:
+    """None, or 200 N as by such a weight, every other visit."""
+    along = machine.gravity_m_per_s2 / np.linalg.norm(machine.gravity_m_per_s2)
+    force = np.where(np.arange(count) % 2, 200.0, 0.0)[:, None] * along
+    return {name: force[:, k] for k, name in enumerate(FORCE)} | {name: np.full(count, 0.01) for name in POINT}
 
 
 def wave(drives: np.ndarray, _: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.recording.delta_printer import machine_with_measurements
 from calibration.recording.klipper import parse_printer
 from tests.calibration.delta_reference import TRUE, Rows, from_json, printer_cfg
-from tests.calibration.diagnosis.measured import Wanted, made, play, wave
+from tests.calibration.diagnosis.measured import Wanted, forces, made, payloads, play, wave
 
 REAL = sorted((Path(__file__).parents[4] / "shared" / "real-data").glob("*.json"))
 LOBES = {"geometry.axis_tilt", "geometry.strut_length", "geometry.drive_scale", "instrument.bed.bowl"}
@@ -43,6 +43,22 @@ def test_backlash_is_named_at_its_drive_with_its_size(wanted):
     assert size.u < 1e-5
 
 
+@pytest.mark.parametrize("load", [payloads, forces])
+@pytest.mark.parametrize(
+    ("machine", "columns"),
+    [("planar4", ("x_m", "y_m", "rz_rad")), ("hexaglide", ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"))],
+)
+def test_a_folder_whose_visits_carried_loads_is_diagnosed_and_more_is_proposed(machine, columns, load):
+    found = diagnose_measurements(made(Wanted(machine, columns, shift=play, sides=True, visits=60, load=load)))
+    assert found.verdict == "backlash"
+    assert abs(found.effects[0].size.value - 6e-5) < 2.0 * found.effects[0].size.u
+    proposed = [addition for addition in found.next_measurement if addition.visits]
+    assert "random poses" in {addition.name for addition in proposed}
+    # A force is none that a proposed visit can have.
+    assert ("another payload" in {addition.name for addition in proposed}) == (load is payloads)
+    assert all(np.isfinite(addition.gain_bit) for addition in proposed)
+
+
 def test_an_error_along_a_drive_is_named_and_shrinks_the_gap():
     found = diagnose_measurements(made(Wanted(columns=("x_m", "y_m", "z_m"), pairs=30, shift=wave)))
     assert (found.verdict, found.effects[0].place) == ("screw_cumulative_error", "a")
@@ -57,6 +73,21 @@ def test_an_error_along_a_drive_is_named_and_shrinks_the_gap():
     assert {"t_rig_s", "dwell_s", "a_direction", "payload_mass_kg"} <= {c.name for c in found.next_measurement}
     (sides,) = (c for c in found.next_measurement if c.name == "a_direction")
     assert sides.settles == ("backlash",)
+
+
+def test_readings_that_are_left_out_are_listed():
+    measured = made(Wanted("planar4", ("x_m", "y_m", "rz_rad"), shift=play, sides=True, visits=60, load=payloads))
+    measured.conditions["t_rig_s"] = np.arange(60.0) * 90.0
+    measured.coordinates[[7, 30], 0] += [5e-3, -2e-3]
+    found = diagnose_measurements(measured)
+    assert found.verdict == "backlash"
+    listed = [(r.name, r.of, r.visit, r.t_rig_s, r.unit, r.reason) for r in found.left_out]
+    assert listed == [
+        ("coordinates.csv line 9", "visit 7", 7, 630.0, "m", "model gate"),
+        ("coordinates.csv line 32", "visit 30", 30, 2700.0, "m", "model gate"),
+    ]
+    assert [r.size for r in found.left_out] == pytest.approx([5e-3, 2e-3], rel=0.1)
+    assert all(r.sigmas > 6.0 for r in found.left_out)
 
 
 def test_a_machine_as_it_was_calibrated_has_no_effect():

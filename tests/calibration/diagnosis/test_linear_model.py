@@ -108,8 +108,15 @@ def test_few_readings_that_are_far_off_change_little():
     rows = np.random.default_rng(2).choice(on_platform, 3, replace=False)
     diagnosis = diagnose(shifted(recording, rows, 1.5e-4))
     assert diagnosis.verdict == "none"
-    remark = next(remark for remark in diagnosis.remarks if remark.startswith("left out"))
-    assert all(str(uid) in remark for uid in np.asarray(recording["uid"])[rows])
+    uids = np.asarray(recording["uid"]).tolist()
+    found = {uids.index(reading.name): reading for reading in diagnosis.left_out}
+    assert set(found) == set(rows.tolist())
+    for row, reading in found.items():
+        assert (reading.of, reading.visit) == (recording["smr"][row], recording["visit"][row])
+        assert reading.t_rig_s == recording["t_rig_s"][row]
+        assert 1.3e-4 < reading.size < 4e-4  # with the noise along the line of sight
+        assert (reading.unit, reading.reason) == ("m", "diagnosis gate")
+        assert 6.0 < reading.sigmas < 40.0
 
 
 def test_grossly_wrong_readings_are_left_out_and_nothing_else(wandering):
@@ -132,6 +139,9 @@ def test_what_is_wrong_beside_giants_is_found_once_these_are_gone(wandering):
     giant, small = np.flatnonzero(usable & on_platform)[[11, 97]]
     linear = linearise_recording(shifted(shifted(wandering, [giant], 1e-2), [small], 2e-4))
     assert linear.wrong.tolist() == sorted([giant, small])
+    uid = wandering["uid"]
+    found = {reading.name: (reading.reason, round(reading.size, 4)) for reading in linear.left_out}
+    assert found == {uid[giant]: ("giant", 0.01), uid[small]: ("diagnosis gate", 0.0002)}
 
 
 def test_a_strong_effect_of_few_readings_is_none_that_is_left_out(wandering):

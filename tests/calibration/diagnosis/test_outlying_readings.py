@@ -24,7 +24,8 @@ def test_deviations_are_those_of_dense_predictions_without_the_reading():
     residual = 4.0 * rng.standard_normal((n, 3))
     keep = np.ones(n, dtype=bool)
     keep[[1, 6, 7]] = False
-    got = _LeaveOneOut(stand, by_stand, residual, StaggeredColumns(columns.copy()))._distances(keep)
+    leave_one_out = _LeaveOneOut(stand, by_stand, residual, StaggeredColumns(columns.copy()))
+    got, off = leave_one_out._distances(keep), leave_one_out.deviations_without(keep)
     a, y = columns.reshape(3 * n, -1), residual.ravel()
     shifted = np.repeat(by_stand.reshape(3 * n, -1), 4, axis=1).reshape(3 * n, 2, 4)
     shifted *= np.repeat(stand[:, None] == np.arange(4), 3, axis=0)[:, None, :]
@@ -37,6 +38,8 @@ def test_deviations_are_those_of_dense_predictions_without_the_reading():
         gain = np.linalg.solve(covariance[np.ix_(others, others)], cross.T).T
         deviation = y[own] - gain @ y[others]
         spread = covariance[np.ix_(own, own)] - gain @ cross.T
+        if not keep[i]:
+            assert off[int(np.sum(~keep[:i]))] == pytest.approx(deviation, rel=1e-6)
         assert got[i] == pytest.approx(np.sqrt(deviation @ np.linalg.solve(spread, deviation)), rel=1e-6)
 
 

@@ -76,6 +76,8 @@ def test_wrong_readings_are_named_with_size_and_reason(recording):
         assert named[smr]["unit"] == "m"
         assert named[smr]["sigmas"] > 6.0
         assert named[smr]["reason"] == reason
+        assert named[smr]["visit"] == recording["visit"][names[smr]]
+        assert named[smr]["t_rig_s"] == recording["t_rig_s"][names[smr]]
     assert summary["dropped"]["model gate"] == 2
     assert summary["dropped"]["nest outlier"] == 1
     assert summary["dropped"]["failed nest check"] == 0

@@ -36,6 +36,8 @@ def test_one_row_of_nineteen_is_named_and_the_rest_identified(row):
     assert [reading.name for reading in left_out] == [line]
     assert left_out[0].size == pytest.approx(2.9e-3, rel=0.05)
     assert left_out[0].unit == "m"
+    assert left_out[0].visit == (row if row < n else None)  # a distance has two
+    assert left_out[0].t_rig_s is None
     assert sum(len(part) for part in rest.readings()) == 18
 
 

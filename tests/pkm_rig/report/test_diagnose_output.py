@@ -15,7 +15,7 @@ from calibration.diagnosis.result import KINDS, Quantity, Share
 from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.report import diagnosis_json as diagnosis_output
 from pkm_rig.report import diagnosis_pictures, diagnosis_text
-from tests.pkm_rig.diagnosis_example import example, not_explained, nothing_found
+from tests.pkm_rig.diagnosis_example import example, not_explained, nothing_found, wrong_readings
 
 EXAMPLES = {"effect": example, "none": nothing_found, "unknown": not_explained}
 
@@ -58,6 +58,21 @@ def test_json_has_the_keys_that_programs_were_promised():
     assert result["gap"]["shrink_interval"] == [0.79, 0.9]
     assert [c["name"] for c in result["next_measurement"]] == ["an SMR on the slider", "other dwell"]
     assert [c["file"] for c in result["next_measurement"]] == [None, "a.toml"]
+
+
+def test_readings_left_out_are_all_in_the_json_and_the_largest_in_the_text(schema):
+    found = replace(example(), left_out=wrong_readings(7))
+    result = json.loads(json.dumps(diagnosis_output.diagnosis_json(found), allow_nan=False))
+    jsonschema.validate(result, schema)
+    assert result["left_out"][2] == {
+        "name": "r2", "of": "P2", "size": pytest.approx(3e-4), "unit": "m", "sigmas": 9.0, "reason": "diagnosis gate",
+        "visit": 20, "t_rig_s": 3600.0,
+    }  # fmt: skip
+    lines = [line for line in printed(found).splitlines() if line.startswith("left out: ")]
+    assert [line.split()[2] for line in lines] == ["r6", "r5", "r4", "r3", "r2", "2"]
+    assert lines[0].startswith("left out: r6 (P2, visit 60, 3.00 h), 700 um off, 13 of its standard deviations: does")
+    assert lines[-1] == "left out: 2 more wrong readings"
+    assert "left out" not in printed(example())
 
 
 def test_the_schema_refuses_what_is_none(schema):

@@ -30,6 +30,7 @@ from pkm_rig.rig.certificate_section import CertificateSection
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.recalibration_sections import CertificateEntry
 from pkm_rig.rig.standard_visits import axis_visits, pose_visits
+from tests.pkm_rig.diagnosis_example import example, wrong_readings
 from tests.pkm_rig.plant_recording import record
 from tests.pkm_rig.report.page_numbers import complaint, complaints
 
@@ -198,6 +199,19 @@ def test_a_simulated_one_in_german_with_names_that_html_would_read(outcome):
     assert "Kalibrierbericht" in html
     assert "A &amp; B &lt;GmbH&gt;" in html
     assert not complaints(html, data)[0]
+
+
+def test_what_the_diagnosis_left_out_is_listed_the_largest_first(outcome):
+    diagnosed = replace(outcome, diagnosis=DiagnosisAttempt(replace(example(), left_out=wrong_readings(7))))
+    html, data = make_report(source_of(diagnosed), draw=False)
+    assert not complaints(html, data)[0]
+    assert [r["name"] for r in data["diagnosis_left_out_in_words"]] == [f"r{i}" for i in range(6, -1, -1)]
+    shown = re.findall(r'data-key="diagnosis_left_out_in_words\.\d\.(?:name|visit)"[^>]*>(\w+)<', html)
+    assert shown == ["r6", "60", "r5", "50", "r4", "40", "r3", "30", "r2", "20"]
+    assert re.search(r'data-key="diagnosis_left_out_more"[^>]*>2</span> more wrong readings', html)
+    german = make_report(source_of(diagnosed), language="de", draw=False).html
+    assert "weitere falsche Messwerte" in german
+    assert "whatever an effect" not in german
 
 
 def test_terms_are_explained_once(accepted):

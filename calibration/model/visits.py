@@ -61,9 +61,8 @@ class Visits:
         )
 
     def concatenate(self, other: Visits) -> Visits:
-        """These visits, then the other ones, which have as many forces or none: those are zero there."""
-        others = other.forces or tuple((np.zeros((len(other), 3)), np.zeros((len(other), 3))) for _ in self.forces)
-        pairs = zip(self.forces, others, strict=True)
+        """These visits, then the other ones, which have as many forces."""
+        pairs = zip(self.forces, other.forces, strict=True)
         return Visits(
             np.concatenate([self.drives, other.drives]),
             np.concatenate([self.target_m, other.target_m]),

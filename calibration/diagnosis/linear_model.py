@@ -19,7 +19,7 @@ from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.outlying_readings import judge_readings, outlier_weights
+from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, outlier_weights
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
@@ -193,10 +193,12 @@ def linearise_recording(
     if the readings do not allow it.
     """
     usable = usable_rows(recording)
-    rows, left_out = usable, tuple[LeftOutReading, ...]()
+    rows, left_out, far_off = usable, tuple[LeftOutReading, ...](), np.zeros(0)
     for _ in range(GATINGS):
-        linear, wrong = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
-        linear = replace(linear, left_out=left_out)
+        linear, judged = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
+        far_off = far_off if judged is None else judged.far
+        linear = replace(linear, left_out=left_out, far_off=far_off)
+        wrong = {} if judged is None else judged.named(recording, rows)
         if not wrong:
             break
         left_out = (*left_out, *wrong.values())
@@ -213,8 +215,8 @@ def _linearise_rows(
     *,
     judge: bool,
     held: Mapping[str, float] | None,
-) -> tuple[LinearModel, dict[int, LeftOutReading]]:
-    """The linear model of some rows (n,) without wrong ones (k,), and those of its rows that are wrong too."""
+) -> tuple[LinearModel, JudgedReadings | None]:
+    """The linear model of some rows (n,) without wrong ones (k,), and which of its own are wrong; None: not judged."""
     setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
     used = in_first_frame(recording.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
@@ -240,7 +242,6 @@ def _linearise_rows(
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
     judged = judge_readings(observed, whiten, residual, columns) if judge else None
-    new = {} if judged is None else judged.named(recording, rows, whiten)
     q = inverse_covariance_factor(columns)
     weight = outlier_weights(residual, q)
     if weight is not None:
@@ -263,7 +264,7 @@ def _linearise_rows(
         q=q,
         of_calibration=by_unknowns.shape[2] + by_nests.shape[2],
     )
-    return linear, new
+    return linear, judged
 
 
 def _all_readings(

@@ -53,7 +53,8 @@ class LinearisedReadings(ObservedModel, ABC):
     those of the model and its instruments. q (n, w, r): 1 - q q' is the inverse covariance of
     the readings. of_calibration: number of columns before those of the disturbances. left_alone: whitened responses
     (n, w) to one unit of unknowns that the calibration does not fit, by their names; channels 'unknown.NAME'.
-    left_out: readings that are none of these, because they do not fit them.
+    left_out: readings that are none of these, because they do not fit them; far_off (m,): standard deviations by which
+    some are off the others and stay, because they are too many to be wrong.
     """
 
     whiten: Array
@@ -65,6 +66,7 @@ class LinearisedReadings(ObservedModel, ABC):
     of_calibration: int
     left_alone: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
     left_out: tuple[LeftOutReading, ...] = field(default=(), kw_only=True)
+    far_off: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)
 
     @property
     @abstractmethod

@@ -31,21 +31,21 @@ SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading 
 class JudgedReadings:
     """keep (n,): readings that are not wrong; sigmas (n,): own standard deviations by which each is off the others.
 
-    deviation (k, 3): whitened, of those that are wrong from what all that are kept say. reason: why these are wrong.
+    size_m (k,): of the deviations of those that are wrong from what all that are kept say. reason: why they are wrong.
+    far (m,): how many standard deviations those are off that are kept because they are too many to be wrong.
     """
 
     keep: NDArray[np.bool_]
     sigmas: Array
-    deviation: Array
+    size_m: Array
     reason: str
+    far: Array
 
-    def named(self, recording: Recording, rows: NDArray[np.intp], whiten: Array) -> dict[int, LeftOutReading]:
-        """The wrong ones by their rows in a recording, rows (n,) being those of all and whiten (n, 3, 3) theirs."""
-        off = np.flatnonzero(~self.keep)
-        size_m = np.linalg.norm(np.linalg.solve(whiten[off], self.deviation[:, :, None])[:, :, 0], axis=1)
+    def named(self, recording: Recording, rows: NDArray[np.intp]) -> dict[int, LeftOutReading]:
+        """The wrong ones by their rows in a recording, rows (n,) being those of all."""
         return {
             int(rows[i]): LeftOutReading.of_recording(recording, int(rows[i]), m, self.sigmas[i], self.reason)
-            for i, m in zip(off, size_m, strict=True)
+            for i, m in zip(np.flatnonzero(~self.keep), self.size_m, strict=True)
         }
 
 
@@ -54,7 +54,7 @@ def judge_readings(observed: ObservedModel, whiten: Array, residual: Array, colu
 
     Giants spoil the fit by which the others are judged, so where there are some nothing else is looked for.
     """
-    giants = giant_readings(observed, residual, columns)
+    giants = giant_readings(observed, whiten, residual, columns)
     return fitting_readings(observed, whiten, residual, columns) if giants is None else giants
 
 
@@ -73,10 +73,15 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     sigmas = leave_one_out.judge(_parts(observed))
     few = (limit for limit in (GATE_SIGMAS, GROSS_SIGMAS) if np.mean(sigmas > limit) < LARGEST_OUTLIER_SHARE)
     keep = np.asarray(sigmas <= next(few, np.inf))
-    return JudgedReadings(keep, sigmas, leave_one_out.deviations_without(keep), DIAGNOSIS)
+    off = [(sigmas, GATE_SIGMAS), (leave_one_out.stated_sigmas(keep), GROSS_SIGMAS)]  # wrong ones widen their scale
+    many = (
+        number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_OUTLIER_SHARE
+    )
+    size_m = _lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
+    return JudgedReadings(keep, sigmas, size_m, DIAGNOSIS, next(many, np.zeros(0)))
 
 
-def giant_readings(observed: ObservedModel, residual: Array, columns: Array) -> JudgedReadings | None:
+def giant_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings | None:
     """Those so far off the fit of the others that no effect can be meant; None without any, and where they are many."""
     readings = LinearReadings(np.zeros(columns.shape[2]), (-residual,), (columns,), (_parts(observed),))
     if readings.farthest() <= GIANT_SIGMAS / MOST_ALIKE:
@@ -85,7 +90,12 @@ def giant_readings(observed: ObservedModel, residual: Array, columns: Array) -> 
     giant = judged.sigmas > GIANT_SIGMAS
     if not 0.0 < np.mean(giant) < LARGEST_OUTLIER_SHARE:
         return None
-    return JudgedReadings(~giant, judged.sigmas, judged.deviation[giant], GIANT)
+    return JudgedReadings(~giant, judged.sigmas, _lengths_m(whiten[giant], judged.deviation[giant]), GIANT, np.zeros(0))
+
+
+def _lengths_m(whiten: Array, deviation: Array) -> Array:
+    """Lengths (k,) of whitened deviations (k, 3)."""
+    return np.asarray(np.linalg.norm(np.linalg.solve(whiten, deviation[:, :, None])[:, :, 0], axis=1))
 
 
 def _parts(observed: ObservedModel) -> NDArray[np.intp]:
@@ -171,6 +181,10 @@ class _LeaveOneOut:
                 suspect = rows[np.argmax(np.where(keep[rows], sigmas[rows], 0.0))]
                 if sigmas[suspect] > limit:
                     keep[suspect] = False
+
+    def stated_sigmas(self, keep: NDArray[np.bool_]) -> Array:
+        """Deviations (n,) from what all that are kept (n,) say, in stated standard deviations."""
+        return self._distances(keep)
 
     def deviations_without(self, keep: NDArray[np.bool_]) -> Array:
         """Whitened deviations (k, 3) of the readings that are not kept (n,) from what all that are say of them."""

@@ -19,11 +19,24 @@ def remarks(
     verdict: str,
     noise_floor_m: float | None,
 ) -> tuple[str, ...]:
-    """Disturbances stronger than stated, and what limits the verdict."""
+    """Readings that are far off and were kept, disturbances stronger than stated, and what limits the verdict."""
     here = linear.levels
     return (
+        *_far_off(linear),
         *_stronger_disturbances(stated, here),
         *_of_verdict(search_result, verdict, noise_floor_m),
+    )
+
+
+def _far_off(linear: LinearisedReadings) -> tuple[str, ...]:
+    """How many readings are how far off, where they are too many to be left out."""
+    off = linear.far_off
+    if not off.size:
+        return ()
+    return (
+        f"{off.size} of {len(linear.residual)} readings are {off.min():.0f} to {off.max():.0f} standard deviations off "
+        "what all others say: too many to be left out as wrong, so they were kept; unless an effect that is named "
+        "explains them, check reflectors, nests and lines of sight, and measure again",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.remarks import remarks
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
 from calibration.diagnosis.outlying_readings import outlier_weights
 from calibration.recording.recording import make_recording
@@ -108,6 +110,7 @@ def test_few_readings_that_are_far_off_change_little():
     rows = np.random.default_rng(2).choice(on_platform, 3, replace=False)
     diagnosis = diagnose(shifted(recording, rows, 1.5e-4))
     assert diagnosis.verdict == "none"
+    assert not any("too many to be left out" in remark for remark in diagnosis.remarks)
     uids = np.asarray(recording["uid"]).tolist()
     found = {uids.index(reading.name): reading for reading in diagnosis.left_out}
     assert set(found) == set(rows.tolist())
@@ -117,6 +120,23 @@ def test_few_readings_that_are_far_off_change_little():
         assert 1.3e-4 < reading.size < 4e-4  # with the noise along the line of sight
         assert (reading.unit, reading.reason) == ("m", "diagnosis gate")
         assert 6.0 < reading.sigmas < 40.0
+
+
+@pytest.mark.parametrize(("share", "size_m"), [(0.05, 1e-3), (0.1, 1e-2)])
+def test_many_readings_that_are_far_off_are_kept_and_remarked(share, size_m):
+    """A few off by a millimetre are told from the others; of more and farther ones all others are off as well."""
+    recording = recorded(plant(80))
+    rng = np.random.default_rng(2)
+    on_platform = np.flatnonzero(np.char.startswith(np.asarray(recording["smr"]), "P"))
+    rows = rng.choice(on_platform, round(share * len(recording)), replace=False)
+    linear = linearise_recording(shifted(recording, rows, size_m * rng.standard_normal(len(rows))))
+    assert len(linear.left_out) < 0.02 * len(recording)
+    (remark,) = remarks(linear, linear.levels, None, "none", 1e-6)
+    count, total, nearest, farthest = (int(number) for number in re.findall(r"\d+", remark))
+    assert 0.025 * total < count == linear.far_off.size
+    assert total == len(linear.residual)
+    assert 6 <= nearest < farthest
+    assert "so they were kept; unless an effect that is named explains them, check" in remark
 
 
 def test_grossly_wrong_readings_are_left_out_and_nothing_else(wandering):

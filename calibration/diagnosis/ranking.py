@@ -35,6 +35,7 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
+    without_curves: whether its curves were not fitted, to save time.
     """
 
     effect: Effect
@@ -44,6 +45,7 @@ class Cause:
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
+    without_curves: bool = False
 
     @property
     def parts(self) -> tuple[Cause, ...]:
@@ -84,7 +86,7 @@ def rank_effects(
             continue
         curves = log_evidence > VERDICT.curve_fit_share * strongest
         refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
-        cause = _cause(effect, refined)
+        cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves(inputs, 0)))
         causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
     return first_likely(causes)
 

@@ -13,7 +13,7 @@ import pytest
 
 from calibration.diagnosis import ranking, search
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
-from calibration.diagnosis.findings.remarks import _of_verdict
+from calibration.diagnosis.findings.remarks import _cut_for_time, _of_verdict
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import presence_probability, probabilities
@@ -366,6 +366,7 @@ def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_w
 ):
     logs = {"link_stiffness": strongest, "joint_clearance": limit + side}
     refined = []
+    curves_of = {name: replace(CATALOGUE.effect(name), curves=lambda *_: ("a law",)) for name in logs}
     monkeypatch.setattr(
         ranking, "_evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
     )
@@ -375,9 +376,10 @@ def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_w
         "_refine",
         lambda _, __, effect, places, by_visit, curves: refined.append((effect.name, curves)) or places,
     )
-    ranking.rank_effects(None, INPUTS, [CATALOGUE.effect(name) for name in logs])
+    ranked = ranking.rank_effects(None, INPUTS, list(curves_of.values()))
     other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 30.0 else []
     assert refined == [("link_stiffness", True), *other]
+    assert [c.without_curves for c in ranked] == [False, bool(other) and not other[0][1]]
 
 
 @pytest.mark.parametrize(("strongest", "limit"), [(100.0, 80.0), (10.0, 5.0), (1.0, -4.0)])
@@ -429,3 +431,12 @@ def test_several_causes_are_each_fitted_again_beside_the_others(monkeypatch):
     rounds = [[Evidence("backlash", 100.0)], [Evidence("latency", 50.0, "")]]
     assert searched(monkeypatch, *rounds[:1]).likelihoods == ("none", "none+backlash")
     assert searched(monkeypatch, *rounds).likelihoods == ("refitted",)
+
+
+def test_what_is_not_tried_to_save_time_is_said():
+    effects = [CATALOGUE.effect(name) for name in ("latency", "joint_clearance", "refraction", "payload")]
+    ranked = [SimpleNamespace(effect=effect, without_curves=effect.name == "joint_clearance") for effect in effects]
+    laws, causes = _cut_for_time(SimpleNamespace(ranking=ranked, causes=[*ranked[:1], *ranked]))
+    assert "joint_clearance" in laws
+    assert "3 causes" in causes
+    assert _cut_for_time(SimpleNamespace(ranking=ranked[:1], causes=[ranked[0], *ranked[:2]])) == ()

@@ -83,10 +83,7 @@ class _CurveOnReadings:
             optima = [self._follow(point, steps) for point in optima]
             optima.sort(key=lambda point: -point.log_posterior)
             optima = optima[:followed]
-        if not optima:
-            return None
-        best = max(optima, key=lambda point: point.log_posterior)
-        if best.columns.score[0] <= 0.0:
+        if not optima or (best := optima[0]).columns.score[0] <= 0.0:
             return None
         evidence, penalty = self._at(best)
         return CurveFit(best.log_posterior - penalty, evidence, self.curve.at_readings(best.tangent))

@@ -20,9 +20,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.diagnosis.basis_set_evidence import InformationAndScore
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
-from calibration.diagnosis.evidence import InformationAndScore, MarginalLikelihood
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.effects.api import BasisSets, Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue

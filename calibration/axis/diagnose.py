@@ -18,7 +18,7 @@ from calibration.axis.signals import Signals
 from calibration.axis.smooth_function import smooth_function
 from calibration.axis.withheld_stretches import gap_figures
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import log_evidence_of_sizes
+from calibration.diagnosis.basis_set_evidence import log_evidence_of_sizes
 from calibration.diagnosis.result import NONE, UNKNOWN, Quantity
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import verdict_probabilities

@@ -17,7 +17,12 @@ from calibration.axis.effects import Law, LawSets
 from calibration.axis.noise import NoiseShape, cosines, from_cosines
 from calibration.axis.signals import Signals
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import BasisSetEvidence, InformationAndScore, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.basis_set_evidence import (
+    BasisSetEvidence,
+    InformationAndScore,
+    evidence_of_basis_sets,
+    log_sum,
+)
 from calibration.effects.api import BasisSet
 
 ROUNDS = 12

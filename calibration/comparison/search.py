@@ -16,7 +16,12 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.comparison.candidates import LENGTHS_M, TURN_LEVER_M, Candidate, Move, MoveColumns, Way
 from calibration.comparison.two_campaigns import TwoCampaigns
-from calibration.diagnosis.evidence import InformationAndScore, evidence_of_basis_sets, log_evidence_of_sizes, log_sum
+from calibration.diagnosis.basis_set_evidence import (
+    InformationAndScore,
+    evidence_of_basis_sets,
+    log_evidence_of_sizes,
+    log_sum,
+)
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import verdict_probabilities
 from calibration.effects.api import BasisSet

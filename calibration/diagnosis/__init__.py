@@ -2,6 +2,7 @@
 
 __all__ = [
     "any_change",
+    "basis_set_evidence",
     "cause_size",
     "channel_responses",
     "channels",

@@ -243,6 +243,18 @@ class Channels:
         return np.concatenate([p[:, :2] * p[:, 2:] / level, -level], axis=1) * distance
 
 
+def unit_of_channel(name: str) -> str:
+    """The SI unit of a channel's amount."""
+    kind, last = name.partition(".")[0], name.rpartition(".")[2]
+    if name == "payload.mass" or kind == "weight":
+        return "kg"
+    if kind == "turn" or (kind in ("pose", "station", "floor") and last.startswith("r")):
+        return "rad"
+    if kind in ("growth", "scale", "table", "unknown"):
+        return "1"
+    return "1/m" if kind == "light" else "m"
+
+
 def _unit_pose(visits: int, column: int) -> Array:
     out = np.zeros((visits, 6))
     out[:, column] = 1.0

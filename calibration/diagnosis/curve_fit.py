@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import (
+from calibration.diagnosis.basis_set_evidence import (
     BasisSetEvidence,
     InformationAndScore,
-    MarginalLikelihood,
     evidence_of_families,
 )
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import BasisSet, Curve, Tangent
 from calibration.effects.columns import Contributions
 
@@ -83,10 +83,7 @@ class _CurveOnReadings:
             optima = [self._follow(point, steps) for point in optima]
             optima.sort(key=lambda point: -point.log_posterior)
             optima = optima[:followed]
-        if not optima:
-            return None
-        best = max(optima, key=lambda point: point.log_posterior)
-        if best.columns.score[0] <= 0.0:
+        if not optima or (best := optima[0]).columns.score[0] <= 0.0:
             return None
         evidence, penalty = self._at(best)
         return CurveFit(best.log_posterior - penalty, evidence, self.curve.at_readings(best.tangent))
@@ -94,11 +91,7 @@ class _CurveOnReadings:
     def _points(self, parameters: Sequence[Array]) -> list[_Point]:
         """Points of the curve; without those where the tangent has columns that are not finite."""
         tangents = [(at, self.curve.tangent(at)) for at in parameters]
-        finite = [
-            (at, tangent)
-            for at, tangent in tangents
-            if all(np.all(np.isfinite(shape)) for column in tangent.contributions for _, shape in column)
-        ]
+        finite = [(at, tangent) for at, tangent in tangents if _is_finite(tangent)]
         families = self._columns([tangent for _, tangent in finite]) if finite else []
         return [
             _Point(at, _with_value(tangent, columns), columns, -0.5 * float(np.sum((at / self.curve.spread) ** 2)))
@@ -161,6 +154,11 @@ class _CurveOnReadings:
         exact = evidence_of_families([point.columns], [basis_set], self.low, self.high)[0]
         coefficients = tangent.value * np.eye(count)[0]
         return replace(exact, size=tangent.value, coefficients=coefficients, covariance=uncertain), penalty
+
+
+def _is_finite(tangent: Tangent) -> bool:
+    """Whether all columns are finite."""
+    return bool(np.isfinite(sum(float(np.sum(shape)) for column in tangent.contributions for _, shape in column)))
 
 
 def _with_value(tangent: Tangent, columns: InformationAndScore) -> Tangent:

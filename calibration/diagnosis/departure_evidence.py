@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.diagnosis.evidence import (
+from calibration.diagnosis.basis_set_evidence import (
     BasisSetEvidence,
-    MarginalLikelihood,
     evidence_of_basis_sets,
     log_sum,
 )
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions

@@ -63,8 +63,8 @@ def inputs_of_readings(observed: ObservedModel, channels: Channels, periods: Per
         channels=channels.names,
         periods=periods,
         onsets=onsets,
-        payload_tension={
-            name: _payload_tension(observed.poses.sensitivity, channels.payload_column(name))[visit]
+        payload_elongation_m={
+            name: _payload_elongation(observed.poses.sensitivity, channels.payload_column(name))[visit]
             for name in channels.names
             if name.startswith("payload.")
         },
@@ -79,12 +79,11 @@ def _tension_response(sensitivity: Sensitivity) -> Array:
     return np.asarray(sensitivity.geometry.stiffness_n_per_m[:struts, None] * (elongation - np.eye(struts)))
 
 
-def _payload_tension(sensitivity: Sensitivity, column: Array) -> Array:
-    """Change (v, s) of the tension of each strut with a payload that changes by a column (f, v): dt_i = k_i J_i dx."""
+def _payload_elongation(sensitivity: Sensitivity, column: Array) -> Array:
+    """Elongation (v, s) of each strut by a payload that changes by a column (f, v): J_i dx."""
     struts = len(sensitivity.geometry.length_m)
     pose_response = sensitivity.pose_derivatives([column])[:, :, 0]
-    elongation = np.einsum("fin,nf->ni", sensitivity.state.wrench[:, :struts], pose_response)
-    return np.asarray(sensitivity.geometry.stiffness_n_per_m[:struts] * elongation)
+    return np.asarray(np.einsum("fin,nf->ni", sensitivity.state.wrench[:, :struts], pose_response))
 
 
 def periodograms(likelihood: MarginalLikelihood) -> tuple[Periodogram, ...]:

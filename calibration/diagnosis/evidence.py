@@ -1,22 +1,19 @@
-"""Evidence of a basis set: marginal likelihood over its size, its coefficients and all unknowns of the calibration.
+"""The marginal likelihood of a recording: information and score of any columns, the calibration projected out.
 
-With C the covariance of the readings under the model with its priors and the declared disturbances, columns H with
-coefficients of standard deviations a d change the log evidence by
-1/2 g' D (1/a^2 + D F D)^-1 D g - 1/2 log|1 + a^2 D F D|,  F = H' C^-1 H,  g = H' C^-1 y,  D = diag(d):
-Gaussian marginal likelihood (MacKay 2003, ch. 28). The size a has a prior that is uniform in its logarithm.
+Of columns H these are F = H' C^-1 H and g = H' C^-1 y, with C the covariance of the readings under the model with its
+priors and the declared disturbances; the evidence of a basis set follows from them (`basis_set_evidence`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.basis_set_evidence import InformationAndScore
 from calibration.diagnosis.channel_responses import (
     ChannelResponses,
     PartOfChannel,
@@ -25,31 +22,7 @@ from calibration.diagnosis.channel_responses import (
 )
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linearised_readings import LinearisedReadings, project_onto, project_out
-from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel, Contributions
-
-SIZES = 9
-SIZE_STEPS = np.linspace(0.0, 1.0, SIZES)  # logarithms of the sizes tried, over the plausible range
-LOG_2 = float(np.log(2.0))
-
-
-@dataclass(frozen=True)
-class InformationAndScore:
-    """Information F (k, k) and score g (k,) of columns (k), the unknowns of the calibration projected out."""
-
-    information: Array
-    score: Array
-
-
-@dataclass(frozen=True)
-class BasisSetEvidence:
-    """A basis set with its log evidence over `none`, most likely size, coefficients (k,) and covariance (k, k)."""
-
-    basis_set: BasisSet
-    log_evidence: float
-    size: float
-    coefficients: Array
-    covariance: Array
 
 
 class MarginalLikelihood:
@@ -283,76 +256,3 @@ def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | N
     if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (rows, columns)):
         return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     return np.ix_(rows, columns)
-
-
-def log_sum(logs: Array, axis: int = 0) -> Array:
-    """Logarithm of a sum of exponentials."""
-    top = logs.max(axis=axis, keepdims=True)
-    return np.asarray(np.log(np.sum(np.exp(logs - top), axis=axis)) + np.squeeze(top, axis=axis))
-
-
-def evidence_of_basis_sets(
-    columns: InformationAndScore, basis_sets: Sequence[BasisSet], low: float, high: float
-) -> list[BasisSetEvidence]:
-    """Evidence of basis sets for sizes between two limits, from the information and score of all their columns."""
-    out: list[BasisSetEvidence | None] = [None] * len(basis_sets)
-    by_length: dict[int, list[int]] = {}
-    for number, basis_set in enumerate(basis_sets):
-        by_length.setdefault(len(basis_set.columns), []).append(number)
-    for members in by_length.values():
-        pick = np.array([basis_sets[i].columns for i in members])
-        information = columns.information[pick[:, :, None], pick[:, None, :]]
-        alike = [basis_sets[i] for i in members]
-        for number, entry in zip(members, _evidence(information, columns.score[pick], alike, low, high), strict=True):
-            out[number] = entry
-    return [entry for entry in out if entry is not None]
-
-
-def evidence_of_families(
-    families: Sequence[InformationAndScore], basis_sets: Sequence[BasisSet], low: float, high: float
-) -> list[BasisSetEvidence]:
-    """Evidence of basis sets of equally many columns, each of all columns of a family of its own."""
-    information = np.array([family.information for family in families])
-    return _evidence(information, np.array([family.score for family in families]), basis_sets, low, high)
-
-
-def _evidence(
-    information: Array, score: Array, basis_sets: Sequence[BasisSet], low: float, high: float
-) -> list[BasisSetEvidence]:
-    """The same from the information (m, k, k) and score (m, k) of the columns of each."""
-    sizes = low * (high / low) ** SIZE_STEPS
-    relative = np.array([basis_set.relative for basis_set in basis_sets])
-    f = information * relative[:, :, None] * relative[:, None, :]
-    values, vectors = np.linalg.eigh(0.5 * (f + f.transpose(0, 2, 1)))
-    values = np.maximum(values, 0.0)
-    along = np.einsum("mkj,mk->mj", vectors, score * relative)
-    square = sizes[None, :, None] ** 2
-    grown = 1.0 + square * values[:, None, :]
-    logs = np.sum(0.5 * square * along[:, None, :] ** 2 / grown - 0.5 * np.log(grown), axis=2)
-    evidence = log_sum(logs, axis=1) - np.log(len(sizes))
-    best = sizes[np.argmax(logs, axis=1)]
-    shrunk = best[:, None] ** 2 / (1.0 + best[:, None] ** 2 * values)
-    scaled = vectors * relative[:, :, None]
-    coefficients = np.einsum("mkj,mj->mk", scaled, shrunk * along)
-    covariances = (scaled * shrunk[:, None, :]) @ scaled.transpose(0, 2, 1)
-    for row, basis_set in enumerate(basis_sets):
-        if basis_set.sign:
-            evidence[row] += _log_share_of_sign(basis_set.sign * coefficients[row, 0], covariances[row, 0, 0])
-    entries = zip(basis_sets, evidence.tolist(), best.tolist(), coefficients, covariances, strict=True)
-    return [BasisSetEvidence(*entry) for entry in entries]
-
-
-def _log_share_of_sign(mean: float, variance: float) -> float:
-    """What it changes in the log evidence that a coefficient is positive: its posterior probability over the prior's.
-
-    The prior is then half a normal distribution (Gelman et al., Bayesian Data Analysis, CRC 2013, ch. 2).
-    """
-    return float(log_ndtr(mean / np.sqrt(max(variance, 1e-300)))) + LOG_2
-
-
-def log_evidence_of_sizes(columns: InformationAndScore, sizes: Array) -> Array:
-    """Log evidence (a,) of all columns together, their coefficients having each standard deviation (a,)."""
-    values, vectors = np.linalg.eigh(0.5 * (columns.information + columns.information.T))
-    along, square = vectors.T @ columns.score, sizes[:, None] ** 2
-    grown = 1.0 + square * np.maximum(values, 0.0)
-    return np.asarray(np.sum(0.5 * square * along**2 / grown - 0.5 * np.log(grown), axis=1))

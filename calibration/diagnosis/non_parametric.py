@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.basis_set_evidence import log_evidence_of_sizes, log_sum
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.evidence import MarginalLikelihood, log_evidence_of_sizes, log_sum
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import EffectInputs
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
 from calibration.effects.columns import ColumnsByChannel

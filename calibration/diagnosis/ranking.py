@@ -13,9 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.basis_set_evidence import (
+    BasisSetEvidence,
+    evidence_of_basis_sets,
+    log_sum,
+)
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.departure_evidence import with_departures
-from calibration.diagnosis.evidence import BasisSetEvidence, MarginalLikelihood, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
@@ -30,6 +35,7 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
+    without_curves: whether its curves were not fitted, to save time.
     """
 
     effect: Effect
@@ -39,6 +45,7 @@ class Cause:
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
+    without_curves: bool = False
 
     @property
     def parts(self) -> tuple[Cause, ...]:
@@ -62,7 +69,7 @@ def rank_effects(
     """All effects, the most likely first; those without a basis set at any place are left out.
 
     by_visit: whether effects may be others at each visit, where they are of that kind. explained: log evidence of the
-    causes in the model, of which a further one must add a share: what is far from it is not fitted with curves.
+    causes in the model, of which a further one must add a share: what is far from it is not refined.
     """
     by_effect = [
         (effect, places)
@@ -71,13 +78,15 @@ def rank_effects(
     ]
     strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
     strongest = max(strongest, VERDICT.min_gain_share * explained)
-    threshold = max(VERDICT.detection_threshold, VERDICT.curve_fit_share * strongest)
+    threshold = max(VERDICT.detection_threshold, VERDICT.refined_share * strongest)
     causes = []
     for effect, places in by_effect:
-        if _total_log_evidence(places) <= threshold:
+        if (log_evidence := _total_log_evidence(places)) <= threshold:
             causes.append(_cause(effect, places))
             continue
-        cause = _cause(effect, _refine(likelihood, inputs, effect, places, by_visit=by_visit))
+        curves = log_evidence > VERDICT.curve_fit_share * strongest
+        refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
+        cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves(inputs, 0)))
         causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
     return first_likely(causes)
 
@@ -115,7 +124,7 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
     while left := [name for name in names if name not in {cause.place, *(part.place for part in further)}]:
         if not (places := _evidence_by_place(given, inputs, effect, left)):
             break
-        if _total_log_evidence(places) > VERDICT.detection_threshold:
+        if _total_log_evidence(places) > VERDICT.worth_refining:  # a curve may have what no column has
             places = _refine(given, inputs, effect, places, by_visit=by_visit)
         part = _cause(effect, places)
         if part.log_evidence < max(VERDICT.detection_threshold, VERDICT.min_gain_share_same_part * log_evidence):
@@ -168,17 +177,19 @@ def _refine(
     places: list[_PlaceEvidence],
     *,
     by_visit: bool,
+    curves: bool = True,
 ) -> list[_PlaceEvidence]:
-    """The same with the effect's curves and departures, at the places where its basis sets have evidence."""
+    """The same with the effect's departures and, if wanted, its curves, at the places where its basis sets have
+    evidence."""
     every, low = effect.places(inputs.machine), smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
     def with_curves(place: _PlaceEvidence) -> _PlaceEvidence:
-        curves = effect.curves(inputs, every.index(place.place))
-        fit = fit_curves(likelihood, curves, low, effect.size.high)
+        of_place = effect.curves(inputs, every.index(place.place)) if curves else ()
+        fit = fit_curves(likelihood, of_place, low, effect.size.high)
         if fit is None:
             return place
-        log_evidence = fit.log_evidence - float(np.log(len(places) * len(curves)))
+        log_evidence = fit.log_evidence - float(np.log(len(places) * len(of_place)))
         both = float(np.logaddexp(log_evidence, place.log_evidence)) - float(np.log(2.0))
         if log_evidence > place.log_evidence:
             return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
@@ -194,7 +205,7 @@ def _refine(
         log_evidence = near.log_evidence + departing.gain
         return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions)
 
-    threshold = VERDICT.curve_fit_share_at_place * strongest
+    threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]
 
 

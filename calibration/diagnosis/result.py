@@ -33,6 +33,7 @@ class FoundPlace:
 
     place: name of a drive, strut or reflector, '' for the whole rig. probability: of the place, given the effect.
     raw_sigma, visible_sigma, others, differs_with, aliases: as those of `FoundEffect`, of what it does from here.
+    at_channels: by name of the channel the RMS, over the readings that respond to it, of what the effect does there.
     """
 
     place: str
@@ -43,6 +44,7 @@ class FoundPlace:
     others: tuple[Quantity, ...] = ()
     differs_with: tuple[str, ...] = ()
     aliases: tuple[float, ...] = ()
+    at_channels: tuple[Quantity, ...] = ()
 
 
 @dataclass(frozen=True)

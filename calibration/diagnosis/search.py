@@ -82,11 +82,6 @@ def include_effects(
     return likelihood
 
 
-def temperature(log_evidence: float, settings: VerdictSettings = VERDICT) -> float:
-    """By what differences of log evidence are divided, since no basis set is exact."""
-    return 1.0 + settings.temperature_share * max(log_evidence, 0.0)
-
-
 def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
     """Excess log evidence of a non-parametric alternative at which effects that explain so much have even odds."""
     return settings.excess_threshold + settings.excess_share * max(explained, 0.0)

@@ -19,6 +19,9 @@ class VerdictSettings:
     """Effects that are included at most. Source: as many as a report lists and a user can act on."""
     detection_threshold: float = 6.0
     """Log evidence below which no effect is included. Source: tuned."""
+    worth_refining: float = 0.0
+    """The same at a further place, below which it is not refined: a law may explain what no column of it does. Source:
+    computing time."""
     min_gain_share: float = 0.006
     """Log evidence that a further cause must add, over what is explained already. Source: tuned."""
     min_gain_share_same_part: float = 0.03
@@ -32,15 +35,20 @@ class VerdictSettings:
     """The same through a channel through which a cause acts already. Source: tuned."""
     leaders: int = 3
     """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time."""
-    leaders_share: float = 0.2
+    leaders_share: float = 0.4
     """Of what is explained, what such an effect must explain alone. Source: computing time."""
     residual_search_threshold: float = 4.0
     """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
-    curve_fit_share: float = 0.4
-    """Curves of an effect are fitted above this share of the strongest effect's log evidence. Source: computing time;
-    effects that won by a curve had more on the simulated rigs."""
-    curve_fit_share_at_place: float = 0.7
+    refined_share: float = 0.25
+    """Departures of an effect, and further places, are looked for above this share of the strongest effect's log
+    evidence: one that is at several places may have so little at the first. Source: computing time."""
+    curve_fit_share: float = 0.5
+    """Curves of an effect are fitted above this share of it. Source: computing time; effects that won by a curve had
+    more on the simulated rigs."""
+    curve_fit_share_at_place: float = 0.8
     """The same among the places of one effect. Source: as above."""
+    curve_fit_margin_at_place: float = 5.0
+    """Log evidence below the strongest place's, down to which places are refined in any case. Source: as above."""
 
     # Probabilities.
     none_prior_log_odds: float = 7.0
@@ -53,7 +61,7 @@ class VerdictSettings:
     """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""
     excess_width_share: float = 0.008
     """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
-    temperature_share: float = 0.01
+    temperature_share: float = 0.003
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
     no basis set is exact. Source: tuned to calibrated probabilities."""
 

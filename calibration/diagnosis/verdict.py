@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit
 
-from calibration.diagnosis.evidence import log_sum
+from calibration.diagnosis.basis_set_evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
-from calibration.diagnosis.search import SearchResult, excess_threshold, temperature
+from calibration.diagnosis.search import SearchResult, excess_threshold
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
 
@@ -59,6 +59,11 @@ def verdict_probabilities(
     named = any_effect * (1.0 - unknown) * tempered
     out = {name: float(p) for name, p in zip(log_evidence, named, strict=True)}
     return out | {NONE: 1.0 - any_effect, UNKNOWN: any_effect * unknown}
+
+
+def temperature(log_evidence: float, settings: VerdictSettings = VERDICT) -> float:
+    """By what differences of log evidence are divided, since no basis set is exact."""
+    return 1.0 + settings.temperature_share * max(log_evidence, 0.0)
 
 
 def presence_probability(cause: Cause, ranking: Mapping[str, float]) -> float:

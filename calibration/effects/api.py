@@ -76,7 +76,7 @@ class EffectInputs:
     """Everything that an effect may use: the machine, the context of the readings, forces of the fitted model.
 
     tension_n (n, s): of the struts; tension_response_n_per_m (n, s, s): change of each strut's tension with the length
-    of each; payload_tension (n, s) by channel of the payload: change of each strut's tension with one unit of it;
+    of each; payload_elongation_m (n, s) by channel of the payload: of each strut by one unit of it;
     pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m
     (n, 3): the measured points in the station's frame. periods: of a drive, between a shortest and a longest in m, the
     most prominent spatial periods with the prior probability of each; onsets: of some channels, the most likely times,
@@ -93,7 +93,7 @@ class EffectInputs:
     channels: tuple[str, ...]
     periods: Callable[[int, float, float], Sequence[tuple[float, float]]]
     onsets: Callable[[Sequence[str]], Sequence[tuple[float, float]]]
-    payload_tension: Mapping[str, Array] = field(default_factory=dict)
+    payload_elongation_m: Mapping[str, Array] = field(default_factory=dict)
 
     def drive(self, index: int) -> str:
         """Name of a drive."""

@@ -114,11 +114,11 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
 
 
 def _by_strut(sets: BasisSets, inputs: EffectInputs, column: int) -> list[int]:
-    """What each strut grows by the forces of a column of the payload, if it is softer by its own stiffness."""
+    """What each strut grows by the forces of a column of the payload, if it is twice as soft as in the model."""
     ((channel, shape),) = sets.contributions[column]
-    if channel not in inputs.payload_tension:
+    if channel not in inputs.payload_elongation_m:
         return []
-    growth = shape[:, None] * inputs.payload_tension[channel] / inputs.machine.nominal.stiffness_n_per_m
+    growth = shape[:, None] * inputs.payload_elongation_m[channel]
     return [
         c
         for strut, name in enumerate(inputs.machine.strut_names)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,7 @@ class RestrainedStrut:
             np.column_stack([response[:, order], *along_drives, own * inputs.payload_ratio[rows]]),
         )
 
-    @property
+    @cached_property
     def typical_n(self) -> float:
         """RMS of its tension."""
         return max(float(np.sqrt(np.mean(self.tension_n**2))), 1.0)

@@ -75,7 +75,14 @@ def _effect_json(effect: FoundEffect) -> dict[str, Any]:
         **_place_json(effect),
         "quantity": effect.size.name,
         **_numbers(probability=effect.probability, place_probability=effect.place_probability),
-        "places": [{**_place_json(place), **_numbers(probability=place.probability)} for place in effect.places],
+        "places": [
+            {
+                **_place_json(place),
+                **_numbers(probability=place.probability),
+                "at_channels": {q.name: _quantity_json(q) for q in place.at_channels},
+            }
+            for place in effect.places
+        ],
     }
 
 

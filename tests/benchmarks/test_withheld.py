@@ -25,7 +25,7 @@ from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
 from benchmarks.withheld.sizes import platform_rows
-from calibration.diagnosis.evidence import InformationAndScore
+from calibration.diagnosis.basis_set_evidence import InformationAndScore
 from calibration.effects.api import BasisSets
 from calibration.recording.folder import read_folder
 from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.cause_size import size_of
+from calibration.diagnosis.channels import unit_of_channel
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import aliases, parameter_uncertainty
 from calibration.diagnosis.ranking import Cause, include_cause
@@ -94,7 +95,8 @@ def _summarise_place(
     signal = _signal(cause, likelihood)
     raw = likelihood.linear.rms_shift_sigma(signal)
     visible = likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal))
-    u = math.hypot(u_of_fit, value * _relative_u_of_form(raw, visible))
+    of_form = _relative_u_of_form(raw, visible)
+    u = math.hypot(u_of_fit, value * of_form)
     given_others = likelihood
     for other in others:
         given_others = include_cause(given_others, other)
@@ -122,7 +124,23 @@ def _summarise_place(
             if parameter.aliased and parameter.name in parameters
             for value in aliases(cause, parameter, given_others, inputs)
         ),
+        at_channels=tuple(_at_channels(cause, likelihood, of_form)),
     )
+
+
+def _at_channels(cause: Cause, likelihood: MarginalLikelihood, of_form: float) -> Iterator[Quantity]:
+    """RMS of what a cause does at each of its channels, over the readings that respond to it; of_form: the relative
+    standard uncertainty that no form is exact."""
+    coefficients, covariance = cause.best.coefficients, cause.best.covariance
+    for channel in dict.fromkeys(channel for column in cause.contributions for channel, _ in column):
+        rows = likelihood.response.rows(channel)
+        shapes = np.zeros((rows.size, len(coefficients)))
+        for k, column in enumerate(cause.contributions):
+            shapes[:, k] = sum(shape[rows] for name, shape in column if name == channel)
+        rms = float(np.linalg.norm(shapes @ coefficients)) / math.sqrt(max(rows.size, 1))
+        slope = shapes.T @ (shapes @ coefficients) / max(rows.size * rms, 1e-300)
+        u = math.hypot(math.sqrt(max(float(slope @ covariance @ slope), 0.0)), rms * of_form)
+        yield Quantity(channel, rms, u, unit_of_channel(channel))
 
 
 def _relative_u_of_form(raw: float, visible: float) -> float:

@@ -16,7 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.evidence import MarginalLikelihood, evidence_of_basis_sets
+from calibration.diagnosis.basis_set_evidence import evidence_of_basis_sets
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.ranking import Cause, smallest_size
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import EffectInputs, EffectParameter

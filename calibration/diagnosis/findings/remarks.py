@@ -6,6 +6,7 @@ from calibration.diagnosis.level_posterior import COLUMNS
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.search import SearchResult
+from calibration.diagnosis.settings import VERDICT
 from calibration.recording.header import DisturbanceLevels
 
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
@@ -19,12 +20,14 @@ def remarks(
     verdict: str,
     noise_floor_m: float | None,
 ) -> tuple[str, ...]:
-    """Readings that are far off and were kept, disturbances stronger than stated, and what limits the verdict."""
+    """Readings that are far off and were kept, disturbances stronger than stated, what limits the verdict, and what was
+    not tried."""
     here = linear.levels
     return (
         *_far_off(linear),
         *_stronger_disturbances(stated, here),
         *_of_verdict(search_result, verdict, noise_floor_m),
+        *_cut_for_time(search_result),
     )
 
 
@@ -75,4 +78,14 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
         )
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
+    return tuple(out)
+
+
+def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
+    """What the search did not try, to save time."""
+    out = []
+    if names := [cause.effect.name for cause in search_result.ranking if cause.without_curves]:
+        out.append(f"to save time the nonlinear laws of {' and '.join(names)} were not fitted: far from the strongest")
+    if len({cause.effect.name for cause in search_result.causes}) >= VERDICT.max_causes:
+        out.append(f"to save time no more than {VERDICT.max_causes} causes were looked for")
     return tuple(out)

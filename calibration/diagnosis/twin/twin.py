@@ -166,9 +166,9 @@ class Twin:
             context=combined,
             tension_n=append(campaign.tension_n, requested.tension_n),
             tension_response_n_per_m=append(campaign.tension_response_n_per_m, requested.tension_response_n_per_m),
-            payload_tension={
-                name: append(tension, requested.payload_tension[name])
-                for name, tension in campaign.payload_tension.items()
+            payload_elongation_m={
+                name: append(elongation, requested.payload_elongation_m[name])
+                for name, elongation in campaign.payload_elongation_m.items()
             },
             pull_n=append(campaign.pull_n, requested.pull_n),
             moment_nm=append(campaign.moment_nm, requested.moment_nm),

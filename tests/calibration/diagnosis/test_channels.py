@@ -9,7 +9,7 @@ import pytest
 
 from calibration.base.frame import Frame, station_frame
 from calibration.base.rotation import rotation_matrix
-from calibration.diagnosis.channels import AXES, Channels
+from calibration.diagnosis.channels import AXES, Channels, unit_of_channel
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.effects.context import ArrivalHistory, ReadingContext
@@ -310,3 +310,15 @@ def test_a_slider_is_pulled_by_its_own_struts_towards_the_platform(case):
             moment += lever[0] * force[:, 1] - lever[1] * force[:, 0]
         np.testing.assert_allclose(inputs.pull_n[:, a], pull, atol=1e-2 * np.abs(pull).max() + 1e-9)
         np.testing.assert_allclose(inputs.moment_nm[:, a], moment, atol=1e-2 * np.abs(moment).max() + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("travel.left", "m"), ("sideways.left.x", "m"), ("turn.left.z", "rad"), ("pose.x", "m"), ("pose.rz", "rad"),
+        ("station.z", "m"), ("station.rx", "rad"), ("smr.P1.x", "m"), ("light.v", "1/m"), ("growth.base", "1"),
+        ("payload.mass", "kg"), ("payload.x", "m"), ("scale.right", "1"), ("table.3", "1"), ("length.left_upper", "m"),
+    ],
+)  # fmt: skip
+def test_every_kind_of_channel_has_its_unit(name, unit):
+    assert unit_of_channel(name) == unit

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.diagnosis.basis_set_evidence import evidence_of_basis_sets
 from calibration.diagnosis.curve_fit import fit_curves
-from calibration.diagnosis.evidence import MarginalLikelihood, evidence_of_basis_sets
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import BasisSet, Curve, Tangent
 from calibration.effects.columns import Contributions
 

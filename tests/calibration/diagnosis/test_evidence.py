@@ -10,14 +10,14 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calibration.diagnosis import departure_evidence
-from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
-from calibration.diagnosis.evidence import (
+from calibration.diagnosis.basis_set_evidence import (
     SIZES,
     InformationAndScore,
-    MarginalLikelihood,
     evidence_of_basis_sets,
     log_evidence_of_sizes,
 )
+from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_onsets
+from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
@@ -158,6 +158,16 @@ def test_judge_is_what_explicit_columns_give(small, likelihood, contributions):
         h.T @ inverse @ h / np.outer(scale, scale), abs=1e-7
     )
     assert judged.score / scale == pytest.approx(h.T @ inverse @ small.residual.ravel() / scale, abs=1e-6)
+
+
+def test_readings_that_are_alike_count_together(small, likelihood):
+    """Columns with one row for each group of readings against the same columns at all readings."""
+    group = np.random.default_rng(6).integers(0, 12, len(small.rows))
+    shapes = np.random.default_rng(7).standard_normal((12, 3))
+    of_groups = likelihood.grouped("travel.left", group)
+    plain = likelihood.information_and_score([(("travel.left", shape[group]),) for shape in shapes.T])
+    together = InformationAndScore(shapes.T @ of_groups.information @ shapes, of_groups.score @ shapes)
+    assert_alike(together, plain)
 
 
 def test_judge_through_is_judge(small, likelihood):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.evidence import BasisSetEvidence
 from calibration.diagnosis.findings.effect_summary import _relative_u_of_form
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet
@@ -64,12 +64,23 @@ def test_the_size_is_in_its_own_unit(name, departure, size, rel):
     """The effect alone in the catalogue: what it is taken for is another test's matter."""
     catalogue = load_catalogue()
     alone = Catalogue(tuple(e for e in catalogue.effects if e.name == name))
-    diagnosis = diagnose(simulated("planar4", 80, departure), alone)
+    put_in = []
+
+    def noted(arrivals: Arrivals) -> np.ndarray:
+        put_in.append(departure(arrivals)[:, 0])
+        return departure(arrivals)
+
+    diagnosis = diagnose(simulated("planar4", 80, noted), alone)
     assert diagnosis.verdict == name
     first = diagnosis.effects[0]
     assert first.place == "left"
     assert abs(first.size.value) == pytest.approx(size, rel=rel, abs=3.0 * first.size.u)
     assert first.size.unit == next(e.size.unit for e in alone.effects)
+    (at_channel,) = first.places[0].at_channels
+    assert (at_channel.name, at_channel.unit) == ("travel.left", "m")
+    # What is alike at all readings is the drive's zero, which the calibration takes.
+    assert at_channel.value == pytest.approx(float(np.std(put_in[-1])), abs=2.0 * at_channel.u)
+    assert at_channel.u < 0.5 * at_channel.value
 
 
 def test_raw_and_visible_size_are_those_of_the_readings():

@@ -148,6 +148,25 @@ def test_a_centre_beside_the_stated_one_turns_the_platform_as_its_moment_does(ri
     check_same(rig.of_columns(along_x[1:2], [KG]), rig.change_m(by_moment))
 
 
+def test_a_strut_that_is_softer_makes_more_of_a_payload_beside_its_centre(rig):
+    """What the struts' forces by a payload do at another stiffness, beyond what they do at the fitted one."""
+    strut, softer = rig.linear.machine.strut_names[1], 0.1
+    largest_kg, away = float(rig.inputs.context.payload_kg.max()), np.eye(3)[0] * 0.4
+
+    def beside(visits: Visits) -> Visits:
+        return replace(visits, payload_com_m=visits.payload_com_m + away)
+
+    unknowns = [u.name for u in rig.linear.poses.model.unknowns]
+    fitted = float(rig.linear.values[unknowns.index(f"ln_stiffness.{strut}")])
+    stiff = {f"ln_stiffness__{strut}": fitted - softer}
+    cross_m = rig.change_m(beside, **stiff) - rig.change_m(lambda visits: visits, **stiff) - rig.change_m(beside)
+    built = CATALOGUE.effect("payload").forms(rig.inputs, 0)
+    own = [c for s in built.sets for c in s.columns if built.contributions[c][0][0] == f"length.{strut}"]
+    of_shift = next(built.contributions[c] for c in own if built.named[c] == "shifted")
+    size_kg = away[0] * largest_kg / LEVER_M
+    check_same(rig.of_columns([of_shift], [size_kg * (np.exp(softer) - 1.0)]), cross_m, rel=0.1)
+
+
 def test_a_table_that_is_on_adds_its_corrections_to_the_commands(rig):
     """Generation 5 in both drives, and in one alone."""
     names, (left, right) = rig.linear.machine.drive_names, TABLES[2:]

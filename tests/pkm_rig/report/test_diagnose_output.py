@@ -53,6 +53,7 @@ def test_json_has_the_keys_that_programs_were_promised():
     )  # fmt: skip
     assert [(at["place"], at["value"]) for at in effect["places"]] == [("left", 3.04e-5), ("right", 1.8e-5)]
     assert effect["places"][0]["parameters"] == effect["parameters"]
+    assert effect["places"][1]["at_channels"] == {"travel.right": {"value": 9.0e-6, "u": 1.1e-6, "unit": "m"}}
     assert effect["parameters"]["lag_m"] == {"value": 2.0e-3, "u": 4.0e-4, "unit": "m"}
     assert result["where"]["direction"]["left"] == {"share": 0.81, "low": 0.74, "high": 0.88}
     assert result["gap"]["shrink_interval"] == [0.79, 0.9]

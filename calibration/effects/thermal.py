@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series
+from calibration.effects.api import (
+    BasisSets,
+    Effect,
+    EffectInputs,
+    EffectParameter,
+    Textbook,
+    geometric_series,
+    varies,
+)
 from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve
 
 TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)
+HEAT_TIME_CONSTANTS_S = TIME_CONSTANTS_S[1::2]
 LAG_TIME_CONSTANTS_S = geometric_series(400.0, 5000.0, 4)
 COLUMN_WIDTH_M = 0.4
 DUTY_M_PER_S = 0.01
@@ -26,6 +37,8 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
     "drives": ("screw", "spindle", "nut"),
 }
 CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
+HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
+LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
 LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
@@ -63,16 +76,42 @@ def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float
     return rises, lags
 
 
+def _heats_of_drive(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
+    """Heat (n,) by a drive's friction, |torque| times speed, and by its motor's losses, torque squared, which parts
+    take up and lose again with time constants; over their ranges. None where the torque is not known or hardly varies.
+    """
+    context = inputs.context
+    if {"torque", "t_s", "history"} & context.not_said.keys():
+        return []
+    torque = np.abs(context.torque[:, drive])
+    if not varies(torque, LEAST_TORQUE):
+        return []
+    lasted_s = np.diff(context.history.arrived_s, prepend=np.nan)
+    lasted_s = np.where(lasted_s > 0.0, lasted_s, np.inf)  # of the first arrival nobody knows
+    speed_m_per_s = (context.history.travelled_m[:, drive] / lasted_s)[context.arrival]
+    out = []
+    for power in (torque * speed_m_per_s, torque**2):
+        for tau in HEAT_TIME_CONSTANTS_S:
+            heat = context.lagging(power, tau)
+            out.append((heat / max(float(np.ptp(heat)), 1e-12), tau))
+    return out
+
+
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
     return None if np.ptp(inputs.context.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
 
 
 def _add_thermal_sets(
-    sets: BasisSets, contributions: tuple[tuple[str, Array], ...], inputs: EffectInputs, part: str, prefix: str = ""
+    sets: BasisSets,
+    contributions: tuple[tuple[str, Array], ...],
+    inputs: EffectInputs,
+    part: str,
+    prefix: str = "",
+    heats: Sequence[tuple[Array, float]] = (),
 ) -> None:
     """Basis sets of one geometry: one time constant, two stages, a decaying pulse of heat, a lag behind the sensor.
 
-    prefix: of the names of their forms, for any geometry but the textbook's.
+    prefix: of the names of their forms, for any geometry but the textbook's. heats: of a drive that is on the part.
     """
     rises, lags = _warming(inputs, inputs.machine.sensors[part])
     t = inputs.context.elapsed_s
@@ -101,6 +140,8 @@ def _add_thermal_sets(
         column, tau_s = through(following, "following"), max(tau, _TAU.low)
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
         sets.add_set(through(curve_over(following)), weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=tau_s)
+    for heat, tau in heats:
+        sets.add_set(through(curve_over(heat)), weight=HEAT_WEIGHT, size=rises_of_curve(), tau_s=tau)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -112,11 +153,14 @@ def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
 
 
 def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
-    """A column grows from its foot and takes the guide with it, or bends where one side is warmer."""
+    """A column grows from its foot and takes the guide with it, or bends where one side is warmer.
+
+    As a whole it may be heated by its drive too.
+    """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
     h = inputs.height_m(drive)
     travel = f"travel.{inputs.drive(drive)}"
-    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base")
+    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=_heats_of_drive(inputs, drive))
     _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
     for side, turn in zip(
         inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False
@@ -162,10 +206,12 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(high, tau_s=max(tau, _TAU.low))
     # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
-    for course in (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives"))):
+    of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
+    by_torque = [heat for heat, _ in _heats_of_drive(inputs, drive)]
+    for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
-        sets.add_set(ends, weight=CURVE_WEIGHT, size=2 * rises_of_curve())
+        sets.add_set(ends, weight=weight, size=2 * rises_of_curve())
     return sets
 
 

@@ -11,7 +11,7 @@ import pytest
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.findings.remarks import remarks
+from calibration.diagnosis.findings.remarks import _far_off
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
 from calibration.diagnosis.outlying_readings import outlier_weights
 from calibration.recording.recording import make_recording
@@ -131,7 +131,7 @@ def test_many_readings_that_are_far_off_are_kept_and_remarked(share, size_m):
     rows = rng.choice(on_platform, round(share * len(recording)), replace=False)
     linear = linearise_recording(shifted(recording, rows, size_m * rng.standard_normal(len(rows))))
     assert len(linear.left_out) < 0.02 * len(recording)
-    (remark,) = remarks(linear, linear.levels, None, "none", 1e-6)
+    (remark,) = _far_off(linear)
     count, total, nearest, farthest = (int(number) for number in re.findall(r"\d+", remark))
     assert 0.025 * total < count == linear.far_off.size
     assert total == len(linear.residual)

@@ -12,7 +12,8 @@ from calibration.diagnosis.findings.effect_summary import _relative_u_of_form
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet
 from calibration.effects.catalogue import Catalogue, load_catalogue
-from tests.calibration.diagnosis.campaigns import STATED, Arrivals, changed, simulated
+from mock_devices.effects import EffectChoice
+from tests.calibration.diagnosis.campaigns import STATED, Arrivals, changed, plant, recorded, simulated
 
 LEFT = np.array([1.0, 0.0])
 
@@ -146,3 +147,12 @@ def test_settling_against_friction_is_named_among_all_effects_from_whatever_spee
     (place,) = found.effects[0].places
     assert place.place == "left"
     assert abs(place.size.value - 6e-5) < 2.0 * place.size.u
+
+
+def test_play_that_a_load_closes_is_play_without_any_formula_of_it():
+    """A width that falls with the payload, diagnosed without the forms that say so of play and of wind-up."""
+    without = ("backlash/pressed_by_load", "friction_windup/torque_bent", "friction_windup/friction_in_torque_bent")
+    recording = recorded(plant(120, EffectChoice("backlash", 8e-5, "left", "load_width")))
+    diagnosis = diagnose(recording, load_catalogue().without_forms(without))
+    assert (diagnosis.verdict, diagnosis.effects[0].place) == ("backlash", "left")
+    assert diagnosis.effects[0].differs_with == ()  # the load is in its own functions, not a departure from a form

@@ -20,7 +20,7 @@ from pkm_rig.rig.clock import VirtualClock
 from pkm_rig.virtual.embedded_bus import EmbeddedBus
 
 MASTER = 127
-GUARD_S = 0.25  # host time: a computer that is busy for a moment is no lost frame
+GUARD_S = 1.0  # host time: a computer that is busy for a moment is no lost frame
 _channels = itertools.count()
 
 

@@ -24,12 +24,14 @@ from calibration.diagnosis.findings.withheld_blocks import (
     withheld_differences,
 )
 from calibration.diagnosis.folder_effects import effects_of_unknowns
-from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
+from calibration.diagnosis.levels_and_causes import LevelsAndCauses, SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
-from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.linear_model import LinearModel, linearise_again, linearise_recording
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import log_evidence_at_platform
+from calibration.diagnosis.periodogram import Periodogram
 from calibration.diagnosis.ranking import Cause, include_cause
+from calibration.diagnosis.reading_weights import judge_beside_causes
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
 from calibration.diagnosis.search import NO_INSTRUMENT, SearchResult, detectable_effects, include_effects
 from calibration.diagnosis.twin.folder_twin import FolderTwin, score_folder_twin, twin_of_folder
@@ -132,11 +134,11 @@ class _DiagnosisWithModels:
 
 def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | None) -> _DiagnosisWithModels:
     catalogue, stated = catalogue or load_catalogue(), linear.levels
-    likelihood = MarginalLikelihood.of(linear)
-    by_drive = periodograms(likelihood)
-    inputs = inputs_of_recording(likelihood, by_drive)
-    effects, not_tested = detectable_effects(inputs, catalogue)
-    found = SearchOfLevelsAndCauses(likelihood, inputs, effects).most_likely()
+    searched = _search(linear, catalogue)
+    if isinstance(linear, LinearModel):
+        judged = judge_beside_causes(searched.found.result.likelihoods[-1], linear.weight)
+        searched = searched if judged is None else _search(linearise_again(linear, judged), catalogue)
+    inputs, by_drive, not_tested, found = searched.inputs, searched.by_drive, searched.not_tested, searched.found
     likelihood, search_result = found.likelihood, found.result
     linear = likelihood.linear
     ranking = probabilities(search_result, found.none_elsewhere)
@@ -194,6 +196,25 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
         left_out=linear.left_out,
     )
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """What was found in readings, and with what: periodograms by drive; not_tested: effects that could not be, and why."""
+
+    inputs: EffectInputs
+    by_drive: tuple[Periodogram, ...]
+    not_tested: dict[str, str]
+    found: LevelsAndCauses
+
+
+def _search(linear: LinearisedReadings, catalogue: Catalogue) -> _Searched:
+    likelihood = MarginalLikelihood.of(linear)
+    by_drive = periodograms(likelihood)
+    inputs = inputs_of_recording(likelihood, by_drive)
+    effects, not_tested = detectable_effects(inputs, catalogue)
+    found = SearchOfLevelsAndCauses(likelihood, inputs, effects).most_likely()
+    return _Searched(inputs, by_drive, not_tested, found)
 
 
 def _withheld(linear: LinearisedReadings, before: Array, after: Array) -> Withheld:

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.diagnosis.disturbances import disturbance_columns
-from calibration.diagnosis.linearisation import FRAME_PRIOR, LinearisationPoint, Unknowns, linearise
+from calibration.diagnosis.linearisation import Unknowns, linearise
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.nest_readings import columns_of_all_readings, nest_columns
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, outlier_weights
+from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings
+from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_model
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
@@ -30,11 +32,10 @@ from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
-from calibration.reduction.left_out import GIANT, LeftOutReading
+from calibration.reduction.left_out import BESIDE_CAUSES, GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
-NEST_PRIOR_M = 5.0e-3
-GATINGS, LEAST_VISITS = 4, 20
+GATINGS, LEAST_VISITS = 8, 20
 LEAST_REPEATED = 3  # visits of one target under the same conditions, for the noise floor
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
@@ -44,7 +45,8 @@ class LinearModel(LinearisedReadings):
     """The linearised readings of a recording: reflectors' positions, three numbers each.
 
     rows (n,): rows of the recording that are used; wrong (k,): those of left_out. values (u,):
-    unknowns of model and station, where it is linear. station: as fitted; setup (n,): its row.
+    unknowns of model and station, where it is linear. station: as fitted; setup (n,): its row. weight (n,): by which
+    whitened readings are multiplied (reading_weights).
     """
 
     station: StationModel
@@ -53,6 +55,7 @@ class LinearModel(LinearisedReadings):
     rows: NDArray[np.intp]
     wrong: NDArray[np.intp]
     values: Array
+    weight: Array
 
     @property
     def campaign(self) -> str:
@@ -114,6 +117,19 @@ class LinearModel(LinearisedReadings):
             recording=replace(self.recording, file=file),
             columns=columns,
             q=inverse_covariance_factor(columns),
+        )
+
+    def reweighted(self, weight: Array) -> LinearModel:
+        """The same with other weights (n,) of the readings."""
+        scale = weight / self.weight
+        columns = self.columns * scale[:, None, None]
+        return replace(
+            self,
+            whiten=self.whiten * scale[:, None, None],
+            residual=self.residual * scale[:, None],
+            columns=columns,
+            q=inverse_covariance_factor(columns),
+            weight=weight,
         )
 
     def rms_sigma(self, whitened: Array) -> float:
@@ -208,6 +224,19 @@ def linearise_recording(
     return linear
 
 
+def linearise_again(linear: LinearModel, judged: SecondJudgement) -> LinearModel:
+    """The same recording without the readings that are wrong beside the causes, the others weighed anew."""
+    recording, wrong = linear.recording, linear.rows[judged.wrong]
+    off_m = np.linalg.solve(linear.whiten[judged.wrong], judged.deviation[judged.wrong, :, None])[:, :, 0]
+    size_m = np.linalg.norm(off_m, axis=1).tolist()
+    of_wrong = zip(wrong.tolist(), size_m, judged.sigmas[judged.wrong].tolist(), strict=True)
+    left_out = [LeftOutReading.of_recording(recording, row, m, sigmas, BESIDE_CAUSES) for row, m, sigmas in of_wrong]
+    rows = linear.rows[~judged.wrong]
+    again, _ = _linearise_rows(recording, rows, np.union1d(linear.wrong, wrong), judge=False, held=None)
+    again = again.reweighted(judged.weight[~judged.wrong])
+    return replace(again, left_out=(*linear.left_out, *left_out), far_off=linear.far_off)
+
+
 def _linearise_rows(
     recording: Recording,
     rows: NDArray[np.intp],
@@ -235,19 +264,14 @@ def _linearise_rows(
         station_m=setups.translation_m[setups.rows(used["station"])],
     )
     whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2))
-    by_unknowns, residual = _all_readings(observed, whiten, unknowns, point, setups.rows(used["station"]))
-    by_nests, nest_names = _nest_columns(observed, whiten)
+    by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setups.rows(used["station"]))
+    by_nests, nest_names = nest_columns(observed, whiten)
     by_disturbances, disturbance_names = disturbance_columns(
         observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
     )
     columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
     judged = judge_readings(observed, whiten, residual, columns) if judge else None
     q = inverse_covariance_factor(columns)
-    weight = outlier_weights(residual, q)
-    if weight is not None:
-        columns = columns * weight[:, None, None]
-        q = inverse_covariance_factor(columns)
-        whiten, residual = whiten * weight[:, None, None], residual * weight[:, None]
     linear = LinearModel(
         **{field.name: getattr(observed, field.name) for field in fields(observed)},
         station=unknowns.station,
@@ -263,55 +287,10 @@ def _linearise_rows(
         values=point.values,
         q=q,
         of_calibration=by_unknowns.shape[2] + by_nests.shape[2],
+        weight=np.ones(len(residual)),
     )
-    return linear, judged
-
-
-def _all_readings(
-    observed: ObservedModel,
-    whiten: Array,
-    unknowns: Unknowns,
-    point: LinearisationPoint,
-    setup: NDArray[np.intp],
-) -> tuple[Array, Array]:
-    """Columns (n, 3, u) and residual (n, 3) of all readings: those at poses, and those of the floor nests.
-
-    The unknowns of the frame and of the set-ups turn and shift every point that the station measures, so they act on
-    the nests too.
-    """
-    n, on_pose, on_floor = len(observed.smr), np.flatnonzero(observed.visit >= 0), observed.on_floor
-    columns, residual = np.zeros((n, 3, unknowns.sigma.size)), np.zeros((n, 3))
-    columns[on_pose], residual[on_pose] = point.columns, point.residual
-    nominal = np.array([smr.position_m for smr in observed.machine.smrs])[observed.smr[on_floor]]
-    missed_m = observed.position_m[on_floor] - observed.frame.to_station(nominal)
-    by_frame = _frame_columns(observed, whiten, on_floor) * FRAME_PRIOR
-    columns[on_floor, :, unknowns.of_frame] = by_frame
-    if count := 6 * (len(unknowns.station.setups) - 1):
-        by_setup = unknowns.station.setups.shift_by_error(observed.position_m[on_floor], setup[on_floor])
-        columns[on_floor, :, -count:] = whiten[on_floor] @ by_setup * FRAME_PRIOR
-    residual[on_floor] = np.einsum("nij,nj->ni", whiten[on_floor], missed_m)
-    residual[on_floor] += np.einsum("nwu,u->nw", by_frame, point.values[unknowns.of_frame] / FRAME_PRIOR)
-    return columns, residual
-
-
-def _frame_columns(observed: ObservedModel, whiten: Array, rows: NDArray[np.bool_]) -> Array:
-    """Whitened shifts (f, 3, 6) of some readings by the frame's rotation vector and translation."""
-    lever = observed.position_m[rows] - observed.frame.translation_m
-    out = np.zeros((len(lever), 3, 6))
-    for k in range(3):
-        out[:, :, k] = np.cross(np.eye(3)[k], lever)
-        out[:, :, 3 + k] = np.eye(3)[k]
-    return np.asarray(whiten[rows] @ out)
-
-
-def _nest_columns(observed: ObservedModel, whiten: Array) -> tuple[Array, tuple[str, ...]]:
-    """Columns (n, 3, k) by the positions of the floor nests, and their names."""
-    smrs = sorted(set(observed.smr[observed.on_floor].tolist()))
-    out = np.zeros((len(observed.smr), 3, 3 * len(smrs)))
-    for column, smr in enumerate(smrs):
-        rows = np.flatnonzero(observed.smr == smr)
-        out[rows, :, 3 * column : 3 * column + 3] = whiten[rows] @ observed.frame.rotation * NEST_PRIOR_M
-    return out, tuple(f"nest.{observed.machine.smrs[i].name}.{c}" for i in smrs for c in "xyz")
+    weight = weights_by_model(residual, q)
+    return linear if weight is None else linear.reweighted(weight), judged
 
 
 def usable_rows(recording: Recording) -> NDArray[np.intp]:

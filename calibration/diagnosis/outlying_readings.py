@@ -1,4 +1,4 @@
-"""Readings that do not fit the others: left out where they are grossly wrong, else with less weight."""
+"""Readings that are wrong by what all others say, whatever an effect may have changed."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from scipy.linalg import cho_factor, cho_solve
 from calibration.base.arrays import Array
 from calibration.base.outliers import GATE_SIGMAS, scale_of
 from calibration.diagnosis.any_change import FREE_SIGMAS, columns_by_stand, columns_of_any_change, stands
-from calibration.diagnosis.linearised_readings import project_out
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.staggered_columns import StaggeredColumns
 from calibration.identification.gate import LinearReadings
 from calibration.recording.recording import Recording
 from calibration.reduction.left_out import DIAGNOSIS, GIANT, LeftOutReading
 
-HUBER, OUTLIER_SIGMA = 3.0, 4.0  # in standard deviations of one coordinate of a reading
 GROSS_SIGMAS, GIANT_SIGMAS = 15.0, 60.0  # of a reading's own
 MOST_ALIKE = 3.0  # giants that are off alike hide each other: each then looks so many times closer
-LARGEST_OUTLIER_SHARE = 0.025
-MOST_SUSPECTS = 0.1  # of all readings, before the search for wrong ones is given up
+LARGEST_WRONG_SHARE = 0.025
+LARGEST_GROSS_SHARE = 0.15  # nothing that an effect does is so far off what any change explains
+MOST_SUSPECTS = 0.25  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
@@ -71,14 +70,21 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
     leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
     sigmas = leave_one_out.judge(_parts(observed))
-    few = (limit for limit in (GATE_SIGMAS, GROSS_SIGMAS) if np.mean(sigmas > limit) < LARGEST_OUTLIER_SHARE)
-    keep = np.asarray(sigmas <= next(few, np.inf))
+    keep = np.asarray(sigmas <= _limit_of_wrong(sigmas))
     off = [(sigmas, GATE_SIGMAS), (leave_one_out.stated_sigmas(keep), GROSS_SIGMAS)]  # wrong ones widen their scale
     many = (
-        number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_OUTLIER_SHARE
+        number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_WRONG_SHARE
     )
     size_m = _lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
     return JudgedReadings(keep, sigmas, size_m, DIAGNOSIS, next(many, np.zeros(0)))
+
+
+def _limit_of_wrong(sigmas: Array) -> float:
+    """From how many of their own standard deviations (n,) on readings are wrong; infinite where too many are gross."""
+    gross = sigmas > GROSS_SIGMAS
+    if np.mean(gross) >= LARGEST_GROSS_SHARE:
+        return np.inf
+    return GATE_SIGMAS if np.mean((sigmas > GATE_SIGMAS) & ~gross) < LARGEST_WRONG_SHARE else GROSS_SIGMAS
 
 
 def giant_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings | None:
@@ -88,7 +94,7 @@ def giant_readings(observed: ObservedModel, whiten: Array, residual: Array, colu
         return None
     judged = readings.judge([np.ones(len(residual), dtype=bool)], GIANT_SIGMAS / MOST_ALIKE)[0]
     giant = judged.sigmas > GIANT_SIGMAS
-    if not 0.0 < np.mean(giant) < LARGEST_OUTLIER_SHARE:
+    if not 0.0 < np.mean(giant) < LARGEST_GROSS_SHARE:
         return None
     return JudgedReadings(~giant, judged.sigmas, _lengths_m(whiten[giant], judged.deviation[giant]), GIANT, np.zeros(0))
 
@@ -241,16 +247,3 @@ def _roots(deviation: Array, covariance: Array) -> Array:
     """Roots (n,) of the square forms of deviations (n, 3) by their covariances (n, 3, 3)."""
     square = np.sum(deviation * np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0], axis=1)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
-
-
-def outlier_weights(residual: Array, q: Array) -> Array | None:
-    """Huber weights (n,) of outlying readings, because real instruments have heavier tails than stated.
-
-    None without outliers, and where there are many: then an effect is the likely cause, and all keep full weight.
-    """
-    weighted_residual = project_out(q, residual)
-    leverage_complement = np.maximum(1.0 - np.sum(q**2, axis=2), 0.05)
-    sigmas = np.max(np.abs(weighted_residual) / np.sqrt(leverage_complement), axis=1)
-    if not 0.0 < np.mean(sigmas > OUTLIER_SIGMA) < LARGEST_OUTLIER_SHARE:
-        return None
-    return np.sqrt(np.minimum(1.0, HUBER / sigmas))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from calibration.recording.recording import Recording
 
 NEST, VISIT, MODEL = "nest outlier", "innovation gate", "model gate"
-GIANT, DIAGNOSIS = "giant", "diagnosis gate"
+GIANT, DIAGNOSIS, BESIDE_CAUSES = "giant", "diagnosis gate", "beside the causes"
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ REASONS = {
     "model gate": "does not fit the model that fits all others",
     "giant": "is farther off the fit of all others than any effect",
     "diagnosis gate": "does not fit what all others say, whatever an effect has changed",
+    "beside the causes": "does not fit what all others say together with the causes that were found",
 }
 LONGEST_NAME = 60
 SHOWN = 5  # of them in a terminal; a report may have more

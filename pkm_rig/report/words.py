@@ -218,6 +218,10 @@ CATALOGUE: dict[str, Words] = {
         "diagnosis gate: does not fit what all others say, whatever an effect has changed",
         "Diagnoseschranke: passt nicht zu allen anderen, was auch immer ein Effekt verändert hat",
     ),
+    "left out: beside the causes": Words(
+        "beside the causes: does not fit what all others say together with the causes that were found",
+        "Neben den Ursachen: passt nicht zu allen anderen mitsamt den gefundenen Ursachen",
+    ),
     "part: scatter": Words("scatter over the poses", "Streuung über die Posen"),
     "part: scale": Words(
         "scale of the station, times the reach of the poses", "Maßstab der Messstation, mal Reichweite der Posen"
@@ -298,6 +302,10 @@ PHRASES: tuple[Words, ...] = (  # of what the program states in a field or as a 
     Words(
         "does not fit what all others say, whatever an effect has changed",
         "passt nicht zu allen anderen, was auch immer ein Effekt verändert hat",
+    ),
+    Words(
+        "does not fit what all others say together with the causes that were found",
+        "passt nicht zu allen anderen mitsamt den gefundenen Ursachen",
     ),
     Words("finished", "beendet"),
     Words("interrupted", "unterbrochen"),

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.frame import Frame
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.linear_model import NEST_PRIOR_M, LinearModel, require_recording
+from calibration.diagnosis.linear_model import LinearModel, require_recording
+from calibration.diagnosis.nest_readings import NEST_PRIOR_M
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.twin.twin_model import FittedMachine, full_model
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel

@@ -13,7 +13,7 @@ import pkm_rig.report.html as html_module
 from calibration.model.parameters import KINDS
 from calibration.reduction.budget import BudgetEntry
 from calibration.reduction.figures import Figures
-from calibration.reduction.left_out import DIAGNOSIS, GIANT, MODEL, NEST, VISIT
+from calibration.reduction.left_out import BESIDE_CAUSES, DIAGNOSIS, GIANT, MODEL, NEST, VISIT
 from pkm_rig.jobs.acceptance import decide
 from pkm_rig.report.left_out_text import REASONS
 from pkm_rig.report.sentences import SENTENCES
@@ -53,7 +53,7 @@ def test_every_word_has_two_languages_and_every_key_of_a_template_is_in_the_cata
 
 
 def test_every_cause_of_a_reading_left_out_and_every_part_of_a_budget_has_its_words():
-    gates = (NEST, VISIT, MODEL, GIANT, DIAGNOSIS)
+    gates = (NEST, VISIT, MODEL, GIANT, DIAGNOSIS, BESIDE_CAUSES)
     assert set(gates) == set(REASONS)
     assert all(said(reason, "de") != reason for reason in REASONS.values())
     for cause in (*gates, "visit measured anew", "failed nest check", "flagged by the station"):

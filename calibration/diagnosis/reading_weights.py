@@ -1,0 +1,90 @@
+"""Weights of readings that are farther off than normal noise: by the model alone, and once more beside the causes.
+
+Without the causes a reading that an effect has moved looks like a wrong one, and a wrong one like an effect. So weights
+by the model alone are given only where few readings are far off; those beside the causes are given once, for a second
+search, and are then the same for all hypotheses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.base.arrays import Array
+from calibration.base.outliers import GATE_SIGMAS
+from calibration.diagnosis.any_change import stands
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linearised_readings import project_out
+
+NORMAL_SIGMAS, FAR_SIGMAS = 3.0, 4.0  # in standard deviations of one coordinate of a reading
+DEGREES_OF_FREEDOM = 4.0
+MOST_FAR, MOST_FAR_BESIDE_CAUSES = 0.025, 0.1  # shares of all readings
+MOST_OF_A_STAND = 0.5  # of its readings: where so many are off, something has moved what they are on
+LEAST_LEVERAGE_LEFT = 0.05
+SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
+
+
+def student_weights(sigmas: Array) -> Array:
+    """Weights (n,) of readings that are so many standard deviations off (n,), to multiply whitened readings with.
+
+    Beyond NORMAL_SIGMAS those of a Student distribution (Lange, Little and Taylor, J. Am. Stat. Assoc. 84 (1989) 881),
+    so that the farther off a reading is the less it pulls; below, 1: noise that is stated as normal is normal there, and
+    evidence would be too small if its readings weighed less.
+    """
+    at_knee = DEGREES_OF_FREEDOM + NORMAL_SIGMAS**2
+    return np.asarray(np.sqrt(np.minimum(1.0, at_knee / (DEGREES_OF_FREEDOM + sigmas**2))))
+
+
+def weights_by_model(residual: Array, q: Array) -> Array | None:
+    """Weights (n,) by whitened residuals (n, 3), 1 - q q' being the inverse covariance of the readings.
+
+    None where no reading is far off, and where many are: then an effect is the likely cause.
+    """
+    sigmas = _sigmas(project_out(q, residual), q)
+    return student_weights(sigmas) if 0.0 < np.mean(sigmas > FAR_SIGMAS) < MOST_FAR else None
+
+
+@dataclass(frozen=True)
+class SecondJudgement:
+    """What is thought of readings (n) once the causes are in the model.
+
+    wrong (n,): those that are left out; sigmas (n,): standard deviations by which each is off what all others say;
+    deviation (n, 3): whitened, from that; weight (n,): of those that stay.
+    """
+
+    wrong: NDArray[np.bool_]
+    sigmas: Array
+    deviation: Array
+    weight: Array
+
+
+def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> SecondJudgement | None:
+    """Which readings are wrong with the causes in the model of the likelihood; weight (n,): of its readings so far.
+
+    Only those that are off while most others of their stand are not: what has moved, as by a slip of a drive, moves all
+    of them. None without any, and where so many are far off that something else is the cause.
+    """
+    sigmas = _sigmas(likelihood.weighted_residual, likelihood.q) / weight
+    far, linear = sigmas > FAR_SIGMAS, likelihood.linear
+    single = far & _among_fitting_ones(stands(linear), far)
+    wrong = single & (sigmas > GATE_SIGMAS)
+    has_causes = likelihood.q.shape[2] > linear.q.shape[2]
+    if not np.any(wrong) or np.mean(single) >= (MOST_FAR_BESIDE_CAUSES if has_causes else MOST_FAR):
+        return None
+    information = np.eye(linear.residual.shape[1]) - likelihood.q @ likelihood.q.transpose(0, 2, 1)
+    deviation = np.linalg.solve(information + SINGULAR * np.eye(3), likelihood.weighted_residual[:, :, None])[:, :, 0]
+    return SecondJudgement(wrong, sigmas, np.asarray(deviation), np.where(single | ~far, student_weights(sigmas), 1.0))
+
+
+def _among_fitting_ones(stand: NDArray[np.intp], off: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Readings (n,) that are alone at their stand (n,) or most of whose fellows are not off (n,)."""
+    of_stand = np.bincount(stand)
+    return np.asarray((of_stand == 1)[stand] | (np.bincount(stand, off) < MOST_OF_A_STAND * of_stand)[stand])
+
+
+def _sigmas(weighted_residual: Array, q: Array) -> Array:
+    """By how many of its own standard deviations the worst coordinate of each reading (n,) is off the fit of all."""
+    left = np.maximum(1.0 - np.sum(q**2, axis=2), LEAST_LEVERAGE_LEFT)
+    return np.asarray(np.max(np.abs(weighted_residual) / np.sqrt(left), axis=1))

@@ -200,7 +200,7 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
 
 @dataclass(frozen=True)
 class _Searched:
-    """What was found in readings, and with what: periodograms by drive; not_tested: effects that could not be, and why."""
+    """What was found in readings, and with what. not_tested: effects that could not be, and why."""
 
     inputs: EffectInputs
     by_drive: tuple[Periodogram, ...]

@@ -20,7 +20,7 @@ from calibration.reduction.left_out import DIAGNOSIS, GIANT, LeftOutReading
 GROSS_SIGMAS, GIANT_SIGMAS = 15.0, 60.0  # of a reading's own
 MOST_ALIKE = 3.0  # giants that are off alike hide each other: each then looks so many times closer
 LARGEST_WRONG_SHARE = 0.025
-LARGEST_GROSS_SHARE = 0.15  # nothing that an effect does is so far off what any change explains
+LARGEST_GROSS_SHARE = 0.15  # hardly anything that an effect does is so far off what any change explains
 MOST_SUSPECTS = 0.25  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
@@ -60,8 +60,8 @@ def judge_readings(observed: ObservedModel, whiten: Array, residual: Array, colu
 def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings:
     """Which readings are not wrong by what the others say, whatever an effect may have changed (any_change.py).
 
-    Where many are wrong, only those count that are so grossly; where many are gross, an effect that nothing here
-    describes is the likely cause, and all stay.
+    Where many are wrong, only those count that are so grossly; where very many are gross, an effect that nothing
+    here describes is the likely cause, and all stay.
     """
     stand, (of_platform, of_drives) = stands(observed), columns_by_stand(observed, whiten)
     # Of whatever may have changed, much concerns one reflector or one drive only.
@@ -72,9 +72,7 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     sigmas = leave_one_out.judge(_parts(observed))
     keep = np.asarray(sigmas <= _limit_of_wrong(sigmas))
     off = [(sigmas, GATE_SIGMAS), (leave_one_out.stated_sigmas(keep), GROSS_SIGMAS)]  # wrong ones widen their scale
-    many = (
-        number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_WRONG_SHARE
-    )
+    many = (number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_WRONG_SHARE)
     size_m = _lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
     return JudgedReadings(keep, sigmas, size_m, DIAGNOSIS, next(many, np.zeros(0)))
 

@@ -30,8 +30,8 @@ def student_weights(sigmas: Array) -> Array:
     """Weights (n,) of readings that are so many standard deviations off (n,), to multiply whitened readings with.
 
     Beyond NORMAL_SIGMAS those of a Student distribution (Lange, Little and Taylor, J. Am. Stat. Assoc. 84 (1989) 881),
-    so that the farther off a reading is the less it pulls; below, 1: noise that is stated as normal is normal there, and
-    evidence would be too small if its readings weighed less.
+    so that the farther off a reading is the less it pulls; below, 1: noise that is stated as normal is normal there,
+    and evidence would be too small if its readings weighed less.
     """
     at_knee = DEGREES_OF_FREEDOM + NORMAL_SIGMAS**2
     return np.asarray(np.sqrt(np.minimum(1.0, at_knee / (DEGREES_OF_FREEDOM + sigmas**2))))

@@ -13,7 +13,6 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.remarks import _far_off
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
-from calibration.diagnosis.outlying_readings import outlier_weights
 from calibration.recording.recording import make_recording
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
@@ -122,9 +121,9 @@ def test_few_readings_that_are_far_off_change_little():
         assert 6.0 < reading.sigmas < 40.0
 
 
-@pytest.mark.parametrize(("share", "size_m"), [(0.05, 1e-3), (0.1, 1e-2)])
+@pytest.mark.parametrize(("share", "size_m"), [(0.25, 1e-3), (0.3, 1e-2)])
 def test_many_readings_that_are_far_off_are_kept_and_remarked(share, size_m):
-    """A few off by a millimetre are told from the others; of more and farther ones all others are off as well."""
+    """A quarter off by a millimetre, or more by more: all others are off as well."""
     recording = recorded(plant(80))
     rng = np.random.default_rng(2)
     on_platform = np.flatnonzero(np.char.startswith(np.asarray(recording["smr"]), "P"))
@@ -221,16 +220,3 @@ def test_what_is_not_finite_cannot_come_in(wandering, column, value):
     ]
     with pytest.raises(InputError, match=f"'{column}' is not finite"):
         make_recording(wandering.file, wandering.machine, rows)
-
-
-@pytest.mark.parametrize(("sigmas", "weighted"), [((3.9,), False), ((4.1,), True), ((5.0,) * 3, False)])
-def test_few_readings_beyond_four_standard_deviations_have_less_weight(sigmas, weighted):
-    """Three of a hundred are many; from three standard deviations on the weight's square falls as their inverse."""
-    residual = np.full((100, 3), 0.5)
-    residual[: len(sigmas), 1] = sigmas
-    residual[50, 2] = -3.5
-    weights = outlier_weights(residual, np.zeros((100, 3, 1)))
-    assert (weights is not None) is weighted
-    if weights is not None:
-        assert weights[[0, 50]] ** 2 == pytest.approx([3.0 / 4.1, 3.0 / 3.5])
-        assert np.all(weights[1:50] == 1.0)

@@ -64,3 +64,17 @@ def test_gross_readings_are_left_out_and_an_effect_of_a_few_visits_is_not():
     linear = linearise_recording(replace(recording, columns=columns))
     assert set(linear.wrong.tolist()) == set(wrong.tolist())
     assert linearise_recording(recording).wrong.size == 0
+
+
+def test_a_reflector_that_is_often_far_off_is_no_wrong_reading():
+    """By half a millimetre at every second visit: something happens to it, and it alone is kept for that."""
+    recording = simulated("planar4", 80, slipped)
+    visit, smr = recording["visit"], np.asarray(recording["smr"], dtype=str)
+    of_it = np.flatnonzero((smr == smr[0]) & (visit % 2 == 1))
+    gross = np.flatnonzero((smr != smr[0]) & (visit % 20 == 3))[::2]
+    position = recording.positions_m.copy()
+    position[of_it] += [3.0e-4, 0.0, 4.0e-4]
+    position[gross] += [0.0, 0.0, 7.0e-4]
+    columns = dict(recording.columns) | {f"{axis}_m": position[:, k] for k, axis in enumerate("xyz")}
+    wrong = linearise_recording(replace(recording, columns=columns)).wrong
+    assert not set(of_it.tolist()) & set(wrong.tolist())

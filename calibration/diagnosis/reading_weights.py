@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.base.outliers import GATE_SIGMAS
+from calibration.base.outliers import GATE_SIGMAS, own_sigmas
 from calibration.diagnosis.any_change import stands
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linearised_readings import project_out
 
 NORMAL_SIGMAS, FAR_SIGMAS = 3.0, 4.0  # in standard deviations of one coordinate of a reading
 DEGREES_OF_FREEDOM = 4.0
-MOST_FAR, MOST_FAR_BESIDE_CAUSES = 0.025, 0.1  # shares of all readings
+MOST_FAR = 0.025  # share of all readings
+MOST_OF_A_REFLECTOR, FEW = 0.05, 2.0  # share of its readings; what never are many
 MOST_OF_A_STAND = 0.5  # of its readings: where so many are off, something has moved what they are on
 LEAST_LEVERAGE_LEFT = 0.05
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
@@ -64,18 +65,27 @@ def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> Second
     """Which readings are wrong with the causes in the model of the likelihood; weight (n,): of its readings so far.
 
     Only those that are off while most others of their stand are not: what has moved, as by a slip of a drive, moves all
-    of them. None without any, and where so many are far off that something else is the cause.
+    of them. None without any, and where so many are far off, of all or of one reflector, that something else is the
+    cause.
     """
-    sigmas = _sigmas(likelihood.weighted_residual, likelihood.q) / weight
-    far, linear = sigmas > FAR_SIGMAS, likelihood.linear
+    linear, factor = likelihood.linear, likelihood.q
+    information = np.eye(linear.residual.shape[1]) - factor @ factor.transpose(0, 2, 1)
+    information = information + SINGULAR * np.eye(linear.residual.shape[1])
+    deviation = np.linalg.solve(information, likelihood.weighted_residual[:, :, None])[:, :, 0]
+    distance = np.sqrt(np.maximum(np.sum(deviation * likelihood.weighted_residual, axis=1), 0.0)) / weight
+    sigmas = own_sigmas(distance, linear.residual.shape[1], linear.on_platform + 2 * linear.on_floor)
+    far = sigmas > FAR_SIGMAS
     single = far & _among_fitting_ones(stands(linear), far)
     wrong = single & (sigmas > GATE_SIGMAS)
-    has_causes = likelihood.q.shape[2] > linear.q.shape[2]
-    if not np.any(wrong) or np.mean(single) >= (MOST_FAR_BESIDE_CAUSES if has_causes else MOST_FAR):
+    if not np.any(wrong) or np.mean(single) >= MOST_FAR or _are_many(wrong, linear.smr):
         return None
-    information = np.eye(linear.residual.shape[1]) - likelihood.q @ likelihood.q.transpose(0, 2, 1)
-    deviation = np.linalg.solve(information + SINGULAR * np.eye(3), likelihood.weighted_residual[:, :, None])[:, :, 0]
     return SecondJudgement(wrong, sigmas, np.asarray(deviation), np.where(single | ~far, student_weights(sigmas), 1.0))
+
+
+def _are_many(wrong: NDArray[np.bool_], smr: NDArray[np.intp]) -> bool:
+    """Whether so many readings of one reflector smr (n,) are wrong (n,) that something must have happened to it."""
+    _, index = np.unique(smr, return_inverse=True)
+    return bool(np.any(np.bincount(index, wrong) > np.maximum(FEW, MOST_OF_A_REFLECTOR * np.bincount(index))))
 
 
 def _among_fitting_ones(stand: NDArray[np.intp], off: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ from calibration.base.outliers import GATE_SIGMAS, own_sigmas
 from calibration.diagnosis.any_change import stands
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linearised_readings import project_out
+from calibration.diagnosis.outlying_readings import GROSS_SIGMAS
 
 NORMAL_SIGMAS, FAR_SIGMAS = 3.0, 4.0  # in standard deviations of one coordinate of a reading
 DEGREES_OF_FREEDOM = 4.0
@@ -65,8 +66,8 @@ def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> Second
     """Which readings are wrong with the causes in the model of the likelihood; weight (n,): of its readings so far.
 
     Only those that are off while most others of their stand are not: what has moved, as by a slip of a drive, moves all
-    of them. None without any, and where so many are far off, of all or of one reflector, that something else is the
-    cause.
+    of them. None without a gross one, as another search would find the same, and where so many are far off, of all or
+    of one reflector, that something else is the cause.
     """
     linear, factor = likelihood.linear, likelihood.q
     information = np.eye(linear.residual.shape[1]) - factor @ factor.transpose(0, 2, 1)
@@ -77,7 +78,7 @@ def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> Second
     far = sigmas > FAR_SIGMAS
     single = far & _among_fitting_ones(stands(linear), far)
     wrong = single & (sigmas > GATE_SIGMAS)
-    if not np.any(wrong) or np.mean(single) >= MOST_FAR or _are_many(wrong, linear.smr):
+    if not np.any(wrong & (sigmas > GROSS_SIGMAS)) or np.mean(single) >= MOST_FAR or _are_many(wrong, linear.smr):
         return None
     return SecondJudgement(wrong, sigmas, np.asarray(deviation), np.where(single | ~far, student_weights(sigmas), 1.0))
 

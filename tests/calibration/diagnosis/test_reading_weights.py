@@ -68,11 +68,11 @@ def rows_of_visit(linear, visit):
 
 
 def test_a_wrong_reading_is_found_beside_the_cause_and_a_visit_that_is_off_is_not():
-    """Both by ten standard deviations; without judging, as if nothing had been noticed before."""
+    """Both by some twenty standard deviations; without judging, as if nothing had been noticed before."""
     recording = with_play()
     linear = linearise_recording(recording, judge=False)
     one, of_a_visit = rows_of_visit(linear, 30)[:1], rows_of_visit(linear, 50)
-    by_m = 12.0 * linear.sigma_of_length_m
+    by_m = 25.0 * linear.sigma_of_length_m
     wrong = linearise_recording(moved(moved(recording, one, by_m), of_a_visit, by_m), judge=False)
     likelihood = MarginalLikelihood.of(wrong)
     play = wrong.context.direction[:, 0] * PLAY_M

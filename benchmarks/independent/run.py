@@ -33,6 +33,7 @@ from benchmarks.independent.scorer import reached_with_truth, score
 from benchmarks.independent.table import figures, misjudged, printed, without_cases
 from benchmarks.independent.truths import OddTruth, read_truths
 from benchmarks.results_file import ResultsFile
+from benchmarks.timing import in_one_thread
 from benchmarks.withheld.lane import RunFailed, diagnose, finite, sure_of
 from benchmarks.withheld.score_rows import Row
 from benchmarks.withheld.scorer import WORTH_ADDING, Tampered, verdict
@@ -241,4 +242,5 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
+    in_one_thread()  # as benchmarks.withheld.run
     sys.exit(main())

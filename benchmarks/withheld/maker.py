@@ -16,7 +16,8 @@ import io
 import json
 import secrets
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -146,11 +147,21 @@ class Maker:
             rng = np.random.default_rng([self._batch_seed & 0xFFFFFFFF, 2])
             for name, case in cases.items():
                 changes = case.changes_by_effect() if case.slot.kind != "removed" else []
-                with TemporaryDirectory() as clean:
-                    write_recording(case.clean, Path(clean) / name)
-                    self._left_out[name] = self._comparison.left_out(Path(clean) / name, changes, rng)
+                with clean_folder(case, folder / name) as clean:
+                    self._left_out[name] = self._comparison.left_out(clean, changes, rng)
         forms = {name: left_out.names for name, left_out in self._left_out.items()}
         write_options(folder, {name: option(case.without, forms.get(name, ())) for name, case in cases.items()})
+
+
+@contextmanager
+def clean_folder(case: Case, written: Path) -> Iterator[Path]:
+    """Where a case's recording lies without gross readings; without any, where it was written already."""
+    if case.clean is case.recording:
+        yield written
+        return
+    with TemporaryDirectory() as folder:
+        write_recording(case.clean, Path(folder) / written.name)
+        yield Path(folder) / written.name
 
 
 def derived(seed: int, purpose: str) -> int:

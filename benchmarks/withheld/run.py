@@ -26,6 +26,7 @@ from typing import Any
 
 from benchmarks import results_file
 from benchmarks.results_file import MixedSettingsError, ResultsFile, read_only
+from benchmarks.timing import in_one_thread
 from benchmarks.withheld.cases import BATCH, FULL, plan
 from benchmarks.withheld.lane import LaneOptions, RunFailed, run_lane
 from benchmarks.withheld.over_the_wire import LARGEST_M, largest_difference_m
@@ -248,4 +249,5 @@ def _append(file: Path, entry: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
+    in_one_thread()  # the scorer's matrices are small: further threads would only wait, on the cores of the lanes
     sys.exit(main())

@@ -6,7 +6,7 @@ The columns are those of docs/reference/recording.md. Nothing in a recording tel
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -57,12 +57,16 @@ class SimulatedCampaign:
         moves = self.timeline.design.moves
         self.view = MovedStation(settings, self.timeline.moved_s, moves) if moves else StationView(settings)
         self.machine = draw_machine(self.nominal, settings)
-        self._plain: MotionState | None = None
 
     @property
     def start_s(self) -> float:
         """When the campaign begins."""
         return self.timeline.design.start_s
+
+    @cached_property
+    def moments(self) -> MotionState:
+        """The moments of all readings: the same whatever the effects, which only read them."""
+        return self.timeline.moments(self.thermal, self.settings.payloads)
 
     def sight(self, effects: list[Effect] | None = None) -> tuple[StationSight, MotionState, Array]:
         """What the station sees of all reflectors at every reading (r, smrs); moments; friction forces (r, d) in N.
@@ -71,12 +75,9 @@ class SimulatedCampaign:
         """
         if effects is None:
             effects = make_effects(self.nominal, self.settings, start_s=self.start_s)
-        affected = AffectedMachine(self.machine, self.view, effects)
-        if not effects:  # nobody to be told of motions: the moments stay the same
-            self._plain = self._plain or self.timeline.motion_states([], self.thermal, self.settings.payloads)
-            return affected.sight(self._plain, self.timeline.payload), self._plain, np.zeros(self._plain.q_m.shape)
-        seen, m = self.timeline.sight(affected, self.thermal, self.settings.payloads)
-        return seen, m, affected.deviation(m).force_n
+        affected, m = AffectedMachine(self.machine, self.view, effects), self.moments
+        seen = self.timeline.sight(affected, m)
+        return seen, m, affected.deviation(m).force_n if effects else np.zeros(m.q_m.shape)
 
     def points_m(self, effects: list[Effect] | None = None) -> Array:
         """The measured reflector of each reading, free of noise, in the station's frame (r, 3)."""

@@ -60,15 +60,19 @@ class Timeline:
     def __len__(self) -> int:
         return len(self.t_s)
 
-    def motion_states(self, effects: Sequence[Effect], thermal: Thermal, payloads: Sequence[Payload]) -> MotionState:
-        """The moments of all readings, after `effects` were told of every motion. Effects must be new."""
-        history, ended = self._history
+    def moments(self, thermal: Thermal, payloads: Sequence[Payload]) -> MotionState:
+        """The moments of all readings: the same whatever the effects."""
+        history, _ = self._history
+        mass = np.array([payload.mass_kg for payload in payloads])[self.payload]
+        return motion_states(history, self.t_s, self.q_m, self.velocity_m_per_s, mass, self.exchanges, thermal)
+
+    def tell(self, effects: Sequence[Effect]) -> None:
+        """Tell effects, which must be new, of every motion."""
+        _, ended = self._history
         for effect in effects:
             if type(effect).record_leg is not Effect.record_leg:
                 for drive, leg in ended:
                     effect.record_leg(drive, leg)
-        mass = np.array([payload.mass_kg for payload in payloads])[self.payload]
-        return motion_states(history, self.t_s, self.q_m, self.velocity_m_per_s, mass, self.exchanges, thermal)
 
     @cached_property
     def _history(self) -> tuple[MotionHistory, list[tuple[int, Leg]]]:
@@ -80,14 +84,12 @@ class Timeline:
             history.add(drive, motion.start_s, motion.end_s, motion.to_m, motion.speed_m_per_s)
         return history, ended
 
-    def sight(
-        self, affected: AffectedMachine, thermal: Thermal, payloads: Sequence[Payload]
-    ) -> tuple[StationSight, MotionState]:
+    def sight(self, affected: AffectedMachine, m: MotionState) -> StationSight:
         """What the station sees of all reflectors at every reading, free of noise; the effects must be new."""
-        m = self.motion_states(affected.effects, thermal, payloads)
+        self.tell(affected.effects)
         early_s = affected.early_s(m)
         seen = replace(m, q_m=m.q_m + m.velocity_m_per_s * early_s[:, None]) if np.any(early_s) else m
-        return affected.sight(seen, self.payload), m
+        return affected.sight(seen, self.payload)
 
 
 class _Planner:

@@ -169,3 +169,15 @@ def test_a_recording_takes_no_time_to_speak_of():
 def test_toml_is_written_as_tables():
     text = to_toml({"a": 1, "b": {"c": [1.5, 2.0], "d": {"e": 'x"y'}}, "f": [{"g": 0.1}]})
     assert text == 'a = 1\n\n[b]\nc = [1.5, 2.0]\n\n[b.d]\ne = "x\\"y"\n\n[[f]]\ng = 0.1\n'
+
+
+def test_new_effects_are_told_of_every_motion_and_leave_the_moments_as_they_are():
+    b = bench(effects=EFFECTS)
+    first = b.points_m()
+    b.points_m([])
+    assert np.array_equal(b.points_m(), first)
+    _, m, _ = b.sight()
+    untouched = bench(effects=EFFECTS).moments
+    assert m is b.moments
+    assert all(np.array_equal(getattr(m, name), getattr(untouched, name)) for name in ("q_m", "leg", "from_m", "t_s"))
+    assert all(np.array_equal(m.parts_c[name], untouched.parts_c[name]) for name in m.parts_c)

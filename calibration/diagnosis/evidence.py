@@ -117,29 +117,14 @@ class MarginalLikelihood:
     def _information_and_score(self, columns: ColumnsByChannel) -> InformationAndScore:
         along_factor = np.zeros((self._rank, columns.count))
         score = np.zeros(columns.count)
-        information = np.zeros((columns.count, columns.count))
-        all_by_visit, done = self.response.columns_by_visit(columns), list[str]()
+        all_by_visit = self.response.columns_by_visit(columns)
         for channel, (numbers, shapes) in columns.shapes.items():
             by_visit = all_by_visit[channel]
             part = self._part(channel, by_visit=by_visit is not None)
             own_shapes = shapes[self.response.rows(channel)] if by_visit is None else by_visit
             along_factor[:, numbers] += part.along_factor.T @ own_shapes
             score[numbers] += part.score @ own_shapes
-            weighted = part.norm[:, None] * own_shapes
-            information[_block(numbers, numbers)] += weighted.T @ weighted
-            for other in done:
-                product = np.einsum("nj,nj->n", self.response(channel), self.response(other))
-                if not (rows := np.flatnonzero(product)).size:
-                    continue
-                (other_numbers, other_shapes), other_by_visit = columns.shapes[other], all_by_visit[other]
-                if by_visit is not None and other_by_visit is not None:
-                    block = by_visit.T @ ((self.response.sums_over_visits @ product)[:, None] * other_by_visit)
-                else:
-                    block = shapes[rows].T @ (product[rows, None] * other_shapes[rows])
-                information[_block(numbers, other_numbers)] += block
-                information[_block(other_numbers, numbers)] += block.T
-            done.append(channel)
-        return InformationAndScore(information - along_factor.T @ along_factor, score)
+        return InformationAndScore(self.response.products(columns) - along_factor.T @ along_factor, score)
 
     def _part(self, channel: str, *, by_visit: bool) -> PartOfChannel:
         """What a channel adds to information and score, by visit or by reading that responds."""
@@ -249,10 +234,3 @@ class _AddedFactor:
         if channel not in self._by_visit:
             self._by_visit[channel] = self.parent.response.sums_over_visits @ self.projection(channel)
         return self._by_visit[channel]
-
-
-def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | NDArray[np.intp], ...]:
-    """Index of a block of a matrix by its rows and columns, both ascending; slices where no number is left out."""
-    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (rows, columns)):
-        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    return np.ix_(rows, columns)

@@ -180,7 +180,7 @@ class _CurveOnReadings:
         count = len(tangent.contributions)
         basis_set = BasisSet(
             tuple(range(count)), tangent.relative, curve=(self.number, tuple(best.parameters[0].tolist())),
-            size=tangent.size,
+            size=tangent.size, sign=1.0,
         )  # fmt: skip
         columns = InformationAndScore(best.information[0], best.score[0])
         exact = evidence_of_families([columns], [basis_set], self.low, self.high)[0]

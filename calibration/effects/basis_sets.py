@@ -116,7 +116,7 @@ class BasisSets:
                 columns=tuple(basis_set.columns[k] for k in kept),
                 relative=tuple(basis_set.relative[k] for k in kept),
             )
-            key = (left.columns, left.relative, tuple(left.parameters.items()))
+            key = (left.columns, left.relative, tuple(left.parameters.items()), left.sign)
             if key not in seen:  # what is left of one may be another
                 out.sets.append(left)
             seen.add(key)

@@ -143,7 +143,9 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
         # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
         seated = sets.add((name, cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)))
         sets.add_set(seated, weight=4.0)
-    sets.add_set(sets.add((name, inputs.payload_ratio), form="payload"), weight=2.0)
+    loaded = sets.add((name, inputs.payload_ratio), form="payload")
+    sets.add_set(loaded, sign=1.0)
+    sets.add_set(loaded, sign=-1.0, size=-1.0)  # to which side it lay before is not known
     return sets
 
 

@@ -10,12 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
 from calibration.effects.strut_laws import (
@@ -222,6 +225,19 @@ def test_the_contrary_of_an_effect_is_not_that_effect(known):
     contributions = truth.at_readings(truth.tangent(np.zeros(len(truth.low))))
     signal = -0.5 * likelihood.columns(contributions[:1])[:, :, 0]
     assert fit_curves(MarginalLikelihood.of(replace(likelihood.linear, residual=signal)), [truth], 0.05, 20.0) is None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_size_of_play_that_a_payload_closes_is_above_zero(known, sign):
+    """The strut becomes longer or shorter: on which side of its play it hung before nobody knows."""
+    likelihood, s = known
+    clearance = load_catalogue().effect("joint_clearance")
+    linear = likelihood.linear
+    signal = sign * 4e-5 * likelihood.response("length.right_lower") * s.payload_ratio[:, None]
+    (cause,) = rank_effects(MarginalLikelihood.of(replace(linear, residual=signal)), s, [clearance])
+    assert cause.place == "right_lower"
+    assert len(cause.best.basis_set.main) == 1  # else the size is a norm, and cannot be below zero
+    assert size_of(cause)[0] == pytest.approx(4e-5, rel=0.5)
 
 
 @pytest.mark.parametrize("name", ["stewart6", "prs3"])

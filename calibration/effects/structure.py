@@ -51,7 +51,7 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
     # By any function of the load, at once or as a part that creeps.
     loads = [
         cosine_basis(load, LOAD_TERMS)
-        for load in (inputs.payload_ratio, *_creeping_loads(inputs))
+        for load in (inputs.payload_ratio, *inputs.once("creeping", lambda: _creeping_loads(inputs)))
         if varies(load, LEAST_LOAD_CHANGE)
     ]
     for channel, force in directions:

@@ -44,6 +44,7 @@ class ChannelResponses:
         self._rows: dict[str, NDArray[np.intp]] = {}
         self._visits: dict[str, _Visits] = {}
         self._by_visit: WeakKeyDictionary[ColumnsByChannel, Mapping[str, Array | None]] = WeakKeyDictionary()
+        self._products: WeakKeyDictionary[ColumnsByChannel, Array] = WeakKeyDictionary()
 
     def __call__(self, channel: str) -> Array:
         """The response (n, w) to a channel."""
@@ -69,6 +70,37 @@ class ChannelResponses:
                 name: self._at_visits(name, shapes) for name, (_, shapes) in columns.shapes.items()
             }
         return self._by_visit[columns]
+
+    def products(self, columns: ColumnsByChannel) -> Array:
+        """Products (k, k) of whitened columns with each other; they are alike at all levels of the disturbances."""
+        if columns not in self._products:
+            self._products[columns] = self._products_of(columns)
+        return self._products[columns]
+
+    def _products_of(self, columns: ColumnsByChannel) -> Array:
+        out, done = np.zeros((columns.count, columns.count)), list[str]()
+        all_by_visit = self.columns_by_visit(columns)
+        for channel, (numbers, shapes) in columns.shapes.items():
+            by_visit, square = all_by_visit[channel], np.sum(self(channel) ** 2, axis=1)
+            if by_visit is None:
+                rows = self.rows(channel)
+                weighted = np.sqrt(square[rows])[:, None] * shapes[rows]
+            else:
+                weighted = np.sqrt(self.sums_over_visits @ square)[:, None] * by_visit
+            out[_block(numbers, numbers)] += weighted.T @ weighted
+            for other in done:
+                product = np.einsum("nj,nj->n", self(channel), self(other))
+                if not (rows := np.flatnonzero(product)).size:
+                    continue
+                (other_numbers, other_shapes), other_by_visit = columns.shapes[other], all_by_visit[other]
+                if by_visit is not None and other_by_visit is not None:
+                    block = by_visit.T @ ((self.sums_over_visits @ product)[:, None] * other_by_visit)
+                else:
+                    block = shapes[rows].T @ (product[rows, None] * other_shapes[rows])
+                out[_block(numbers, other_numbers)] += block
+                out[_block(other_numbers, numbers)] += block.T
+            done.append(channel)
+        return out
 
     def _at_visits(self, channel: str, shapes: Array) -> Array | None:
         if channel not in self._visits:
@@ -107,3 +139,10 @@ def sums_over_visits(arrival: NDArray[np.intp]) -> csr_array:
 def products_along(response: Array, q: Array) -> Array:
     """Products (n, j) of responses (n, w) with q (n, w, j)."""
     return np.asarray(np.matmul(response[:, None, :], q)[:, 0])
+
+
+def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | NDArray[np.intp], ...]:
+    """Index of a block of a matrix by its rows and columns, both ascending; slices where no number is left out."""
+    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (rows, columns)):
+        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return np.ix_(rows, columns)

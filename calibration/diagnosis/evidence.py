@@ -21,15 +21,17 @@ from calibration.diagnosis.channel_responses import (
     sums_over_visits,
 )
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.linearised_readings import LinearisedReadings, project_onto, project_out
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
 
 class MarginalLikelihood:
     """Marginal likelihood of columns on a linear model, and on columns that are already part of the model.
 
-    weighted_residual (n, w): C^-1 y; q (n, w, b): 1 - q q' is C^-1, the inverse covariance of the readings. response:
-    whitened response (n, w) to one unit of a channel. factor: q, or what is added to a parent's.
+    q (n, w, b): 1 - q q' is C^-1, the inverse covariance of the readings. response: whitened response (n, w) to one
+    unit of a channel. factor: q, or what is added to a parent's. weighted_residual: C^-1 y (n, w), if of other readings
+    than the model's. Most models with something added are asked for a few channels only, so that nothing of the
+    readings' length is computed of them before it is needed.
     """
 
     def __init__(
@@ -37,26 +39,28 @@ class MarginalLikelihood:
         linear: LinearisedReadings,
         response: ChannelResponses,
         factor: Array | _AddedFactor,
-        weighted_residual: Array,
+        weighted_residual: Array | None = None,
     ) -> None:
         self.linear = linear
         self.response = response
         self._factor = factor
-        self.weighted_residual = weighted_residual
+        self._given = weighted_residual
         self._added = factor if isinstance(factor, _AddedFactor) else None
         self._projections: dict[str, Array] = {}
         self._parts: dict[tuple[str, bool], PartOfChannel] = {}
         self._kept: dict[ColumnsByChannel, InformationAndScore] = {}
+        self._scores: dict[str, Array] = {}
+        self._by_visit: dict[str, tuple[Array, Array]] = {}
         self._grouped: dict[str, tuple[NDArray[np.intp], InformationAndScore]] = {}
 
     @classmethod
     def of(cls, linear: LinearisedReadings) -> MarginalLikelihood:
         """The marginal likelihood of a linear model without any effect."""
-        return cls(linear, ChannelResponses(linear), linear.q, linear.apply(linear.residual))
+        return cls(linear, ChannelResponses(linear), linear.q)
 
     def on(self, linear: LinearisedReadings) -> MarginalLikelihood:
         """The same on a model whose readings respond alike, with other prior standard deviations of its unknowns."""
-        return MarginalLikelihood(linear, self.response, linear.q, linear.apply(linear.residual))
+        return MarginalLikelihood(linear, self.response, linear.q)
 
     @property
     def channels(self) -> Channels:
@@ -65,32 +69,51 @@ class MarginalLikelihood:
 
     def including(self, columns: Array) -> MarginalLikelihood:
         """The marginal likelihood with columns (n, w, j), each times its prior standard deviation, in the model."""
-        count = columns.shape[2]
-        projected = self.apply(columns).reshape(-1, count)
-        gram = np.eye(count) + columns.reshape(-1, count).T @ projected
-        upper = np.linalg.cholesky(gram).T
-        added = np.linalg.solve(upper.T, projected.T).T
-        along_residual = added.T @ self.linear.residual.ravel()
-        weighted_residual = self.weighted_residual - (added @ along_residual).reshape(self.weighted_residual.shape)
-        factor = _AddedFactor(self, added.reshape(*columns.shape[:2], -1), along_residual)
-        return MarginalLikelihood(self.linear, self.response, factor, weighted_residual)
+        return MarginalLikelihood(self.linear, self.response, _AddedFactor(self, columns))
+
+    @cached_property
+    def weighted_residual(self) -> Array:
+        """C^-1 y (n, w)."""
+        if self._given is not None:
+            return self._given
+        return self.linear.residual - self.times_q(self.residual_along_q[:, None])[:, :, 0]
 
     @cached_property
     def q(self) -> Array:
         """The factor (n, w, b); of most models with something added none is needed."""
-        factor = self._factor
-        return np.concatenate([factor.parent.q, factor.q], axis=2) if isinstance(factor, _AddedFactor) else factor
+        if self._added is None:
+            return np.asarray(self._factor)
+        return np.concatenate([self._added.parent.q, self._added.q], axis=2)
 
-    @property
+    @cached_property
+    def residual_along_q(self) -> Array:
+        """q' y (b,)."""
+        if self._added is None:
+            return self.along_q(self.linear.residual[:, :, None])[:, 0]
+        return np.concatenate([self._added.parent.residual_along_q, self._added.along_residual])
+
+    @cached_property
     def _rank(self) -> int:
-        return self.q.shape[2] if self._added is None else self._added.parent._rank + self._added.q.shape[2]
+        return self.q.shape[2] if self._added is None else self._added.parent._rank + self._added.count
 
     def apply(self, columns: Array) -> Array:
         """Inverse covariance times columns (n, w, k)."""
+        return columns - self.times_q(self.along_q(columns))
+
+    def along_q(self, columns: Array) -> Array:
+        """Products (b, k) of q with whitened columns (n, w, k)."""
         if self._added is None:
-            return project_out(self.q, columns)
-        former = self._added.parent.apply(columns)
-        return former - project_onto(self._added.q, columns)
+            return np.asarray(self.q.reshape(-1, self.q.shape[2]).T @ columns.reshape(-1, columns.shape[2]))
+        along = self._added.parent.along_q(columns)
+        return np.concatenate([along, self._added.along_q(columns, along)])
+
+    def times_q(self, coefficients: Array) -> Array:
+        """q times coefficients (b, k), as whitened columns (n, w, k)."""
+        if self._added is None:
+            flat = self.q.reshape(-1, self.q.shape[2]) @ coefficients
+            return np.asarray(flat.reshape(*self.q.shape[:2], -1))
+        former = self._added.parent._rank
+        return self._added.times_q(coefficients[former:], coefficients[:former])
 
     def columns(self, contributions: Sequence[Contributions]) -> Array:
         """Whitened columns (n, w, k)."""
@@ -117,29 +140,14 @@ class MarginalLikelihood:
     def _information_and_score(self, columns: ColumnsByChannel) -> InformationAndScore:
         along_factor = np.zeros((self._rank, columns.count))
         score = np.zeros(columns.count)
-        information = np.zeros((columns.count, columns.count))
-        all_by_visit, done = self.response.columns_by_visit(columns), list[str]()
+        all_by_visit = self.response.columns_by_visit(columns)
         for channel, (numbers, shapes) in columns.shapes.items():
             by_visit = all_by_visit[channel]
             part = self._part(channel, by_visit=by_visit is not None)
             own_shapes = shapes[self.response.rows(channel)] if by_visit is None else by_visit
             along_factor[:, numbers] += part.along_factor.T @ own_shapes
             score[numbers] += part.score @ own_shapes
-            weighted = part.norm[:, None] * own_shapes
-            information[_block(numbers, numbers)] += weighted.T @ weighted
-            for other in done:
-                product = np.einsum("nj,nj->n", self.response(channel), self.response(other))
-                if not (rows := np.flatnonzero(product)).size:
-                    continue
-                (other_numbers, other_shapes), other_by_visit = columns.shapes[other], all_by_visit[other]
-                if by_visit is not None and other_by_visit is not None:
-                    block = by_visit.T @ ((self.response.sums_over_visits @ product)[:, None] * other_by_visit)
-                else:
-                    block = shapes[rows].T @ (product[rows, None] * other_shapes[rows])
-                information[_block(numbers, other_numbers)] += block
-                information[_block(other_numbers, numbers)] += block.T
-            done.append(channel)
-        return InformationAndScore(information - along_factor.T @ along_factor, score)
+        return InformationAndScore(self.response.products(columns) - along_factor.T @ along_factor, score)
 
     def _part(self, channel: str, *, by_visit: bool) -> PartOfChannel:
         """What a channel adds to information and score, by visit or by reading that responds."""
@@ -193,16 +201,31 @@ class MarginalLikelihood:
             kept = self._grouped[channel] = (group, InformationAndScore(information, sums @ self._score(channel)))
         return kept[1]
 
-    def information_by_visit(self, channel: str, arrival: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Information and score (v,) of one unit of a channel during each single visit; arrival (n,): the visit."""
-        response, sums = self.response(channel), sums_over_visits(arrival)
-        along_factor = sums @ self._projection(channel)
-        information = sums @ np.sum(response**2, axis=1) - np.sum(along_factor**2, axis=1)
-        return np.asarray(np.maximum(information, 0.0)), np.asarray(sums @ self._score(channel))
+    def information_by_visit(self, channel: str) -> tuple[Array, Array]:
+        """Information and score (v,) of one unit of a channel during each single visit."""
+        if channel not in self._by_visit:
+            self._by_visit[channel] = self._information_by_visit(channel)
+        information, score = self._by_visit[channel]
+        return np.asarray(np.maximum(information, 0.0)), score
+
+    def _information_by_visit(self, channel: str) -> tuple[Array, Array]:
+        if (added := self._added) is None:
+            part = self._part(channel, by_visit=True)
+            return part.norm**2 - np.sum(part.along_factor**2, axis=1), part.score
+        added.parent.information_by_visit(channel)
+        information, score = added.parent._by_visit[channel]
+        along = added.projection_by_visit(channel)
+        return information - np.sum(along**2, axis=1), score - along @ added.along_residual
 
     def _score(self, channel: str) -> Array:
         """Score (n,) of one unit of a channel at each single reading."""
-        return np.asarray(np.einsum("nj,nj->n", self.response(channel), self.weighted_residual))
+        if channel not in self._scores:
+            self._scores[channel] = (
+                np.einsum("nj,nj->n", self.response(channel), self.weighted_residual)
+                if (added := self._added) is None
+                else added.parent._score(channel) - added.projection(channel) @ added.along_residual
+            )
+        return self._scores[channel]
 
     def _projection(self, channel: str) -> Array:
         """Rows (n, b): a channel's response along q."""
@@ -214,45 +237,74 @@ class MarginalLikelihood:
             )
         return self._projections[channel]
 
+    def projected(self, channel: str, coefficients: Array, *, by_visit: bool) -> Array:
+        """A channel's response along q times coefficients (b, j): of readings (n, j), or summed over visits (v, j)."""
+        if (added := self._added) is None:
+            rows = self._part(channel, by_visit=True).along_factor if by_visit else self._projection(channel)
+            return np.asarray(rows @ coefficients)
+        former = added.parent._rank
+        own = added.projection_by_visit(channel) if by_visit else added.projection(channel)
+        before = added.parent.projected(channel, coefficients[:former], by_visit=by_visit)
+        return np.asarray(before + own @ coefficients[former:])
+
 
 class _AddedFactor:
-    """What columns that were added to a parent's model add to its factor: q (n, w, j), along_residual (j,): q' y."""
+    """What columns H (n, w, j) that were added to a parent's model, of factor p, add to it: q = (H - p t) U^-1 with
+    t = p' H and U' U = 1 + H' H - t' t. along_residual (j,): q' y."""
 
-    def __init__(self, parent: MarginalLikelihood, q: Array, along_residual: Array) -> None:
-        self.parent = parent
-        self.q = q
-        self._along_residual = along_residual
+    def __init__(self, parent: MarginalLikelihood, columns: Array) -> None:
+        self.parent, self.count = parent, columns.shape[2]
+        self._columns = columns
+        flat = columns.reshape(-1, self.count)
+        self._along = parent.along_q(columns)
+        gram = np.eye(self.count) + flat.T @ flat - self._along.T @ self._along
+        self._inverse_upper = np.linalg.inv(np.linalg.cholesky(gram).T)
+        own = flat.T @ parent.linear.residual.ravel() - self._along.T @ parent.residual_along_q
+        self.along_residual = self._inverse_upper.T @ own
         self._projections: dict[str, Array] = {}
         self._by_visit: dict[str, Array] = {}
+
+    @cached_property
+    def q(self) -> Array:
+        """What is added (n, w, j)."""
+        return self.times_q(np.eye(self.count), np.zeros_like(self._along))
+
+    def times_q(self, coefficients: Array, of_parent: Array) -> Array:
+        """Coefficients (j, k) times it and (b, k) times the parent's, as whitened columns (n, w, k)."""
+        own = self._inverse_upper @ coefficients
+        return np.asarray(self._columns @ own + self.parent.times_q(of_parent - self._along @ own))
+
+    def along_q(self, columns: Array, along_parent: Array) -> Array:
+        """Products (j, k) with whitened columns (n, w, k), from those of the parent's factor (b, k)."""
+        own = self._columns.reshape(-1, self.count).T @ columns.reshape(-1, columns.shape[2])
+        return np.asarray(self._inverse_upper.T @ (own - self._along.T @ along_parent))
 
     def projection(self, channel: str) -> Array:
         """Rows (n, j): a channel's response along q."""
         if channel not in self._projections:
-            self._projections[channel] = products_along(self.parent.response(channel), self.q)
+            direct = products_along(self.parent.response(channel), self._columns)
+            absorbed = self.parent.projected(channel, self._along, by_visit=False)
+            self._projections[channel] = (direct - absorbed) @ self._inverse_upper
         return self._projections[channel]
+
+    def projection_by_visit(self, channel: str) -> Array:
+        """The same, summed over the readings of each visit (v, j)."""
+        if channel not in self._by_visit:
+            response = self.parent.response
+            direct = response.sums_over_visits @ products_along(response(channel), self._columns)
+            absorbed = self.parent.projected(channel, self._along, by_visit=True)
+            self._by_visit[channel] = (direct - absorbed) @ self._inverse_upper
+        return self._by_visit[channel]
 
     def updated(self, columns: ColumnsByChannel, former: InformationAndScore) -> InformationAndScore:
         """Information and score with what was added, from those of the parent."""
-        along = np.zeros((self.q.shape[2], columns.count))
+        along = np.zeros((self.count, columns.count))
         by_visit = self.parent.response.columns_by_visit(columns)
         for channel, (numbers, shapes) in columns.shapes.items():
             at_visits = by_visit[channel]
             along[:, numbers] += (
                 self.projection(channel).T @ shapes
                 if at_visits is None
-                else self._projection_by_visit(channel).T @ at_visits
+                else self.projection_by_visit(channel).T @ at_visits
             )
-        return InformationAndScore(former.information - along.T @ along, former.score - along.T @ self._along_residual)
-
-    def _projection_by_visit(self, channel: str) -> Array:
-        """The same, summed over the readings of each visit (v, j)."""
-        if channel not in self._by_visit:
-            self._by_visit[channel] = self.parent.response.sums_over_visits @ self.projection(channel)
-        return self._by_visit[channel]
-
-
-def _block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> tuple[slice | NDArray[np.intp], ...]:
-    """Index of a block of a matrix by its rows and columns, both ascending; slices where no number is left out."""
-    if all(numbers[-1] - numbers[0] + 1 == len(numbers) for numbers in (rows, columns)):
-        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    return np.ix_(rows, columns)
+        return InformationAndScore(former.information - along.T @ along, former.score - along.T @ self.along_residual)

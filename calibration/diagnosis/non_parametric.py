@@ -88,7 +88,7 @@ def _log_evidence_by_visit(
     likelihood: MarginalLikelihood, channel: str, inputs: EffectInputs, sizes_sigma: Array
 ) -> Array:
     """Log evidence (a,) of shifts per visit at a channel, approximated as independent, for each size (a,)."""
-    information, score = likelihood.information_by_visit(channel, inputs.context.arrival)
+    information, score = likelihood.information_by_visit(channel)
     square = (sizes_sigma[:, None] * _channel_unit(likelihood, channel)) ** 2
     grown = 1.0 + square * information
     return np.asarray(np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1))

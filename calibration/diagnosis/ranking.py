@@ -86,7 +86,7 @@ def rank_effects(
             continue
         curves = log_evidence > VERDICT.curve_fit_share * strongest
         refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
-        cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves(inputs, 0)))
+        cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves_at(inputs, 0)))
         causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
     return first_likely(causes)
 
@@ -185,7 +185,7 @@ def _refine(
     strongest = max(place.log_evidence for place in places)
 
     def with_curves(place: _PlaceEvidence) -> _PlaceEvidence:
-        of_place = effect.curves(inputs, every.index(place.place)) if curves else ()
+        of_place = effect.curves_at(inputs, every.index(place.place)) if curves else ()
         fit = fit_curves(likelihood, of_place, low, effect.size.high)
         if fit is None:
             return place

@@ -18,7 +18,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.basis_functions import scale_to_symmetric
-from calibration.effects.basis_sets import BasisSet, BasisSets, Curve, CurvePoint, Departure, Tangent
+from calibration.effects.basis_sets import BasisSet, BasisSets, Curve, CurvePoint, Departure, Tangent, Tangents
 from calibration.effects.columns import Contributions
 from calibration.effects.context import ReadingContext
 from calibration.effects.former_names import former_name
@@ -36,6 +36,7 @@ __all__ = [
     "EffectInputs",
     "EffectParameter",
     "Tangent",
+    "Tangents",
     "Textbook",
     "geometric_series",
     "strongest_onset",
@@ -206,6 +207,11 @@ class Effect:
         _, built = inputs.once(
             (id(self), place), lambda: (self, self.forms(inputs, place))
         )  # self: so that the id lasts
+        return built
+
+    def curves_at(self, inputs: EffectInputs, place: int) -> Sequence[Curve]:
+        """Its curves at a place, built once for the inputs."""
+        _, built = inputs.once(("curves", id(self), place), lambda: (self, self.curves(inputs, place)))
         return built
 
     def without_forms(self, names: Collection[str]) -> Effect:

@@ -116,7 +116,7 @@ class BasisSets:
                 columns=tuple(basis_set.columns[k] for k in kept),
                 relative=tuple(basis_set.relative[k] for k in kept),
             )
-            key = (left.columns, left.relative, tuple(left.parameters.items()))
+            key = (left.columns, left.relative, tuple(left.parameters.items()), left.sign)
             if key not in seen:  # what is left of one may be another
                 out.sets.append(left)
             seen.add(key)
@@ -146,13 +146,35 @@ class Tangent:
 
 
 @dataclass(frozen=True)
+class Tangents:
+    """Tangents of a curve at several points (m), through one channel; fields as those of `Tangent`.
+
+    columns (m, 1 + p, v): at one reading of each group; units (m, p); size (m, 2); value (m,).
+    """
+
+    channel: str
+    columns: Array
+    relative: tuple[float, ...]
+    units: Array
+    size: Array
+    value: Array
+
+    def __getitem__(self, row: int) -> Tangent:
+        """One of them."""
+        contributions = tuple(((self.channel, column),) for column in self.columns[row])
+        units, size = tuple(self.units[row].tolist()), tuple(self.size[row].tolist())
+        return Tangent(contributions, self.relative, units, size, value=float(self.value[row]))
+
+
+@dataclass(frozen=True)
 class Curve:
     """A family of columns that is not linear in its parameters (p), fitted iteratively from several starts (m, p).
 
     The first parameter carries the size. low, high (p,): limits; spread (p,): prior standard deviations about zero,
     infinite where only the limits are known. form: its name, as that of a column. group (n,): where the columns of its
     tangents are alike among readings, as at one stand, they have one row for each group, whose number this is of each
-    reading.
+    reading. tangents: those at several points (m, p) at once, for a curve with groups that acts through one channel;
+    without it each is asked for by itself.
     """
 
     starts: Array
@@ -162,6 +184,7 @@ class Curve:
     tangent: Callable[[Array], Tangent]
     form: str = ""
     group: NDArray[np.intp] | None = None
+    tangents: Callable[[Array], Tangents] | None = None
 
     def at_readings(self, tangent: Tangent) -> tuple[Contributions, ...]:
         """The columns of one of its tangents at all readings."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -29,8 +27,10 @@ def following(t_s: Array, values: Array, tau_s: float) -> Array:
     """What follows values (n,) at times (n,) that change in steps; it begins where they do."""
     order = np.argsort(t_s, kind="stable")
     out = np.empty(len(values))
-    late, before_s = float(values[order[0]]), float(t_s[order[0]])
-    for row, now_s, now in zip(order.tolist(), t_s[order].tolist(), values[order].tolist(), strict=True):
-        late = now + (late - now) * math.exp(-(now_s - before_s) / tau_s)
-        out[row], before_s = late, now_s
+    late, in_time = float(values[order[0]]), []
+    decays = np.exp(-np.diff(t_s[order], prepend=t_s[order[0]]) / tau_s)
+    for now, decay in zip(values[order].tolist(), decays.tolist(), strict=True):
+        late = now + (late - now) * decay
+        in_time.append(late)
+    out[order] = in_time
     return out

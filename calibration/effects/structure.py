@@ -51,7 +51,7 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
     # By any function of the load, at once or as a part that creeps.
     loads = [
         cosine_basis(load, LOAD_TERMS)
-        for load in (inputs.payload_ratio, *_creeping_loads(inputs))
+        for load in (inputs.payload_ratio, *inputs.once("creeping", lambda: _creeping_loads(inputs)))
         if varies(load, LEAST_LOAD_CHANGE)
     ]
     for channel, force in directions:
@@ -143,7 +143,9 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
         # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
         seated = sets.add((name, cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)))
         sets.add_set(seated, weight=4.0)
-    sets.add_set(sets.add((name, inputs.payload_ratio), form="payload"), weight=2.0)
+    loaded = sets.add((name, inputs.payload_ratio), form="payload")
+    sets.add_set(loaded, sign=1.0)
+    sets.add_set(loaded, sign=-1.0, size=-1.0)  # to which side it lay before is not known
     return sets
 
 
@@ -161,23 +163,23 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
         return series_spring(compliance * np.exp(at[0] + at[1] * u + at[2] * u**2))
 
     def above(at: Array) -> ElongationLaw:
-        return slipping_law(compliance, typical * float(np.exp(at[0])), float(np.exp(at[1])))
+        return slipping_law(compliance, typical * np.exp(at[0]), np.exp(at[1]))
 
     def anywhere(at: Array) -> ElongationLaw:
         bent = at[1] * u + at[2] * u**2 + at[3] * load
         return series_spring(compliance * np.exp(at[0] + bent))
 
     def stretched(at: Array) -> ElongationLaw:
-        return smooth_spring(compliance * float(np.exp(at[0])), typical, float(at[1]), float(at[2]))
+        return smooth_spring(compliance * np.exp(at[0]), typical, at[1], at[2])
 
     def towards(side: float) -> Callable[[Array], ElongationLaw]:
-        return lambda at: one_sided_spring(compliance * float(np.exp(at[0])), side, NARROW * typical)
+        return lambda at: one_sided_spring(compliance * np.exp(at[0]), side, NARROW * typical)
 
-    def size_at(at: Array, _: Array) -> float:
-        return float(np.exp(at[0]))
+    def size_at(at: Array, _: Array) -> Array:
+        return np.asarray(np.exp(at[0]))
 
-    def mean(_: Array, growth: Array) -> float:
-        return max(float(np.sqrt(np.mean(growth**2))) / (typical * compliance), 1e-6)
+    def mean(_: Array, growth: Array) -> Array:
+        return np.maximum(np.sqrt(np.mean(growth**2, axis=-1, keepdims=True)) / (typical * compliance), 1e-6)
 
     def misfit_unit_m(_: Array) -> float:
         return MISFIT_UNIT * misfit_m(inputs)
@@ -225,13 +227,13 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
 
     def anyhow(at: Array) -> ElongationLaw:
         play = np.exp(at[0] + at[2] * load + at[3] * u)
-        return saturating_law(play, restrained.typical_n * float(np.exp(at[1])), float(np.exp(at[4])))
+        return saturating_law(play, restrained.typical_n * np.exp(at[1]), np.exp(at[4]))
 
     def law(at: Array) -> ElongationLaw:
-        return clearance_law(np.exp(at[0] + at[2] * load), restrained.typical_n * float(np.exp(at[1])))
+        return clearance_law(np.exp(at[0] + at[2] * load), restrained.typical_n * np.exp(at[1]))
 
-    def size_at(at: Array, _: Array | None = None) -> float:
-        return float(np.exp(at[0]))
+    def size_at(at: Array, _: Array | None = None) -> Array:
+        return np.asarray(np.exp(at[0]))
 
     starts = [(np.log(3e-5), np.log(w), by) for w in (0.03, 0.3) for by in (-0.8, 0.8)]
     middles = (-2.0, -1.0, 0.0, 1.0, 2.0)

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.effects.api import Curve, EffectInputs, Tangent
+from calibration.effects.api import Curve, EffectInputs, Tangents
 
-# From tensions (n,) in N: elongation in m beyond the linear spring's, and its derivative; it rises from zero at zero.
+# From tensions (..., v) in N: elongation in m beyond the linear spring's, and its derivative; it rises from zero at
+# zero.
 ElongationLaw = Callable[[Array], tuple[Array, Array]]
 
 MISFIT_TOLERANCES = 3.0  # standard deviation of a misfit, in tolerances of a strut's length: a loop sums up several
@@ -83,8 +84,9 @@ class RestrainedStrut:
         return [0.0, *((mean - middle * spread) / restraint for middle in middles)]
 
     def solve_tension(self, law: ElongationLaw, misfit_m: Array) -> tuple[Array, Array, Array]:
-        """Tension T (v,), g'(T) (v,) and 1 / (1 + r g'(T)), by Newton's method safeguarded with bisection."""
-        free = self.tension_n + self.misfit @ misfit_m
+        """Tension T (..., v), g'(T) and 1 / (1 + r g'(T)) for misfits (..., j), by Newton's method safeguarded with
+        bisection."""
+        free = self.tension_n + misfit_m @ self.misfit.T
         low, high, tension = np.minimum(free, 0.0), np.maximum(free, 0.0), 0.5 * free
         last_step = high - low
         tolerance_n = SOLVED * self.typical_n
@@ -94,10 +96,11 @@ class RestrainedStrut:
             low, high = np.where(imbalance < 0.0, tension, low), np.where(imbalance >= 0.0, tension, high)
             newton = tension - imbalance / (1.0 + self.restraint_n_per_m * slope)
             step = np.abs(newton - tension)
-            accept = (newton >= low) & (newton <= high) & (step <= np.maximum(0.5 * last_step, tolerance_n))
+            solved = step <= tolerance_n  # then rounding alone may lead out of the limits
+            accept = solved | ((newton >= low) & (newton <= high) & (step <= 0.5 * last_step))
             next_tension = np.where(accept, newton, 0.5 * (low + high))
             last_step, tension = np.abs(next_tension - tension), next_tension
-            if np.all(accept & (step <= tolerance_n)):
+            if np.all(solved):
                 break
         slope = law(tension)[1]
         return tension, slope, 1.0 / (1.0 + self.restraint_n_per_m * slope)
@@ -124,45 +127,55 @@ def curve_of_law(
     *,
     starts: Sequence[Sequence[float]],
     middles: Sequence[float],
-    size: Callable[[Array, Array], float],
-    misfit_unit_m: Callable[[Array], float],
+    size: Callable[[Array, Array], Array],
+    misfit_unit_m: Callable[[Array], Array | float],
     misfit_m: float,
     form: str,
 ) -> Curve:
     """The curve of an elongation law at a strut.
 
-    law: from its parameters, of which the first alone sets how much the strut elongates; starts: values of them to
-    start from; middles: mean tensions to start from, in standard deviations. size: of the effect, from the parameters
-    and the elongation (v,). misfit_unit_m: unit in which misfits count; misfit_m: their standard deviation. form: name.
+    law: from its parameters (k, ..., 1), of which the first alone sets how much the strut elongates; starts: values of
+    them to start from; middles: mean tensions to start from, in standard deviations. size: of the effect (..., 1), from
+    the parameters and the elongation (..., v). misfit_unit_m: unit in which misfits count; misfit_m: their standard
+    deviation. form: name.
     """
     n, misfits = len(parameters), strut.misfit.shape[1]
 
-    def tangent(point: Array) -> Tangent:
-        at = point[:n]
-        tension, slope, restraint_factor = strut.solve_tension(law(at), point[n:])
-        growth = law(at)(tension)[0]
-        by_parameter = [
-            (law(at + DERIVATIVE_STEP * np.eye(n)[i])(tension)[0] - growth) / DERIVATIVE_STEP * restraint_factor
-            for i in range(n)
-        ]
-        size_here, unit_m = size(at, growth), misfit_unit_m(at)
-        columns = [growth, *by_parameter, *((slope * restraint_factor)[:, None] * strut.misfit * unit_m).T]
+    def tangents(points: Array) -> Tangents:
+        at = points.T[:n, :, None]
+        tension, slope, restraint_factor = strut.solve_tension(law(at), points[:, n:])
+        growth, by_parameter = _growth_and_derivatives(law, at, tension)
+        by_parameter *= restraint_factor
+        size_here, unit_m = size(at, growth), np.broadcast_to(misfit_unit_m(at), (len(points), 1))
+        by_misfit = (slope * restraint_factor * unit_m)[:, None] * strut.misfit.T
+        columns = np.concatenate([growth[:, None], by_parameter.transpose(1, 0, 2), by_misfit], axis=1)
         # Relative growth of the elongation with the first parameter.
-        share = float(growth @ by_parameter[0]) / max(float(growth @ growth), 1e-300)
+        share = np.sum(growth * by_parameter[0], axis=1) / np.maximum(np.sum(growth**2, axis=1), 1e-300)
 
-        units = (1.0,) * n + (unit_m,) * misfits
-        contributions = tuple(((strut.channel, column / size_here),) for column in columns)
-        return Tangent(contributions, (1.0,) + (COLUMN_SHARE,) * len(units), units, (1.0, share), value=size_here)
+        units = np.concatenate([np.ones((len(points), n)), np.repeat(unit_m, misfits, axis=1)], axis=1)
+        relative = (1.0,) + (COLUMN_SHARE,) * (n + misfits)
+        sizes = np.column_stack([np.ones(len(points)), share])
+        return Tangents(strut.channel, columns / size_here[:, None], relative, units, sizes, size_here[:, 0])
 
     low = np.array([*(p.low for p in parameters), *[-5.0 * misfit_m] * misfits])
     high = np.array([*(p.high for p in parameters), *[5.0 * misfit_m] * misfits])
     others = np.zeros(misfits - 1)
     all_starts = np.array([[*start, own, *others] for start in starts for own in strut.starting_misfits_m(middles)])
     spread = np.array([*(p.spread for p in parameters), *[misfit_m] * misfits])
-    return Curve(np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, tangent, form, strut.group)
+    return Curve(
+        np.unique(np.clip(all_starts, low, high), axis=0), low, high, spread, lambda point: tangents(point[None])[0],
+        form, strut.group, tangents,
+    )  # fmt: skip
 
 
-def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:
+def _growth_and_derivatives(law: Callable[[Array], ElongationLaw], at: Array, tension_n: Array) -> tuple[Array, Array]:
+    """Elongation (m, v) of a law with parameters (k, m, 1), and its derivatives (k, m, v) by these."""
+    steps = DERIVATIVE_STEP * np.eye(len(at), len(at) + 1, 1)[:, :, None, None]
+    growth = law(at[:, None] + steps)(tension_n)[0]
+    return growth[0], (growth[1:] - growth[0]) / DERIVATIVE_STEP
+
+
+def clearance_law(clearance_m: Array | float, width_n: Array | float) -> ElongationLaw:
     """Play to each side, which closes over a width of tension."""
 
     def law(tension: Array) -> tuple[Array, Array]:
@@ -173,7 +186,7 @@ def clearance_law(clearance_m: Array | float, width_n: float) -> ElongationLaw:
     return law
 
 
-def saturating_law(clearance_m: Array | float, width_n: float, power: float) -> ElongationLaw:
+def saturating_law(clearance_m: Array | float, width_n: Array | float, power: Array | float) -> ElongationLaw:
     """Play to each side that closes along any curve: s / (1 + |s|^p)^(1/p), of s the tension over a width."""
 
     def law(tension: Array) -> tuple[Array, Array]:
@@ -195,7 +208,7 @@ def series_spring(compliance_m_per_n: Array | float) -> ElongationLaw:
     return law
 
 
-def slipping_law(compliance_m_per_n: float, tension_n: float, power: float) -> ElongationLaw:
+def slipping_law(compliance_m_per_n: float, tension_n: Array | float, power: Array | float) -> ElongationLaw:
     """Yields progressively above a tension."""
 
     def law(tension: Array) -> tuple[Array, Array]:
@@ -205,7 +218,9 @@ def slipping_law(compliance_m_per_n: float, tension_n: float, power: float) -> E
     return law
 
 
-def smooth_spring(compliance_m_per_n: float, tension_n: float, tilt: float, bend: float) -> ElongationLaw:
+def smooth_spring(
+    compliance_m_per_n: Array | float, tension_n: float, tilt: Array | float, bend: Array | float
+) -> ElongationLaw:
     """A spring whose compliance is c exp(a s + b |s|), a function of s, the tension over `tension_n`, up to a limit."""
 
     def law(tension: Array) -> tuple[Array, Array]:
@@ -220,7 +235,7 @@ def smooth_spring(compliance_m_per_n: float, tension_n: float, tilt: float, bend
     return law
 
 
-def one_sided_spring(compliance_m_per_n: float, side: float, width_n: float) -> ElongationLaw:
+def one_sided_spring(compliance_m_per_n: Array | float, side: float, width_n: float) -> ElongationLaw:
     """A spring in series that acts in tension (side 1) or in compression (side -1) only."""
 
     def law(tension: Array) -> tuple[Array, Array]:

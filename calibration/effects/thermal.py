@@ -80,6 +80,10 @@ def _heats_of_drive(inputs: EffectInputs, drive: int) -> list[tuple[Array, float
     """Heat (n,) by a drive's friction, |torque| times speed, and by its motor's losses, torque squared, which parts
     take up and lose again with time constants; over their ranges. None where the torque is not known or hardly varies.
     """
+    return inputs.once(("heats", drive), lambda: _followed_heats(inputs, drive))
+
+
+def _followed_heats(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
     context = inputs.context
     if {"torque", "t_s", "history"} & context.not_said.keys():
         return []

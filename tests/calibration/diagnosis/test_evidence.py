@@ -208,7 +208,7 @@ def assert_alike(one: InformationAndScore, other: InformationAndScore) -> None:
 def test_by_visit_is_judge_of_single_visits(small, likelihood):
     arrival = small.context.arrival
     contributions = [(("travel.right", (arrival == v).astype(float)),) for v in range(int(arrival.max()) + 1)]
-    information, score = likelihood.information_by_visit("travel.right", arrival)
+    information, score = likelihood.information_by_visit("travel.right")
     judged = likelihood.information_and_score(contributions)
     assert information == pytest.approx(np.diag(judged.information), rel=1e-9, abs=1e-9 * information.max())
     assert score == pytest.approx(judged.score, rel=1e-9, abs=1e-9 * np.abs(score).max())

@@ -25,7 +25,7 @@ from tests.calibration.diagnosis.campaigns import PLANAR
 
 CATALOGUE = load_catalogue()
 MACHINE = load_machine(PLANAR)
-INPUTS = SimpleNamespace(machine=MACHINE)
+INPUTS = SimpleNamespace(machine=MACHINE, once=lambda _, make: make())
 E = np.e
 
 

@@ -10,12 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
 from calibration.effects.structure import clearance_curves, link_stiffness_curves
 from calibration.effects.strut_laws import (
@@ -83,6 +86,16 @@ def test_tension_and_growth_agree_with_what_holds_the_strut(free, restraint, cle
         assert at + restraint * law(at)[0] == pytest.approx(tension, rel=1e-6, abs=1e-6)
         assert slope == pytest.approx(law(at)[1])
         assert np.all((kept > 0.0) & (kept <= 1.0))
+
+
+def test_a_tension_that_is_solved_is_not_left_again():
+    """A step at its last digit may lead out of the limits by rounding."""
+    tension = np.linspace(-4e3, 4e3, 400)
+    held = RestrainedStrut("length.any", 1e8, *two_of_each(400), tension, np.full(400, 4e7), np.zeros((400, 1)))
+    for name, make in LAWS.items():
+        asked, law = [], make()
+        held.solve_tension(lambda t, asked=asked, law=law: asked.append(1) or law(t), np.zeros(1))
+        assert len(asked) < 20, name
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -156,9 +169,9 @@ def test_columns_of_a_tangent_are_derivatives(known):
     """Growth a little beside a point against the column of that parameter, in its unit."""
     _, s = known
     curve = curve_of_law(
-        RestrainedStrut.from_inputs(s, 3), lambda at: clearance_law(np.exp(at[0]), float(np.exp(at[1]))),
+        RestrainedStrut.from_inputs(s, 3), lambda at: clearance_law(np.exp(at[0]), np.exp(at[1])),
         (LawParameter(-20.0, 0.0), LawParameter(0.0, 20.0)), starts=[(np.log(4e-5), np.log(3000.0))], middles=(0.5,),
-        size=lambda at, growth: 1.0, misfit_unit_m=lambda at: 1e-5, misfit_m=misfit_m(s), form="play",
+        size=lambda at, growth: np.ones_like(at[0]), misfit_unit_m=lambda at: 1e-5, misfit_m=misfit_m(s), form="play",
     )  # fmt: skip
     at = curve.starts[1]
     here = curve.tangent(at)
@@ -222,6 +235,29 @@ def test_the_contrary_of_an_effect_is_not_that_effect(known):
     contributions = truth.at_readings(truth.tangent(np.zeros(len(truth.low))))
     signal = -0.5 * likelihood.columns(contributions[:1])[:, :, 0]
     assert fit_curves(MarginalLikelihood.of(replace(likelihood.linear, residual=signal)), [truth], 0.05, 20.0) is None
+
+
+@pytest.mark.parametrize("curves", [clearance_curves, link_stiffness_curves])
+def test_points_that_are_followed_together_lead_where_each_does_alone(known, curves):
+    likelihood, s = known
+    for together in curves(s, 3):
+        alone = replace(together, tangents=None)
+        of_all, of_each = (fit_curves(likelihood, [curve], 1e-6, 20.0) for curve in (together, alone))
+        assert of_all.log_evidence == pytest.approx(of_each.log_evidence, rel=1e-6, abs=1e-3)
+        np.testing.assert_allclose(of_all.best.basis_set.curve[1], of_each.best.basis_set.curve[1], atol=1e-3)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_size_of_play_that_a_payload_closes_is_above_zero(known, sign):
+    """The strut becomes longer or shorter: on which side of its play it hung before nobody knows."""
+    likelihood, s = known
+    clearance = load_catalogue().effect("joint_clearance")
+    linear = likelihood.linear
+    signal = sign * 4e-5 * likelihood.response("length.right_lower") * s.payload_ratio[:, None]
+    (cause,) = rank_effects(MarginalLikelihood.of(replace(linear, residual=signal)), s, [clearance])
+    assert cause.place == "right_lower"
+    assert len(cause.best.basis_set.main) == 1  # else the size is a norm, and cannot be below zero
+    assert size_of(cause)[0] == pytest.approx(4e-5, rel=0.5)
 
 
 @pytest.mark.parametrize("name", ["stewart6", "prs3"])

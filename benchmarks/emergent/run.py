@@ -31,6 +31,7 @@ from benchmarks.independent.pack import pack
 from benchmarks.independent.recordings import digest_of
 from benchmarks.results_file import ROOT, code_digest
 from benchmarks.side_by_side import side_by_side
+from benchmarks.timing import in_one_thread
 from benchmarks.withheld.score_rows import Row, called, overall_right
 from tests.kept_results import until_stopped
 
@@ -121,4 +122,5 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
+    in_one_thread()  # as benchmarks.withheld.run
     sys.exit(until_stopped(main))

@@ -2,11 +2,13 @@
 
     python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2] [--no-leave-form-out]
     python -m benchmarks.withheld.run --so-far DIR
+    python -m benchmarks.withheld.run --log-catalogue
 
 --final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
 comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any time,
 the same command goes on. --so-far prints the table of what a stopped or running run has finished, a random part of its
-cases, and changes nothing. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
+cases, and changes nothing. --log-catalogue appends the hash of the catalogue to log.jsonl, before new final forms come
+into the plant. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
 missed, 2 if a process fails or the diagnoser cannot be sealed (sealed_diagnoser).
 """
 
@@ -44,6 +46,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = _options(arguments)
     if options.so_far:
         return _print_so_far(options.so_far)
+    if options.log_catalogue:
+        _append(options.log, {"catalogue": catalogue_digest(), "logged": _now()})
+        return 0
     settings = {
         "seed": "operating system" if options.final else options.seed,
         "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
@@ -189,6 +194,11 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     which.add_argument("--final", action="store_true", help="seed of the operating system, final variants, logged")
     which.add_argument("--seed", type=int, help="development: no final variants, not logged")
     which.add_argument("--so-far", type=Path, metavar="DIR", help="the table of what the run of a folder has finished")
+    which.add_argument(
+        "--log-catalogue",
+        action="store_true",
+        help="append the catalogue's hash to the log, before new final forms come",
+    )
     parser.add_argument("--n", type=int, default=0, help=f"cases in all; {sum(FULL.values())} if left out")
     parser.add_argument("--kinds", default="", help=f"some of {', '.join(FULL)}, separated by commas")
     parser.add_argument("--out", type=Path, help="folder of the run")

@@ -459,6 +459,16 @@ def test_a_final_run_is_logged_whatever_comes_out(tmp_path, capsys):
     capsys.readouterr()
 
 
+def test_the_catalogue_is_logged_before_new_final_forms_come(tmp_path):
+    log = tmp_path / "log.jsonl"
+    log.write_text('{"run": "former"}\n')
+    assert run.main(["--log-catalogue", "--log", str(log)]) == 0
+    former, entry = (json.loads(line) for line in log.read_text().splitlines())
+    assert former == {"run": "former"}
+    assert entry["catalogue"] == run.catalogue_digest()
+    assert set(entry) == {"catalogue", "logged"}
+
+
 def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
     assert run.main(arguments(tmp_path / "out", n=5, kinds="effect,null,outside", batch=3)) in (0, 1)
     rows = rows_of(tmp_path / "out")

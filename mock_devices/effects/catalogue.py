@@ -15,6 +15,7 @@ from mock_devices.effects import (
     ordinary_disturbances,
     outside,
     outside_final,
+    outside_published,
     reversal,
     stated_values,
     structure,
@@ -36,6 +37,7 @@ SPECS: dict[str, EffectSpec] = {
         control,
         stated_values,
         outside,
+        outside_published,
         outside_final,
         ordinary_disturbances,
     )

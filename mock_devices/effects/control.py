@@ -7,6 +7,8 @@ import numpy as np
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState
 
 REFERENCE_SPEED_M_PER_S = 0.5
+BED_PER_M = 3.0
+POLL_S = 1024.0
 
 
 class AxisCoupling(Effect):
@@ -14,6 +16,8 @@ class AxisCoupling(Effect):
 
     `shared_beam`: both axes ride on one simply supported beam; the weight of the other bends it under this one, as in
     R. J. Roark, "Formulas for Stress and Strain" (1938).
+    `elastic_bed`: both stand on one bed on soft ground, which dips under the other axis and rises a little further off,
+    as a long beam under one force in M. Hetényi, "Beams on Elastic Foundation" (1946).
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -28,6 +32,9 @@ class AxisCoupling(Effect):
             y = 0.25 * np.tanh(x / 0.12)
         elif self.variant == "by_approach":  # the other axis pushes while it comes, and this one sticks
             y = 0.25 * state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
+        elif self.variant == "elastic_bed":
+            away = BED_PER_M * np.abs(state.q_m[:, a] - mine - x)
+            y = -0.25 * np.exp(-away) * (np.cos(away) + np.sin(away))
         elif self.variant == "shared_beam":
             y = -0.5 * _beam_bends((state.q_m[:, a] - mine) / my_half, x / half)
         elif self.variant == "product":
@@ -49,6 +56,8 @@ class Latency(Effect):
     """The station's reading is of a later moment than the drives': it shows while an axis moves.
 
     `filtering` is a first-order filter in the tracking instead of a dead time, which is still felt after a stop.
+    `clock_skew`: two clocks that are set by messages every POLL_S and run apart in between, as in D. L. Mills,
+    "Internet Time Synchronization: The Network Time Protocol" (1991): the size is how far just before they are set.
     """
 
     def early_s(self, state: MotionState) -> Array | float:
@@ -57,6 +66,8 @@ class Latency(Effect):
             return 0.0
         if self.variant == "bus_cycles":  # alternates between two cycles of a bus
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
+        if self.variant == "clock_skew":
+            return np.asarray(self.size * (self.elapsed_s(state) % POLL_S) / POLL_S)
         if self.variant == "with_speed":
             return np.asarray(self.size * np.abs(state.velocity_m_per_s).max(axis=1) / 0.25)
         return self.size
@@ -73,6 +84,8 @@ class ServoSettling(Effect):
 
     `stretched`: exp(-sqrt(t / tau)), the relaxation in R. Kohlrausch, "Theorie des elektrischen Rückstandes in der
     Leidener Flasche" (1854): fast at first and long after still on its way.
+    `critically_damped`: (1 + t / tau) exp(-t / tau), the loop of second order with damping one of K. Ogata, "Modern
+    Control Engineering" (1970), that has come to rest for the moment when its target stops.
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -88,6 +101,8 @@ class ServoSettling(Effect):
             share = np.maximum(1.0 - 0.5 * t, 0.0)
         elif self.variant == "stretched":
             share = np.exp(-np.sqrt(t))
+        elif self.variant == "critically_damped":
+            share = (1.0 + t) * np.exp(-t)
         elif self.variant == "two_stages":
             share = 0.6 * np.exp(-2.0 * t) + 0.4 * np.exp(-0.4 * t)
         behind = state.direction[:, a] * state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
@@ -100,8 +115,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("ratio", 1e-6, 3e-5, 2e-3, "metres a metre of the other axis"),
-        variants=("linear", "quadratic", "saturating", "by_approach", "product", "shared_beam"),
-        final="shared_beam",
+        variants=("linear", "quadratic", "saturating", "by_approach", "product", "shared_beam", "elastic_bed"),
+        final="elastic_bed",
         reveals="the other drive's coordinate, SMRs on the sliders",
         make=AxisCoupling,
     ),
@@ -110,8 +125,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
-        variants=("dead_time", "filtering", "with_speed", "bus_cycles"),
-        final="bus_cycles",
+        variants=("dead_time", "filtering", "with_speed", "bus_cycles", "clock_skew"),
+        final="clock_skew",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -120,8 +135,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
-        variants=("creep", "ringing", "logarithmic", "integrator", "two_stages", "stretched"),
-        final="stretched",
+        variants=("creep", "ringing", "logarithmic", "integrator", "two_stages", "stretched", "critically_damped"),
+        final="critically_damped",
         reveals="varied dwell and speed, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

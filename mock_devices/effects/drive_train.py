@@ -10,11 +10,18 @@ from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter,
 
 FULL_PAYLOAD_KG = 400.0
 BALL_ORBIT = 0.5 * (1.0 - 0.16 * math.cos(math.radians(45.0)))
+TAPE = 5.0  # half length of a scale over the length in which its adhesive passes its force on
 OFFSETS, GAIN, QUADRATURE_RAD = (0.25, -0.15), 1.3, 0.2
+SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
 
 
 class CumulativeError(Effect):
-    """A smooth error along the travel; a straight part would be the drive's scale."""
+    """A smooth error along the travel; a straight part would be the drive's scale.
+
+    `glued_scale`: a scale that shrank on its adhesive, which holds it in the middle and gives way at both ends: the
+    shear lag of O. Volkersen, "Die Nietkraftverteilung in zugbeanspruchten Nietverbindungen mit konstanten
+    Laschenquerschnitten" (1938), without its straight part.
+    """
 
     def setup(self) -> None:
         """Draw the curve of variant `irregular` and the place of the kink."""
@@ -29,6 +36,9 @@ class CumulativeError(Effect):
             y = 2.6 * (x**3 - x)
         elif self.variant == "irregular":
             y = self.curve(x)
+        elif self.variant == "glued_scale":
+            slope = 3.0 * (1.0 / (math.tanh(TAPE) * TAPE) - 1.0 / TAPE**2)  # of the straight line that fits best
+            y = (np.sinh(TAPE * x) / math.sinh(TAPE) - slope * x) / (1.0 - slope)
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -41,6 +51,8 @@ class PeriodicError(Effect):
 
     `ball_orbit`: balls go round at (1 - d cos(alpha) / D) / 2 of the screw's speed, as in T. A. Harris, "Rolling
     Bearing Analysis" (1966), so that unequal balls add a longer period that no number of turns repeats.
+    `bowed_screw`: a screw that turns bowed between its bearings has the line sin(pi x / l), as shafts in S. Timoshenko,
+    "Vibration Problems in Engineering" (1928); the nut goes to and fro by its slope, most at both ends.
     """
 
     def setup(self) -> None:
@@ -56,6 +68,9 @@ class PeriodicError(Effect):
             y = 0.85 * y + 0.4 * np.sin(2.0 * turn + 1.0)
         elif self.variant == "ball_orbit":
             y = 0.9 * y + 0.6 * np.sin(BALL_ORBIT * turn + 2.0)
+        elif self.variant == "bowed_screw":
+            low, high = self.site.machine.sliders[self.place].travel_m
+            y = y * np.cos(np.pi * (q - low) / (high - low))
         elif self.variant == "modulated":  # the screw runs out of true towards one end
             middle, half = self.site.drive_range_m(self.place)
             y = y * (1.0 + 0.8 * (q - middle) / half)
@@ -71,6 +86,9 @@ class Interpolation(Effect):
 
     `ellipse`: the arc tangent of two signals with offsets, unequal gain and a phase that is not a quarter, as in P. L.
     M. Heydemann, "Determination and Correction of Quadrature Fringe Measurement Errors in Interferometers" (1981).
+    `harmonics`: the arc tangent of two signals that are no pure sines, among what L. M. Sanchez-Brea, T. Morlanes,
+    "Metrological Errors in Optical Encoders" (2008), go through: the second harmonic errs once and three times a
+    period, the third four times.
     """
 
     def setup(self) -> None:
@@ -88,10 +106,19 @@ class Interpolation(Effect):
             y = 0.7 * np.sin(phase) + 0.7 * np.sin(2.0 * phase + 0.8)
         elif self.variant == "ellipse":
             y = self._ellipse(phase)
+        elif self.variant == "harmonics":
+            y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
             middle, half = self.site.drive_range_m(self.place)
             y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
         deviation.travel_m[:, self.place] += self.size * y
+
+    def _harmonics(self, phase: Array) -> Array:
+        """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
+        quarter = phase - 0.5 * np.pi
+        cosine, sine = (np.cos(x) + SECOND * np.cos(2.0 * x) + THIRD * np.cos(3.0 * x) for x in (phase, quarter))
+        error = np.arctan2(sine, cosine) - phase
+        return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) / (SECOND * math.sqrt(0.5)))
 
     def _ellipse(self, phase: Array) -> Array:
         """Error of the arc tangent over its offset: all errors in the proportion in which they may be set off."""
@@ -107,8 +134,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
-        variants=("parabola", "cubic", "irregular", "two_pieces"),
-        final="two_pieces",
+        variants=("parabola", "cubic", "irregular", "two_pieces", "glued_scale"),
+        final="glued_scale",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -117,8 +144,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
-        variants=("sine", "two_harmonics", "modulated", "with_load", "triangle", "ball_orbit"),
-        final="ball_orbit",
+        variants=("sine", "two_harmonics", "modulated", "with_load", "triangle", "ball_orbit", "bowed_screw"),
+        final="bowed_screw",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
@@ -128,8 +155,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
-        variants=("amplitude", "offset", "both", "dirty_scale", "ellipse"),
-        final="ellipse",
+        variants=("amplitude", "offset", "both", "dirty_scale", "ellipse", "harmonics"),
+        final="harmonics",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

@@ -12,6 +12,9 @@ FULL_PAYLOAD_KG = 400.0
 FOOT_M = -1.2
 RAIL_PER_M = 12.0
 STEEPEST = math.exp(-0.25 * math.pi) * math.sqrt(0.5)
+BLOCKS_M = 0.2  # from one runner block of a carriage to the other
+WAVES = 40
+CONCRETE = 0.6
 _TERMS = 60
 
 
@@ -20,6 +23,9 @@ class _Guide(Effect):
 
     `loose_bolt_of_rail`: a rail that lies on an elastic base and is pressed off it at one place dips as in M. Hetényi,
     "Beams on Elastic Foundation" (1946); the guide's angle is the slope of that line.
+    `random_surface`: a rail as rough surfaces are, a spectrum that falls with the square of the frequency: R. S.
+    Sayles, T. R. Thomas, "Surface topography as a nonstationary random process" (1978). Two runner blocks follow it:
+    the carriage's place is their mean and its angle their difference.
     """
 
     slope = False
@@ -29,6 +35,23 @@ class _Guide(Effect):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.curve = smooth_curve(self.rng, 6)
         self.joint = float(self.rng.uniform(-0.4, 0.4))
+        self.waves = self.rng.standard_normal((2, WAVES)) / np.arange(1.0, WAVES + 1.0)
+        _, half = self.site.drive_range_m(self.place)
+        travel_m = np.linspace(-half, half, 401)
+        surface = self._over_blocks(travel_m)
+        self.line = np.polyfit(travel_m, surface, 0 if self.slope else 1)  # from which a guide's errors count
+        self.rms = float(np.std(surface - np.polyval(self.line, travel_m)))
+
+    def _over_blocks(self, from_middle_m: Array) -> Array:
+        """The random surface under both blocks: their mean, or their difference for the angle (n,)."""
+        _, half = self.site.drive_range_m(self.place)
+        rate = np.pi * np.arange(1.0, WAVES + 1.0) / (2.0 * half)  # the longest wave is twice the travel
+        turn, block = np.outer(from_middle_m, rate), 0.5 * BLOCKS_M * rate
+        if self.slope:
+            cosine, sine = np.sin(block) * self.waves[1], -np.sin(block) * self.waves[0]
+        else:
+            cosine, sine = np.cos(block) * self.waves[0], np.cos(block) * self.waves[1]
+        return np.asarray(np.cos(turn) @ cosine + np.sin(turn) @ sine)
 
     def error(self, state: MotionState) -> Array:
         q = state.q_m[:, self.place]
@@ -47,6 +70,8 @@ class _Guide(Effect):
             y = 2.0 * dip * (np.cos(away) + np.sin(away))
             if self.slope:  # over its largest value
                 y = -2.0 * np.sign(q - middle - self.joint * half) * dip * np.sin(away) / STEEPEST
+        elif self.variant == "random_surface":
+            y = 0.7 * (self._over_blocks(q - middle) - np.polyval(self.line, q - middle)) / self.rms
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -77,6 +102,8 @@ class FoundationSettling(Effect):
 
     `consolidation`: water that leaves clay, the degree of consolidation of K. Terzaghi, "Theoretical Soil Mechanics"
     (1943); it begins with the root of time. tau_s is the time constant of the slowest term.
+    `concrete`: creep under the first load, t^0.6 / (d + t^0.6), in D. E. Branson, M. L. Christiason, "Time-Dependent
+    Concrete Properties Related to Design" (1971); after tau_s half of it is over.
     """
 
     def setup(self) -> None:
@@ -98,6 +125,9 @@ class FoundationSettling(Effect):
             odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
             terms = np.exp(-np.outer(after / tau, odd**2)) / odd**2
             share = np.where(t >= 0.0, 1.0 - 8.0 / np.pi**2 * terms.sum(axis=1), 0.0)
+        elif self.variant == "concrete":
+            power = (after / tau) ** CONCRETE
+            share = power / (1.0 + power)
         elif self.variant == "stick_slip":
             share = (t[:, None] >= self.steps * tau) @ self.shares
         else:
@@ -112,7 +142,7 @@ class FoundationSettling(Effect):
 
 
 _WAVE = (EffectParameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
-_VARIANTS = ("sine", "bow", "irregular", "with_load", "rail_joint", "loose_bolt_of_rail")
+_VARIANTS = ("sine", "bow", "irregular", "with_load", "rail_joint", "loose_bolt_of_rail", "random_surface")
 
 EFFECTS = (
     EffectSpec(
@@ -121,7 +151,7 @@ EFFECTS = (
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
         variants=_VARIANTS,
-        final="loose_bolt_of_rail",
+        final="random_surface",
         reveals="drive coordinate, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
@@ -132,7 +162,7 @@ EFFECTS = (
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
         variants=_VARIANTS,
-        final="loose_bolt_of_rail",
+        final="random_surface",
         reveals="drive coordinate, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
@@ -142,8 +172,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
-        variants=("exponential", "step", "logarithmic", "creep", "stick_slip", "consolidation"),
-        final="consolidation",
+        variants=("exponential", "step", "logarithmic", "creep", "stick_slip", "consolidation", "concrete"),
+        final="concrete",
         reveals="time, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(

@@ -19,13 +19,13 @@ ALL: tuple[str, ...] = ()  # every variant of an effect
 NOT_OF_SPACE = ("power_law",)
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
-    "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent",
+    "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
 )  # fmt: skip
 TURNING = ("guide_angular", "loose_bolt")  # of a carriage about the middle of its joints
 OUTSIDE = (
     "cable_drag", "dry_cable_drag", "payload_shift", "spindle_vibration", "crane_tilt", "humidity_swelling",
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
-    "hunting",
+    "hunting", "circle_error", "lobed_joint", "guide_wear",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mock_devices.effects.base import (
@@ -25,8 +27,13 @@ FLOOR_SENSOR = "base"
 FLOOR_M = -1.2  # in the machine's frame
 POWER = -1.0 / 3.0
 LOWEST = 0.02  # of the station's height: so near the floor no reflector is
+RETURN_S = 900.0
+GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
+LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
 _GRID_S = 60.0
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_FINE = (0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS)
 
 
 class RandomWalk:
@@ -42,10 +49,28 @@ class RandomWalk:
         last = int(np.floor(position.max())) + 2
         while len(self._nodes) <= last:
             steps = self._rng.standard_normal((256, self._nodes.shape[1])) * np.sqrt(_GRID_S / HOUR_S)
-            self._nodes = np.concatenate([self._nodes, self._nodes[-1] + np.cumsum(steps, axis=0)])
+            self._nodes = np.concatenate([self._nodes, self._walked(self._nodes[-1], steps)])
         low = np.floor(position).astype(int)
         share = (position - low)[:, None]
         return np.asarray((1.0 - share) * self._nodes[low] + share * self._nodes[low + 1])
+
+    def _walked(self, last: Array, steps: Array) -> Array:
+        """The nodes after `last` by further steps (k, count)."""
+        return np.asarray(last + np.cumsum(steps, axis=0))
+
+
+class HeldWalk(RandomWalk):
+    """A random walk that is drawn back to zero: unit standard deviation once it has forgotten its begin there."""
+
+    def _walked(self, last: Array, steps: Array) -> Array:
+        """Exact for the nodes: each keeps exp(-dt / RETURN_S) of the one before."""
+        keep = math.exp(-_GRID_S / RETURN_S)
+        push = steps * math.sqrt((1.0 - keep**2) * HOUR_S / _GRID_S)
+        nodes = np.empty_like(steps)
+        for i, step in enumerate(push):
+            last = keep * last + step
+            nodes[i] = last
+        return nodes
 
 
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
@@ -61,19 +86,25 @@ def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
 
 
 class StationDrift(Effect):
-    """The station's frame moves: `drift_m` in one hour at its distance of 3 m, by rotation and by shift."""
+    """The station's frame moves: `drift_m` in one hour at its distance of 3 m, by rotation and by shift.
+
+    `held_back`: it is jostled and drawn back, with the time constant RETURN_S: G. E. Uhlenbeck, L. S. Ornstein, "On the
+    Theory of the Brownian Motion" (1930). The size is its standard deviation once it has forgotten where it began.
+    """
 
     def setup(self) -> None:
         """Draw the direction of the drift and its walk."""
         weights = self.rng.standard_normal(6)
         self.weights = weights / np.linalg.norm(weights) * np.sqrt(3.0)
         self.walk = RandomWalk(self.rng, 6)
+        if self.variant == "held_back":
+            self.walk = HeldWalk(self.rng, 6)
         self.onset_s = float(self.rng.uniform(900.0, 3600.0))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Move the frame."""
         t = self.elapsed_s(state)
-        if self.variant == "random_walk":
+        if self.variant in ("random_walk", "held_back"):
             y = self.walk.at(t)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
@@ -95,6 +126,9 @@ class Refraction(Effect):
     the weather does, so that the scale of ranges follows the weather whatever the recorded correction says.
     `power_law`: the profile T = a + b h^c with c = -1/3 of T. J. Kukkamäki, "Über die nivellitische Refraktion" (1938);
     b goes with the air's temperature above that of the machine's base, which stands for the floor's.
+    `two_layers`: cool air below, warm air above, as inlets low down and outlets under the ceiling leave it in P. F.
+    Linden, G. F. Lane-Serff, D. A. Smeed, "Emptying filling boxes: the fluid mechanics of natural ventilation" (1990),
+    with a layer between them that has the profile tanh; the gradient is that in the middle of the layer.
     """
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
@@ -108,7 +142,9 @@ class Refraction(Effect):
             return
         bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
         height = sight.points_m[..., 2]
-        if self.variant == "stratified":  # the gradient grows towards the ceiling
+        if self.variant == "two_layers":
+            sight.v_rad += bend * self._mean_gradient(height) * np.sin(sight.v_rad)
+        elif self.variant == "stratified":  # the gradient grows towards the ceiling
             sight.v_rad += bend * (1.0 + 1.5 * height)
         elif self.variant == "warming":
             sight.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(state) / 2400.0))[:, None]
@@ -127,7 +163,14 @@ class Refraction(Effect):
         start = np.full(len(state), self.site.start_s)
         if self.variant == "index_late":  # entered by hand, now and then
             start = start + np.floor(self.elapsed_s(state) / UPDATE_S) * UPDATE_S
-        return _weather_k(state, state.t_s) - _weather_k(state, start)
+        return weather_k(state, state.t_s) - weather_k(state, start)
+
+    def _mean_gradient(self, height_m: Array) -> Array:
+        """Mean gradient over a line to a height, weighted towards the station, over that in the layer's middle."""
+        total = np.zeros_like(height_m)
+        for node, weight in zip(*_FINE, strict=True):
+            total += 2.0 * weight * (1.0 - node) / np.cosh((height_m * node - LAYER_M) / LAYER_HALF_M) ** 2
+        return total
 
     def _bend_over_floor(self, sight: StationSight) -> Array:
         """Angles (n, smrs) at the station: the mean of the curvature over the line, weighted towards the station.
@@ -142,13 +185,17 @@ class Refraction(Effect):
         return LIGHT_PER_K * self.size * total * sight.distance_m * np.sin(sight.v_rad)
 
 
-def _weather_k(state: MotionState, t_s: Array) -> Array:
+def weather_k(state: MotionState, t_s: Array) -> Array:
     """Weather (n,) as the temperature that has the same effect on the index."""
     return state.thermal.air_series_c(t_s) + PRESSURE_K_PER_HPA * state.thermal.pressure_series_hpa(t_s)
 
 
 class Reseat(Effect):
-    """A reflector that was taken off and does not sit where it sat."""
+    """A reflector that was taken off and does not sit where it sat.
+
+    `adhesive_tape`: its mount gives at once and creeps on with a power of time, as plastics do in W. N. Findley, "Creep
+    Characteristics of Plastics" (1944); the size is reached after an hour.
+    """
 
     def setup(self) -> None:
         """Directions of the shifts, in the plane."""
@@ -168,6 +215,9 @@ class Reseat(Effect):
         elif self.variant == "loose":  # a little further every few minutes
             number = np.floor(np.maximum(t, 0.0) / 600.0).astype(int) % 64
             y = np.where(after[:, None], self.shifts[number], 0.0)
+        elif self.variant == "adhesive_tape":
+            crept = GIVES + (1.0 - GIVES) * (np.maximum(t, 0.0) / HOUR_S) ** CREEPS
+            y = np.where(after[:, None], np.outer(crept, self.shifts[0]), 0.0)
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -183,8 +233,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
-        variants=("linear", "random_walk", "warm_up", "with_air", "knocked"),
-        final="knocked",
+        variants=("linear", "random_walk", "warm_up", "with_air", "knocked", "held_back"),
+        final="held_back",
         reveals="time, floor nests",
         make=StationDrift,
     ),
@@ -203,8 +253,9 @@ EFFECTS = (
             "index_fixed",
             "index_late",
             "power_law",
+            "two_layers",
         ),
-        final="power_law",
+        final="two_layers",
         reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
         make=Refraction,
     ),
@@ -213,8 +264,8 @@ EFFECTS = (
         kind="catalogue",
         place="smr",
         size=EffectParameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
-        variants=("step", "each_exchange", "glue", "loose", "put_back"),
-        final="put_back",
+        variants=("step", "each_exchange", "glue", "loose", "put_back", "adhesive_tape"),
+        final="adhesive_tape",
         reveals="time, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),

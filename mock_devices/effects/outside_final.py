@@ -1,8 +1,9 @@
-"""Effects outside the catalogue that only a final scoring uses, each from a published description."""
+"""Effects outside the catalogue that only a final scoring uses, each from a published description.
+
+Their plain variant, which is what the description says, is the one of final scorings.
+"""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -14,143 +15,140 @@ from mock_devices.effects.base import (
     Leg,
     MotionState,
     StatefulEffect,
+    StationSight,
 )
-from mock_devices.effects.outside_shapes import FINAL, VARIANTS, OutsideEffect, apply_variant
+from mock_devices.effects.outside_shapes import VARIANTS, OutsideEffect, apply_variant
 
-TURN_M, TOOTH_M = 0.16, 0.010  # travel of one turn of the wheel and of one of its teeth
-CLAMP_M_PER_S = 0.2
-HUNTING_S = 3.7
+PLAIN = VARIANTS[0]
+LOBES = 5
+HEADS, ORDERS = 4, 4  # of a circle of the station
+STROKE, POLYTROPIC = 0.4, 1.3  # share of the gas that the whole stroke takes up; exponent
+WEAR_M = 100.0
 
 
-class DamagedTooth(OutsideEffect):
-    """One broken tooth of a wheel: a short pulse once a turn, where the other teeth are whole.
+class CircleError(OutsideEffect):
+    """Lines of the station's circles that are not evenly spaced: what is left when heads around a circle are averaged.
 
-    R. B. Randall, "A New Method of Modeling Gear Faults" (1982).
+    Of several heads at equal distances only orders are left that their number divides: T. Masuda, M. Kajitani, "An
+    Automatic Calibration System for Angular Encoders" (1989).
+    """
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Read the circles wrongly."""
+        payload_kg = state.payload_kg[:, None]
+        hz = apply_variant(self._left(sight.hz_rad, self.levels[:ORDERS]), self.variant, payload_kg)
+        v = apply_variant(self._left(sight.v_rad, self.levels[ORDERS : 2 * ORDERS]), self.variant, payload_kg)
+        sight.hz_rad += self.size * hz
+        sight.v_rad += self.size * v
+
+    def _left(self, angle_rad: Array, phases: Array) -> Array:
+        """Orders HEADS, 2 HEADS ... of a circle, of equal amplitude, with phases from -1 to 1 half turns."""
+        terms = [np.sin(HEADS * k * angle_rad + np.pi * phases[k - 1]) for k in range(1, ORDERS + 1)]
+        return np.asarray(np.mean(terms, axis=0))
+
+
+class LobedJoint(OutsideEffect):
+    """A ball that is not round but has an odd number of lobes, as grinding leaves them, turns in a strut's joint.
+
+    Harmonics of roundness: R. E. Reason, "Report on the Measurement of Roundness" (1966).
     """
 
     def _unit(self, state: MotionState) -> Array:
-        q = state.q_m[:, self.place] - self.phase / (2.0 * np.pi) * TURN_M
-        off = (q / TURN_M + 0.5) % 1.0 - 0.5
-        inside = np.abs(off) < TOOTH_M / TURN_M
-        return np.asarray(np.where(inside, np.cos(0.5 * np.pi * off * TURN_M / TOOTH_M) ** 2, 0.0))
+        strut = self.site.machine.struts[self.place]
+        middle, _ = self.site.drive_range_m(strut.drive)
+        swing = np.arcsin(np.clip((state.q_m[:, strut.drive] - middle) / strut.length_m, -1.0, 1.0))
+        return np.asarray(np.cos(LOBES * swing + self.phase))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Let the slider drop into the gap."""
-        deviation.travel_m[:, self.place] -= self.signal(state)
+        """Lengthen the strut."""
+        deviation.length_m[:, self.place] += self.signal(state)
 
 
-class DryCableDrag(StatefulEffect):
-    """A cable drags dryly along its trough: its force rises over a way, and a reversal begins from where it was.
+class GuideWear(StatefulEffect):
+    """A lining that wears: the slider goes nearer to its guide with the way, more where it has run more.
 
-    P. R. Dahl, "A Solid Friction Model" (1968), with exponent one; remembered is the force over its limit.
-    """
-
-    rise_m = 0.12
-
-    def state_after(self, drive: int, before: float, leg: Leg) -> float:
-        """The force when a leg ends."""
-        way = leg.to_m - leg.from_m
-        return float(self._after(np.array([way]), np.array([before]))[0])
-
-    def _after(self, way_m: Array, before: Array) -> Array:
-        limit = -np.sign(way_m)
-        return np.asarray(
-            np.where(way_m == 0.0, before, limit + (before - limit) * np.exp(-np.abs(way_m) / self.rise_m))
-        )
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Pull at the platform's upper edge, as the first drive moved."""
-        y = self._after(state.q_m[:, 0] - state.from_m[:, 0], self.state_before(state, 0))
-        force = self.size * apply_variant(y, self.variant, state.payload_kg)
-        deviation.loads.append((np.full(len(state), -0.15 + 0.2j), force.astype(np.complex128)))
-
-
-class SnappingClamp(StatefulEffect):
-    """A clamp with two places, which only a hard stop throws from one into the other; slow motions leave it.
-
-    Two stable places of a shallow truss: R. von Mises, "Über die Stabilitätsprobleme der Elastizitätstheorie" (1923).
+    The depth goes with way times pressure: J. F. Archard, "Contact and Rubbing of Flat Surfaces" (1953).
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
-        """Where the last fast motion has thrown it."""
-        fast = leg.speed_m_per_s > CLAMP_M_PER_S and leg.to_m != leg.from_m
-        return math.copysign(1.0, leg.to_m - leg.from_m) if fast else before
+        """The way so far."""
+        return before + abs(leg.to_m - leg.from_m)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Shift the strut's joint on the platform upwards or downwards."""
-        drive = self.site.machine.struts[self.place].drive
-        moved = state.q_m[:, drive] - state.from_m[:, drive]
-        fast = (state.speed_m_per_s[:, drive] > CLAMP_M_PER_S) & (moved != 0.0) & (state.since_s[:, drive] > 0.0)
-        y = np.where(fast, np.sign(moved), self.state_before(state, drive))
-        if self.variant == "cubic":
-            y = np.maximum(y, 0.0)
-        elif self.variant == "saturating":
-            y = y * np.tanh(self.elapsed_s(state) / 1800.0)
-        else:
-            y = apply_variant(y, self.variant, state.payload_kg)
-        deviation.platform_joint_m[:, self.place] += 1j * self.size * y
+        """Move the slider towards its guide."""
+        a = self.place
+        way = self.state_before(state, a) + np.abs(state.q_m[:, a] - state.from_m[:, a])
+        middle, half = self.site.drive_range_m(a)
+        pressed = np.exp(-2.0 * ((state.q_m[:, a] - middle) / half) ** 2)
+        y = apply_variant(way / WEAR_M * pressed, self.variant, state.payload_kg)
+        deviation.sideways_m[:, a] -= self.size * y
 
 
-class Hunting(OutsideEffect):
-    """A drive that hunts at standstill: friction and the controller's integral part take turns, stick and slip.
+class GasSpring(OutsideEffect):
+    """A gas spring carries a part of the platform's weight, and it carries more the lower the platform is.
 
-    R. H. A. Hensen, M. J. G. van de Molengraft, M. Steinbuch, "Friction Induced Hunting Limit Cycles: A Comparison
-    Between the LuGre and Switch Friction Model" (2003): between jumps the slider stands, first short of its target.
+    Pressure times volume to a power: W. J. M. Rankine, "A Manual of the Steam Engine and Other Prime Movers" (1859).
     """
 
     def _unit(self, state: MotionState) -> Array:
-        halves = np.floor(state.since_s[:, self.place] / HUNTING_S)
-        side = np.where(halves % 2.0 == 0.0, -1.0, 1.0) * (1.0 + 0.3 * np.minimum(halves, 3.0)) / 1.9
-        return np.asarray(side * state.direction[:, self.place])
+        """Force above that in the middle of the stroke, over that of the extended spring (n,)."""
+        shares = []
+        for a in range(state.q_m.shape[1]):
+            middle, half = self.site.drive_range_m(a)
+            shares.append(0.5 - 0.5 * (state.q_m[:, a] - middle) / half)  # 1 where it is pressed together
+        pressed = np.clip(np.mean(shares, axis=0), 0.0, 1.0)
+        return np.asarray((1.0 - STROKE * pressed) ** -POLYTROPIC - (1.0 - 0.5 * STROKE) ** -POLYTROPIC)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Move the slider."""
-        deviation.travel_m[:, self.place] += self.signal(state)
+        """Push the platform up in its middle."""
+        gravity = self.site.machine.gravity
+        up = -gravity / abs(gravity) if gravity else 1j
+        deviation.loads.append((np.zeros(len(state), dtype=np.complex128), np.asarray(self.signal(state) * up)))
 
 
 EFFECTS = (
     EffectSpec(
-        name="damaged_tooth",
-        kind="outside",
-        place="drive",
-        size=EffectParameter("depth_m", 1e-6, 4e-5, 2e-3, "of the gap"),
-        variants=VARIANTS,
-        final=FINAL,
-        reveals="drive coordinate, once a turn",
-        make=DamagedTooth,
-        final_only=True,
-    ),
-    EffectSpec(
-        name="dry_cable_drag",
+        name="circle_error",
         kind="outside",
         place="rig",
-        size=EffectParameter("force_n", 5.0, 400.0, 9000.0, "at the edge"),
+        size=EffectParameter("error_rad", 1e-6, 1e-5, 1e-3, "of both angles"),
         variants=VARIANTS,
-        final=FINAL,
-        reveals="ways moved, direction",
-        make=DryCableDrag,
+        final=PLAIN,
+        reveals="angles, all SMRs and nests alike",
+        make=CircleError,
         final_only=True,
     ),
     EffectSpec(
-        name="snapping_clamp",
+        name="lobed_joint",
         kind="outside",
         place="strut",
-        size=EffectParameter("snap_m", 1e-6, 3e-5, 1e-3, "either way"),
+        size=EffectParameter("lobe_m", 1e-6, 2e-5, 6e-4, "either way"),
         variants=VARIANTS,
-        final=FINAL,
-        reveals="speed of former motions, direction",
-        make=SnappingClamp,
+        final=PLAIN,
+        reveals="the joint's angle",
+        make=LobedJoint,
         final_only=True,
     ),
     EffectSpec(
-        name="hunting",
+        name="guide_wear",
         kind="outside",
         place="drive",
-        size=EffectParameter("amplitude_m", 1e-6, 2e-5, 6e-4, "of the later jumps, either way"),
+        size=EffectParameter("depth_m", 1e-6, 4e-5, 1e-3, "after 100 m, where it is pressed most"),
         variants=VARIANTS,
-        final=FINAL,
-        reveals="dwell",
-        make=Hunting,
+        final=PLAIN,
+        reveals="way, drive coordinate",
+        make=GuideWear,
+        final_only=True,
+    ),
+    EffectSpec(
+        name="gas_spring",
+        kind="outside",
+        place="rig",
+        size=EffectParameter("force_n", 50.0, 1500.0, 6e4, "of the extended spring"),
+        variants=VARIANTS,
+        final=PLAIN,
+        reveals="height",
+        make=GasSpring,
         final_only=True,
     ),
 )

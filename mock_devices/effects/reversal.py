@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mock_devices.effects.base import (
@@ -17,6 +19,8 @@ from mock_devices.effects.base import (
 
 FULL_PAYLOAD_KG = 400.0
 PRESLIDING_M = 2.0e-5
+RISE_M = (1.0e-3, 1.0e-2)
+LEAD_ANGLE_RAD = math.radians(5.0)
 REFERENCE_SPEED_M_PER_S = 0.5
 
 
@@ -41,6 +45,9 @@ class Backlash(_Play):
     `nested_plays`: plays of several widths, some wider than a usual approach, each with its own share: the operator in
     K. Kuhnen, "Modeling, Identification and Compensation of Complex Hysteretic Nonlinearities: A Modified
     Prandtl-Ishlinskii Approach" (2003). Each remembers a reversal of its own, so that minor loops lie inside the loop.
+    `bouc_wen`: the equation of Y.-K. Wen, "Method for Random Vibration of Hysteretic Systems" (1976), with n = 1 and
+    beta = gamma: a reversal is straight until the force has changed its sign, and then nears the other side by an
+    exponential. Over a way of `rise_m` the straight part goes from side to middle.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -53,6 +60,21 @@ class Backlash(_Play):
             states = self._nested[drive]
             moved = states[-1] - (leg.to_m - leg.from_m)
             states.append(np.clip(moved, -np.array(self.nested_half_m), self.nested_half_m))
+
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
+        """The follower's offset, or the hysteretic force of the variant `bouc_wen`, after a leg."""
+        if self.variant == "bouc_wen":
+            return float(self._wen_after(np.array(leg.to_m - leg.from_m), np.array(before)))
+        return super().state_after(drive, before, leg)
+
+    def _wen_after(self, way_m: Array, before: Array) -> Array:
+        """Solution of dz/dx = 1 - |z| (1 + sign(z dx)) / 2 after a way from `before`, x in `rise_m`."""
+        side, way = np.sign(way_m), np.abs(way_m) / self.rise_m
+        start = before * side  # negative while it is still on the other side
+        straight = np.maximum(-start, 0.0)
+        beyond = np.maximum(way - straight, 0.0)
+        bent = 1.0 - (1.0 - np.maximum(start, 0.0)) * np.exp(-beyond)
+        return np.asarray(np.where(side == 0.0, before, side * np.where(way < straight, start + way, bent)))
 
     def _nested_side(self, state: MotionState, drive: int) -> Array:
         """Weighted mean of where the followers of all plays are (n,), from -1 to 1."""
@@ -68,6 +90,7 @@ class Backlash(_Play):
         if self.variant == "soft":  # balls and grooves give way: a gradual loop, wider than the usual approach
             self.half_m += 8.0e-3
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.rise_m = float(np.exp(self.rng.uniform(*np.log(RISE_M))))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Let the slider stay behind."""
@@ -82,6 +105,9 @@ class Backlash(_Play):
             offset = offset * (0.35 + 0.65 * np.exp(-state.since_s[:, a] / self.values["tau_s"]))
         elif self.variant == "nested_plays":
             offset = 0.5 * self.size * self._nested_side(state, a)
+        elif self.variant == "bouc_wen":
+            moved = state.q_m[:, a] - state.from_m[:, a]
+            offset = -0.5 * self.size * self._wen_after(moved, self.state_before(state, a))
         elif self.variant == "soft":
             offset = offset * (1.0 - 0.5 * np.abs(self.side(state, a)) + 0.5 * self.side(state, a) ** 2)
         deviation.travel_m[:, a] += offset
@@ -92,15 +118,36 @@ class FrictionWindup(_Play):
 
     `palmgren`: friction of rolling contacts in two parts, one with speed to the power 2/3, one with the load: A.
     Palmgren, "Ball and Roller Bearing Engineering" (1959).
+    `flanks`: dry flanks of a thread, whose friction goes with the load on the nut and is larger upwards than downwards:
+    load tan(lead + friction) up, load tan(lead - friction) down, over tan(lead): J. E. Shigley, "Mechanical Engineering
+    Design" (1963). `friction_n` is that upwards without payload.
     """
 
     def setup(self) -> None:
         """Phase of friction along the screw."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
+    def load_n(self, state: MotionState) -> Array:
+        """What the drive carries (n,)."""
+        drives = len(self.site.machine.sliders)
+        if state.loads_n is not None:
+            return np.asarray(state.loads_n[:, self.place])
+        return np.asarray((self.site.machine.moving_mass_kg + state.payload_kg) * GRAVITY_M_PER_S2 / drives)
+
+    def _flanks_n(self, state: MotionState) -> Array:
+        """Friction of the thread's flanks, with the sign of the last motion (n,)."""
+        load, moved = self.load_n(state), -self.side(state, self.place)
+        lead = math.tan(LEAD_ANGLE_RAD)
+        own_n = self.site.machine.moving_mass_kg * GRAVITY_M_PER_S2 / len(self.site.machine.sliders)
+        angle = math.atan(lead * (1.0 + self.values["friction_n"] / own_n)) - LEAD_ANGLE_RAD
+        up, down = math.tan(LEAD_ANGLE_RAD + angle) / lead - 1.0, 1.0 - math.tan(LEAD_ANGLE_RAD - angle) / lead
+        return np.asarray(moved * np.abs(load) * np.where(moved * load > 0.0, up, down))
+
     def friction_n(self, state: MotionState) -> Array:
         """What is left in the drive (n,)."""
         a, values = self.place, self.values
+        if self.variant == "flanks":
+            return self._flanks_n(state)
         friction = -values["friction_n"] * self.side(state, a)
         if self.variant == "stribeck":
             friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
@@ -116,11 +163,7 @@ class FrictionWindup(_Play):
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Turn force into displacement; the torque shows the friction too."""
         a, friction = self.place, self.friction_n(state)
-        drives = len(self.site.machine.sliders)
-        weight = (self.site.machine.moving_mass_kg + state.payload_kg) * GRAVITY_M_PER_S2 / drives
-        if state.loads_n is not None:
-            weight = state.loads_n[:, a]
-        force = weight + friction
+        force = self.load_n(state) + friction
         softness = 1.0 / np.sqrt(1.0 + (force / 1500.0) ** 2) if self.variant == "hardening" else 1.0
         deviation.travel_m[:, a] -= self.size * force * softness
         if self.size:
@@ -138,8 +181,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("width_m", 1e-6, 1e-5, 6e-4, "whole play of the drive"),
-        variants=("play", "position_width", "load_width", "closing", "soft", "nested_plays"),
-        final="nested_plays",
+        variants=("play", "position_width", "load_width", "closing", "soft", "nested_plays", "bouc_wen"),
+        final="bouc_wen",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell",
         make=Backlash,
         others=(_TAU,),
@@ -149,8 +192,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=(*FRICTION_VARIANTS, "palmgren"),
-        final="palmgren",
+        variants=(*FRICTION_VARIANTS, "palmgren", "flanks"),
+        final="flanks",
         reveals="torque: both directions and payloads; by variant speed, dwell",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,

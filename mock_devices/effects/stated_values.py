@@ -9,12 +9,14 @@ import numpy as np
 from mock_devices.effects.base import (
     GRAVITY_M_PER_S2,
     Array,
+    Complex,
     Deviation,
     Effect,
     EffectParameter,
     EffectSpec,
     MotionState,
 )
+from mock_devices.effects.instrument import weather_k
 from mock_devices.known_tables import KnownTable, draw_known_tables
 
 FULL_PAYLOAD_KG = 400.0
@@ -28,9 +30,16 @@ class ExpansionCoefficient(Effect):
 
     `bimetal`: the guide's rails expand otherwise than the columns that they are bolted to, and the columns bend, as in
     S. Timoshenko, "Analysis of Bi-Metal Thermostats" (1925), for layers of equal thickness and stiffness.
+    `fibres`: a frame of fibres in resin grows across the fibres and hardly along them, by a tensor of expansion: R. A.
+    Schapery, "Thermal Expansion Coefficients of Composite Materials Based on Energy Principles" (1968).
     """
 
     thickness_m = 0.2  # of column and rail together
+
+    def setup(self) -> None:
+        """Which way a frame of fibres grows: seeded."""
+        angle = float(self.rng.uniform(-0.5 * np.pi, 0.5 * np.pi))
+        self.across = cmath.exp(1j * angle) if self.variant == "fibres" else None
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
         """Recorded temperature of a part above the machine file's reference (n,)."""
@@ -42,6 +51,12 @@ class ExpansionCoefficient(Effect):
         if self.variant == "bimetal":
             self._bend(state, deviation)
             return
+        if self.across is not None:
+            self._grow_frame(self.size * self.warmth_k(state, "base"), deviation)
+            for a, slider in enumerate(self.site.machine.sliders):  # columns, and what they carry along their axes
+                share = (self.across * slider.axis.conjugate()).real ** 2
+                deviation.travel_m[:, a] += self.size * share * self.warmth_k(state, "drives") * state.q_m[:, a]
+            return
         if self.variant != "screws":
             frame_k = self.warmth_k(state, "base")
             if self.variant == "mean_of_sensors":  # the sensor hangs at one end of a part that goes through the room
@@ -50,19 +65,25 @@ class ExpansionCoefficient(Effect):
         if self.variant != "mean_of_sensors":
             deviation.travel_m += self.size * self.warmth_k(state, "drives")[:, None] * state.q_m
 
+    def _grown(self, strain: Array, place: complex) -> Complex:
+        """How far a place of the frame goes (n,): with the frame, or across its fibres alone."""
+        if self.across is None:
+            return np.asarray(strain * place)
+        return np.asarray(strain * (place * self.across.conjugate()).real * self.across)
+
     def _grow_frame(self, strain: Array, deviation: Deviation) -> None:
         machine = self.site.machine
         for a, slider in enumerate(machine.sliders):
             mine = [i for i, strut in enumerate(machine.struts) if strut.drive == a]
             middle = complex(np.mean([machine.struts[i].base_joint for i in mine]))
-            shift = strain * (middle * slider.axis.conjugate())
+            shift = self._grown(strain, middle) * slider.axis.conjugate()
             deviation.travel_m[:, a] += shift.real
             deviation.sideways_m[:, a] += shift.imag
             for i in mine:
-                deviation.base_joint_m[:, i] += strain * (machine.struts[i].base_joint - middle)
+                deviation.base_joint_m[:, i] += self._grown(strain, machine.struts[i].base_joint - middle)
             for i, smr in enumerate(machine.smrs):
                 if smr.on == slider.name:
-                    arm = strain * (complex(smr.position_m[0], smr.position_m[1]) - middle)
+                    arm = self._grown(strain, complex(smr.position_m[0], smr.position_m[1]) - middle)
                     deviation.smr_m[:, i, 0] += arm.real
                     deviation.smr_m[:, i, 1] += arm.imag
 
@@ -81,12 +102,15 @@ class Payload(Effect):
     `tool_left_on`: a body of its own mass and first moment of mass beside the payload, the four of ten numbers of a
     load that weight depends on in C. Atkeson, C. An, J. Hollerbach, "Estimation of Inertial Parameters of Manipulator
     Loads and Links" (1986).
+    `draining`: a hollow block was mounted full and runs empty through a leak, the height of the liquid as in E.
+    Torricelli, "De motu aquarum" (1644): the root of it falls evenly. The size is its mass at the campaign's begin.
     """
 
     def setup(self) -> None:
         """Which way the centre is off, and at which exchange a wrong block was mounted."""
         self.turn = cmath.exp(1j * float(self.rng.uniform(0.0, 2.0 * np.pi)))
         self.exchange = 1 + 2 * int(self.rng.integers(2))
+        self.empty_s = float(self.rng.uniform(3600.0, 9000.0))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -96,6 +120,8 @@ class Payload(Effect):
             deviation.payload_shift_m += mounted * self.turn * self.size * LEVER_M / FULL_PAYLOAD_KG
         elif self.variant == "swapped":
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
+        elif self.variant == "draining":
+            extra_kg = self.size * mounted * np.maximum(1.0 - self.elapsed_s(state) / self.empty_s, 0.0) ** 2
         elif self.variant == "tool_left_on":
             extra_kg = self.size * mounted
             all_kg = np.maximum(state.payload_kg + extra_kg, 1.0e-9)
@@ -111,6 +137,8 @@ class TablesLeftOn(Effect):
 
     The tables are those on record for the rig, or drawn ones without any on record. `bidirectional`: tables apart for
     each direction of travel, as in FANUC A-77810E, "Bidirectional Pitch Error Compensation Function" (1999).
+    `pulses`: a control that does not interpolate gives out a correction where the drive passes a node and holds it up
+    to the next: stored pitch error compensation in FANUC B-63943EN-1, "Connection Manual (Function)" (2003).
     """
 
     def setup(self) -> None:
@@ -145,7 +173,18 @@ class TablesLeftOn(Effect):
         if table is None:
             return np.zeros(len(state))
         partner = state.q_m[:, names.index(table.partner)] if table.partner else np.zeros(len(state))
-        return table.correction_m(state.q_m[:, a], partner)
+        own = state.q_m[:, a]
+        if self.variant == "pulses":
+            own, partner = _passed(table.own_m, own), _passed(table.partner_m, partner)
+        return table.correction_m(own, partner)
+
+
+def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
+    """The node at or below each position (n,), the first one below all of them; positions without nodes stay."""
+    if not nodes_m:
+        return at_m
+    nodes = np.array(nodes_m)
+    return np.asarray(nodes[np.maximum(np.searchsorted(nodes, at_m, side="right") - 1, 0)])
 
 
 class DriveScale(Effect):
@@ -154,6 +193,9 @@ class DriveScale(Effect):
     `thermal_slip`: friction holds the scale against its own expansion up to a limit, beyond which it slips: the elastic
     element in series with a slider of W. D. Iwan, "A Distributed-Element Model for Hysteresis and Its Steady-State
     Dynamic Response" (1966), moved by the temperature.
+    `wavelength`: the drive goes by an interferometer whose wavelength was right at the campaign's begin; its scale
+    follows the index of the air as in B. Edlén, "The Refractive Index of Air" (1966), by temperature and pressure. The
+    size is that of 1 K.
     """
 
     def setup(self) -> None:
@@ -172,6 +214,9 @@ class DriveScale(Effect):
             y = self.sign * after * from_middle
         elif self.variant == "homed_at_exchanges":  # without a reference after each exchange's power-off
             y = self.offsets[state.exchanges.astype(int) % len(self.offsets)]
+        elif self.variant == "wavelength":
+            start = np.full(len(state), self.site.start_s)
+            y = (weather_k(state, state.t_s) - weather_k(state, start)) * (from_middle + 1.0) / 2.0
         elif self.variant == "thermal_slip":
             y = self._slipped(state) * (from_middle + 1.0) / 2.0
         else:
@@ -199,8 +244,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("coefficient_per_k", 1e-7, 5e-6, 3e-4, "beyond the stated coefficient of expansion"),
-        variants=("frame", "mean_of_sensors", "screws", "bimetal"),
-        final="bimetal",
+        variants=("frame", "mean_of_sensors", "screws", "bimetal", "fibres"),
+        final="fibres",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -209,8 +254,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("mass_kg", 0.5, 20.0, 8000.0, "beyond the stated one, or 0.5 m beside it"),
-        variants=("mass", "centre", "swapped", "tool_left_on"),
-        final="tool_left_on",
+        variants=("mass", "centre", "swapped", "tool_left_on", "draining"),
+        final="draining",
         reveals="payloads, torque",
         make=Payload,
     ),
@@ -219,8 +264,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("weight_ratio", 0.02, 1.0, 10.0, "weight of the tables, 1 is the whole correction"),
-        variants=("whole", "one_drive", "switched", "bidirectional"),
-        final="bidirectional",
+        variants=("whole", "one_drive", "switched", "bidirectional", "pulses"),
+        final="pulses",
         reveals="both drives' coordinates, known tables, SMRs on the sliders",
         make=TablesLeftOn,
         others=(_ONSET,),
@@ -230,8 +275,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("shift_m", 1e-6, 2e-5, 1e-3, "of the zero, or of the scale at the end of the travel"),
-        variants=("homed_anew", "scale_step", "homed_at_exchanges", "thermal_slip"),
-        final="thermal_slip",
+        variants=("homed_anew", "scale_step", "homed_at_exchanges", "thermal_slip", "wavelength"),
+        final="wavelength",
         reveals="time, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(_ONSET,),

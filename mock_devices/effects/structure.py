@@ -1,7 +1,4 @@
-"""Elastic effects, which act inside the equilibrium: columns, struts, clearance; and what is inside the geometry.
-
-Force laws give force and its derivative for a strut's elongation and its linear stiffness.
-"""
+"""Elastic effects, which act inside the equilibrium: columns, struts, clearance; and what is inside the geometry."""
 
 from __future__ import annotations
 
@@ -16,18 +13,26 @@ from mock_devices.effects.base import (
     Effect,
     EffectParameter,
     EffectSpec,
-    Law,
     MotionState,
     names_of,
 )
+from mock_devices.effects.strut_laws import (
+    CONTACT_M,
+    ball_bearing,
+    contact_force,
+    dead_zone,
+    hertz_contact,
+    joint_separates,
+    one_sided,
+    soft_in_compression,
+    yielding,
+)
 
 LEVER_M = 0.25
+PORTAL_M = 0.3
+LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
 FULL_PAYLOAD_KG = 400.0
-HERTZ_N, PRELOAD_N = 1000.0, 50.0
-CONTACT_M = 1.0e-5  # penetration at which a contact is as stiff as its strut
 _ALONG, _ACROSS, _YAW = 0, 1, 2
-_MOST_NEWTON = 60
-_SLACK = 1.0e-3  # of the strut's stiffness: what a joint's seal holds within its play
 
 
 class ColumnCompliance(Effect):
@@ -35,6 +40,9 @@ class ColumnCompliance(Effect):
 
     `held_at_both_ends`: the screw between two axial bearings, softest in the middle of the travel, of K. K. Varanasi,
     S. A. Nayfeh, "The Dynamics of Lead-Screw Drives: Low-Order Modeling and Experiments" (2004).
+    `portal`: a column that is clamped at its foot and at the beam above, PORTAL_M beyond the travel at either end, and
+    pushed aside where the carriage stands: the beam with fixed ends of R. J. Roark, "Formulas for Stress and Strain"
+    (1938).
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -54,6 +62,9 @@ class ColumnCompliance(Effect):
             low, high = self.site.machine.sliders[a].travel_m
             share = (state.q_m[:, a] - low) / (high - low)
             deviation.carriage_compliance[:, a, _ALONG] += c * 4.0 * share * (1.0 - share)
+        elif self.variant == "portal":
+            share = 0.5 + 0.5 * (state.q_m[:, a] - middle) / (half + PORTAL_M)
+            deviation.carriage_compliance[:, a, _ACROSS] += c * (4.0 * share * (1.0 - share)) ** 3
         elif self.variant == "screw_length":  # a screw that is held above: soft where the nut is low
             deviation.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
         else:
@@ -65,7 +76,14 @@ class LinkStiffness(Effect):
 
     `hertz`: its joints' contacts give way with the power 2/3 of the force, as H. Hertz, "Über die Berührung fester
     elastischer Körper" (1881) has it of points; exp(-size) is then the ratio of stiffness from rest to HERTZ_N.
+    `joint_separates`: a bolted joint as in VDI 2230, "Systematische Berechnung hochbeanspruchter Schraubenverbindungen"
+    (1977): bolt and plates share the force until it takes away the preload, then the bolt alone gives way; exp(-size)
+    is the bolt's share of the strut's stiffness.
     """
+
+    def setup(self) -> None:
+        """How little the joint of variant `joint_separates` is preloaded."""
+        self.preload_n = float(self.rng.uniform(*LOOSE_N))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the strut's stiffness or its law."""
@@ -75,11 +93,13 @@ class LinkStiffness(Effect):
             swing = (state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]) / strut.length_m
             deviation.ln_stiffness[:, i] -= x * (0.4 + 8.0 * swing**2)
         elif self.variant == "soft_in_compression":
-            deviation.laws.setdefault(i, []).append(_soft_in_compression(float(np.exp(-x))))
+            deviation.laws.setdefault(i, []).append(soft_in_compression(float(np.exp(-x))))
         elif self.variant == "hertz":
-            deviation.laws.setdefault(i, []).append(_hertz_contact(float(np.expm1(x))))
+            deviation.laws.setdefault(i, []).append(hertz_contact(float(np.expm1(x))))
+        elif self.variant == "joint_separates":
+            deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
         elif self.variant == "yielding":
-            deviation.laws.setdefault(i, []).append(_yielding(x / 1.0e-4))
+            deviation.laws.setdefault(i, []).append(yielding(x / 1.0e-4))
         elif self.variant == "softens_with_load":
             deviation.ln_stiffness[:, i] -= x * (0.3 + 0.7 * state.payload_kg / FULL_PAYLOAD_KG)
         else:
@@ -91,7 +111,8 @@ class JointClearance(Effect):
 
     `contact_force`: then it grows with the power 3/2 of the penetration, as in H. M. Lankarani, P. E. Nikravesh, "A
     Contact Force Model With Hysteresis Damping for Impact Analysis of Multibody Systems" (1990), until the contact is
-    as stiff as the strut.
+    as stiff as the strut. `ball_bearing`: the joint is a rolling bearing, whose balls share the force by how far each
+    is pressed, the more of them the larger it is: R. Stribeck, "Kugellager für beliebige Belastungen" (1901).
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -103,15 +124,17 @@ class JointClearance(Effect):
             deviation.length_m[:, i] += c * np.sin(4.0 * drop / strut.length_m)
             return
         if self.variant == "soft_contact":
-            law = _dead_zone(c, 0.5 * c)
+            law = dead_zone(c, 0.5 * c)
         elif self.variant == "one_sided":
-            law = _one_sided(c, 0.1 * c)
+            law = one_sided(c, 0.1 * c)
         elif self.variant == "contact_force":
-            law = _contact_force(c, CONTACT_M)
+            law = contact_force(c, CONTACT_M)
+        elif self.variant == "ball_bearing":
+            law = ball_bearing(c, CONTACT_M)
         elif self.variant == "load_dependent":
-            law = _dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
+            law = dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
         else:
-            law = _dead_zone(c, 0.1 * c)
+            law = dead_zone(c, 0.1 * c)
         if c > 0.0:
             deviation.laws.setdefault(i, []).append(law)
 
@@ -170,77 +193,6 @@ class LinkSelfWeight(Effect):
             deviation.length_m[:, i] -= 8.0 / 3.0 * sag_m**2 / strut.length_m
 
 
-def _dead_zone(c: Array | float, w: float) -> Law:
-    def law(e: Array, k: Array) -> tuple[Array, Array]:
-        up, down = (e - c) / w, (-e - c) / w
-        return k * w * (np.logaddexp(0.0, up) - np.logaddexp(0.0, down)), k * (_step(up) + _step(down))
-
-    return law
-
-
-def _one_sided(c: float, w: float) -> Law:
-    def law(e: Array, k: Array) -> tuple[Array, Array]:
-        up, down = (e - c) / w, -e / w
-        return k * w * (np.logaddexp(0.0, up) - np.logaddexp(0.0, down)), k * (_step(up) + _step(down))
-
-    return law
-
-
-def _soft_in_compression(ratio: float) -> Law:
-    w = 2.0e-6
-
-    def law(e: Array, k: Array) -> tuple[Array, Array]:
-        up = e / w
-        return k * (ratio * e + (1.0 - ratio) * w * np.logaddexp(0.0, up)), k * (ratio + (1.0 - ratio) * _step(up))
-
-    return law
-
-
-def _hertz_contact(ratio: float) -> Law:
-    """Elongation = F / k + ratio g(F), where g is that of a preloaded contact and g(HERTZ_N) = HERTZ_N / k.
-
-    Solved by Newton's iteration from no force, which never oversteps: a contact grows stiffer.
-    """
-    scale = HERTZ_N / ((HERTZ_N + PRELOAD_N) ** (2.0 / 3.0) - PRELOAD_N ** (2.0 / 3.0))
-
-    def law(e: Array, k: Array) -> tuple[Array, Array]:
-        force = np.zeros_like(e)
-        slope = np.ones_like(e)
-        for _ in range(_MOST_NEWTON):
-            size = np.abs(force) + PRELOAD_N
-            given = force + ratio * scale * np.sign(force) * (size ** (2.0 / 3.0) - PRELOAD_N ** (2.0 / 3.0))
-            slope = 1.0 + ratio * scale * 2.0 / 3.0 * size ** (-1.0 / 3.0)
-            step = (k * e - given) / slope
-            force = force + step
-            if float(np.max(np.abs(step), initial=0.0)) < 1.0e-9:
-                break
-        return force, k / slope
-
-    return law
-
-
-def _contact_force(c: float, w: float) -> Law:
-    def law(e: Array, k: Array) -> tuple[Array, Array]:
-        deep = np.maximum(np.abs(e) - c, 0.0)
-        share = np.minimum(deep / w, 1.0)
-        force = np.sign(e) * k * (2.0 / 3.0 * w * share**1.5 + np.maximum(deep - w, 0.0)) + _SLACK * k * e
-        return force, k * (np.sqrt(share) + _SLACK)
-
-    return law
-
-
-def _yielding(per_m: float) -> Law:
-    def law(e: Array, k: Array) -> tuple[Array, Array]:
-        root = np.sqrt(1.0 + (per_m * e) ** 2)
-        return k * e / root, k / root**3
-
-    return law
-
-
-def _step(x: Array) -> Array:
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))
-
-
 _PER_N = EffectParameter(
     "compliance_m_per_n", 5e-10, 1e-8, 2e-6, "of the carriage, at mid travel, at 0.25 m lever if in yaw"
 )
@@ -251,8 +203,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=_PER_N,
-        variants=("lateral", "cantilever", "yaw", "hardening", "screw_length", "held_at_both_ends"),
-        final="held_at_both_ends",
+        variants=("lateral", "cantilever", "yaw", "hardening", "screw_length", "held_at_both_ends", "portal"),
+        final="portal",
         reveals="payload, SMRs on the sliders, height",
         make=ColumnCompliance,
     ),
@@ -261,8 +213,16 @@ EFFECTS = (
         kind="catalogue",
         place="strut",
         size=EffectParameter("ln_ratio", 0.05, 0.7, 6.0, "logarithm of nominal over true"),
-        variants=("softer", "soft_in_compression", "yielding", "joint_angle", "softens_with_load", "hertz"),
-        final="hertz",
+        variants=(
+            "softer",
+            "soft_in_compression",
+            "yielding",
+            "joint_angle",
+            "softens_with_load",
+            "hertz",
+            "joint_separates",
+        ),
+        final="joint_separates",
         reveals="payload",
         make=LinkStiffness,
     ),
@@ -271,8 +231,16 @@ EFFECTS = (
         kind="catalogue",
         place="strut",
         size=EffectParameter("clearance_m", 1e-6, 1.5e-5, 4e-4, "play each way"),
-        variants=("dead_zone", "soft_contact", "one_sided", "load_dependent", "gravity_seated", "contact_force"),
-        final="contact_force",
+        variants=(
+            "dead_zone",
+            "soft_contact",
+            "one_sided",
+            "load_dependent",
+            "gravity_seated",
+            "contact_force",
+            "ball_bearing",
+        ),
+        final="ball_bearing",
         reveals="poses where the strut's force changes its sign, payload",
         make=JointClearance,
     ),

@@ -21,6 +21,8 @@ from mock_devices.effects.base import (
 DUTY_M_PER_S = 0.01
 FOOT_M = -1.2
 FIN_M = 0.5
+BEARING_FIN_M = 0.35
+BEARING_M_PER_S = 0.5
 _GRID_S = 30.0
 _TERMS = 60
 
@@ -41,6 +43,31 @@ def conducted(elapsed_s: Array, tau_s: float) -> Array:
     """
     odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
     return np.asarray(1.0 - 8.0 / np.pi**2 * (np.exp(-np.outer(elapsed_s / tau_s, odd**2)) / odd**2).sum(axis=1))
+
+
+def cooled(elapsed_s: Array, tau_s: float) -> Array:
+    """Share of its first warmth that a part has left in still air: it loses heat with the power 5/4 of its warmth.
+
+    Free convection in W. H. McAdams, "Heat Transmission" (1954): a coefficient with the root of the root of the warmth.
+    tau_s is the time constant of the first moment.
+    """
+    return np.asarray((1.0 + 0.25 * elapsed_s / tau_s) ** -4.0)
+
+
+def soaked(elapsed_s: Array, tau_s: float) -> tuple[Array, Array]:
+    """Mean temperature of a plate that is warmed at one face, and the slope of its profile, both over the face's.
+
+    The other face is insulated. The plate grows by the mean and bends by the slope, 12 times the first moment, as in B.
+    A. Boley, J. H. Weiner, "Theory of Thermal Stresses" (1960): the slope rises and is gone when the plate is warm
+    throughout. tau_s is the time constant of the slowest term.
+    """
+    odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
+    wave = 0.5 * np.pi * odd
+    sine = np.where(odd % 4.0 == 1.0, 1.0, -1.0)
+    left = np.exp(-np.outer(elapsed_s / tau_s, odd**2))
+    mean = 1.0 - left @ (2.0 / wave**2)
+    moment = left @ (2.0 / wave * (sine / wave**2 - 0.5 / wave))
+    return mean, np.where(elapsed_s > 0.0, 12.0 * moment, 0.0)
 
 
 def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
@@ -70,6 +97,8 @@ class _Warming(Effect):
             return self.size * (0.6 * warm_up(t, tau) + 0.4 * warm_up(t, 5.0 * tau))
         if self.variant == "conduction":
             return self.size * conducted(t, tau)
+        if self.variant == "still_air":
+            return self.size * cooled(t, tau)
         if self.variant == "pulse":  # warmed once, cooling again: a door, a lamp
             return np.asarray(self.size * (t / tau) * np.exp(1.0 - t / tau))
         return self.size * warm_up(t, tau)
@@ -89,7 +118,7 @@ class ColumnGrowth(_Warming):
     """A column grows from its foot, or bends where one side is warmer; its rail goes with it.
 
     `fin`: warmed at its foot, it is the long fin of J. Fourier, "Théorie analytique de la chaleur" (1822), whose warmth
-    falls off exponentially, by e in FIN_M.
+    falls off exponentially, by e in FIN_M. `soaking`: warmed on one side, it bends first and has only grown in the end.
     """
 
     sensor = "columns"
@@ -99,10 +128,17 @@ class ColumnGrowth(_Warming):
         """Move the slider with the column."""
         strut = next(s for s in self.site.machine.struts if s.drive == self.place)
         height = state.q_m[:, self.place] + strut.base_joint.imag - FOOT_M
-        grown = self.site.machine.expansion["base"].coefficient_per_k * self.rise_k(state)
+        alpha = self.site.machine.expansion["base"].coefficient_per_k
+        grown = alpha * self.rise_k(state)
         if self.variant == "bending":
             deviation.sideways_m[:, self.place] += 0.5 * grown / self.width_m * height**2
             deviation.yaw_rad[:, self.place] += grown / self.width_m * height
+        elif self.variant == "soaking":
+            t, tau = self.elapsed_s(state), self.values["tau_s"]
+            mean, slope = (alpha * self.size * share for share in soaked(t, tau))
+            deviation.travel_m[:, self.place] += mean * height
+            deviation.sideways_m[:, self.place] += 0.5 * slope / self.width_m * height**2
+            deviation.yaw_rad[:, self.place] += slope / self.width_m * height
         elif self.variant == "fin":
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
@@ -115,11 +151,22 @@ class ScrewGrowth(StatefulEffect):
     """A screw that its own motion heats: every metre leaves heat, which decays with the time constant.
 
     `rise_k` is where its temperature ends at a mean speed of 0.01 m/s. What is remembered is its temperature.
+    `fixed_bearing`: the bearing that holds the screw at its lower end warms it, and the screw is a fin with a free tip:
+    F. P. Incropera, D. P. DeWitt, "Fundamentals of Heat and Mass Transfer" (1985). The bearing's friction, and so its
+    heat a metre, goes with the speed to the power 2/3, as that of a lubricated bearing in A. Palmgren, "Ball and Roller
+    Bearing Engineering" (1959); the reference is BEARING_M_PER_S.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """Heat of the leg, set free in its middle, decayed until its rest ends."""
-        return self._temperature(before, leg.start_s, leg.end_s, abs(leg.to_m - leg.from_m), leg.until_s)
+        way = abs(leg.to_m - leg.from_m) * float(self._friction(np.array(leg.speed_m_per_s)))
+        return self._temperature(before, leg.start_s, leg.end_s, way, leg.until_s)
+
+    def _friction(self, speed_m_per_s: Array) -> Array:
+        """Friction over that at the reference speed."""
+        if self.variant != "fixed_bearing":
+            return np.ones_like(speed_m_per_s)
+        return np.asarray((speed_m_per_s / BEARING_M_PER_S) ** (2.0 / 3.0))
 
     def _temperature(self, before: float, start_s: float, end_s: float, way_m: float, t_s: float) -> float:
         tau = self.values["tau_s"]
@@ -130,7 +177,7 @@ class ScrewGrowth(StatefulEffect):
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with its screw."""
         a, tau = self.place, self.values["tau_s"]
-        way = np.abs(state.q_m[:, a] - state.from_m[:, a])
+        way = np.abs(state.q_m[:, a] - state.from_m[:, a]) * self._friction(state.speed_m_per_s[:, a])
         age = state.t_s - state.leg_start_s[:, a]
         middle = np.maximum(state.t_s - 0.5 * (state.leg_start_s[:, a] + state.leg_end_s[:, a]), 0.0)
         warm = self.state_before(state, a) * np.exp(-age / tau)
@@ -143,6 +190,9 @@ class ScrewGrowth(StatefulEffect):
             warm, way_m = np.maximum(warm - 0.3 * self.size, 0.0), x
         elif self.variant == "both_ends":
             way_m = 4.0 * x * (length - x) / length * (x / length - 0.5)
+        elif self.variant == "fixed_bearing":
+            tip = length / BEARING_FIN_M
+            way_m = BEARING_FIN_M * (np.tanh(tip) - np.sinh(tip - x / BEARING_FIN_M) / np.cosh(tip))
         elif self.variant == "nut_local":  # warm only where the nut runs most: the middle of the travel
             way_m = 0.2 * (1.0 + np.tanh((x - 0.5 * length) / 0.2))
         else:
@@ -170,24 +220,24 @@ EFFECTS = (
     _spec(
         "link_thermal_growth",
         "strut",
-        ("warm_up", "lagging", "two_stages", "pulse", "conduction"),
-        "conduction",
+        ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air"),
+        "still_air",
         "time, a temperature swing",
         LinkGrowth,
     ),
     _spec(
         "column_thermal_growth",
         "drive",
-        ("warm_up", "bending", "lagging", "stratified", "fin"),
-        "fin",
+        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking"),
+        "soaking",
         "time, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
         "screw_thermal_growth",
         "drive",
-        ("free_end", "pretensioned", "both_ends", "nut_local"),
-        "nut_local",
+        ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing"),
+        "fixed_bearing",
         "time and the way moved, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

@@ -1,4 +1,4 @@
-"""Final forms do what the publications that they are named after say, at points worked out by hand."""
+"""Forms do what the publications that they are named after say, at points worked out by hand."""
 
 from __future__ import annotations
 

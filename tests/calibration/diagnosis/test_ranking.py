@@ -1,0 +1,53 @@
+"""What of the ranking is refined, on hand-made evidence just below and just above each threshold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from calibration.diagnosis import ranking
+from calibration.recording.header import DisturbanceLevels
+from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS
+
+
+def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
+    return ranking._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
+
+
+@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 25.0), (20.0, 6.0), (100.0, 50.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_with_curves_above_half(
+    monkeypatch, strongest, limit, side
+):
+    logs = {"link_stiffness": strongest, "joint_clearance": limit + side}
+    refined = []
+    curves_of = {name: replace(CATALOGUE.effect(name), curves=lambda *_: ("a law",)) for name in logs}
+    monkeypatch.setattr(
+        ranking, "_evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
+    )
+    monkeypatch.setattr(ranking, "_at_several_places", lambda _, __, cause, by_visit: cause)
+    monkeypatch.setattr(
+        ranking,
+        "_refine",
+        lambda _, __, effect, places, by_visit, curves: refined.append((effect.name, curves)) or places,
+    )
+    ranked = ranking.rank_effects(None, INPUTS, list(curves_of.values()))
+    other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 30.0 else []
+    assert refined == [("link_stiffness", True), *other]
+    assert [c.without_curves for c in ranked] == [False, bool(other) and not other[0][1]]
+
+
+@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 80.0), (10.0, 5.0), (1.0, -4.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(monkeypatch, strongest, limit, side):
+    tried = []
+    effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
+    monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
+    exact = SimpleNamespace(gain=0.0, best=None, contributions=())
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: exact)
+    likelihood = SimpleNamespace(linear=SimpleNamespace(machine=None, levels=DisturbanceLevels(), payloads=()))
+    places = [place("left_upper", strongest), place("right_lower", limit + side)]
+    ranking._refine(likelihood, INPUTS, effect, places, by_visit=False)
+    assert tried == ([0, 3] if side > 0.0 else [0])

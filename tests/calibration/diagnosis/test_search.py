@@ -67,6 +67,15 @@ def test_a_further_cause_costs_ten_and_five_per_mille_or_two_per_cent_where_one_
     assert result.log_evidence == pytest.approx(2100.0 - 10.0 - share * 2100.0)
 
 
+@pytest.mark.parametrize(("strut", "limit"), [("left_lower", 60.0), ("right_upper", 12.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_struts_of_one_drive_are_one_part(monkeypatch, strut, limit, side):
+    first = Evidence("link_stiffness", 2000.0, "left_upper", channel="length.left_upper")
+    second = Evidence("joint_clearance", limit + side, strut, channel=f"length.{strut}")
+    result = searched(monkeypatch, [first], [second])
+    assert len(result.causes) == (2 if side > 0.0 else 1)
+
+
 def test_three_causes_are_enough(monkeypatch):
     rounds = [[Evidence(name, 100.0, "")] for name in ("latency", "refraction", "tracker_drift", "servo_settling")]
     assert [c.name for c in searched(monkeypatch, *rounds).causes] == ["latency", "refraction", "tracker_drift"]

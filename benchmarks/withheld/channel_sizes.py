@@ -58,12 +58,18 @@ def compared(recording: Path, found: Mapping[str, Any], change_m: Array) -> list
     def moves(quantity: Mapping[str, Any]) -> float:
         return float(quantity["value"] * np.linalg.norm(responses(quantity["name"])))
 
-    out = []
+    dominant: dict[str, list[Mapping[str, Any]]] = {}
     for quantities in filter(None, by_place):
-        q = max(quantities, key=moves)
-        if (of := amounts.get(q["name"])) is not None:
-            stated = {"channel": q["name"], "stated": q["value"], "u": q["u"]}
-            out.append({**stated, "true": of.rms, "true_about_mean": of.about_mean})
+        largest = max(quantities, key=moves)
+        dominant.setdefault(largest["name"], []).append(largest)
+    out = []
+    for name, quantities in dominant.items():
+        if (of := amounts.get(name)) is not None:
+            stated = np.array([q["value"] for q in quantities])
+            together = float(np.linalg.norm(stated))  # an effect found twice at one place: squares add up
+            u = float(np.linalg.norm(stated * [q["u"] for q in quantities])) / together
+            at = {"channel": name, "stated": together, "u": u}
+            out.append({**at, "true": of.rms, "true_about_mean": of.about_mean})
     return out
 
 

@@ -92,6 +92,17 @@ def test_the_channel_of_the_largest_amount_is_compared_at_each_place(made):
     assert at_right["stated"] == 9e-6
 
 
+def test_an_effect_found_twice_at_one_channel_is_compared_once(made):
+    folder, linear, readings = made
+    change = change_along(linear, readings, {LEFT: np.full(linear.context.arrival.max() + 1, 5e-5)})
+    twice = [
+        {"at_channels": [{"name": LEFT, "value": v, "u": u, "unit": "m"}]} for v, u in ((4e-5, 1e-5), (3e-5, 5e-6))
+    ]
+    (amount,) = compared(folder, {"places": twice}, change)
+    assert amount["stated"] == pytest.approx(5e-5)
+    assert amount["u"] == pytest.approx(np.hypot(0.8 * 1e-5, 0.6 * 5e-6))
+
+
 def test_a_diagnosed_case_is_compared_with_its_plant(tmp_path):
     maker = Maker(4, final=False, slots=[EFFECT], few_designs=True, leave_form_out=False)
     maker.make(tmp_path / "recordings")

@@ -164,11 +164,17 @@ def _with_truth(row: Row) -> bool:
 
 
 def sizes(rows: Sequence[Row]) -> list[Measure]:
-    """Of single effects that are named right: raw sizes, and the effect's own size where its maker states that."""
+    """Of single effects that are named right: raw sizes, and where their maker states these, the effect's own size and
+    what it does at its channels."""
     raw = [abs(r["raw_named"] - r["raw_true"]) <= 2.0 * r["raw_u"] for r in rows if "raw_u" in r]
     own = [abs(r["size_error_u"]) <= 2.0 for r in rows if "size_error_u" in r]
     out = [share_between("raw size within its U (k = 2), where named right", raw, 0.90, 0.98)]
-    return [*out, share_between("effect's own size within its U (k = 2)", own, 0.90, 0.98)] if own else out
+    if own:
+        out.append(share_between("effect's own size within its U (k = 2)", own, 0.90, 0.98))
+    amounts = [abs(q["stated"] - q["true"]) <= 2.0 * q["u"] for r in rows for q in r.get("at_channels", [])]
+    if amounts:
+        out.append(share_between("size at its channel within its U (k = 2)", amounts, 0.90, 0.98))
+    return out
 
 
 def gross(rows: Sequence[Row]) -> list[Measure]:

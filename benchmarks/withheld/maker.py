@@ -129,6 +129,7 @@ class Maker:
         )  # fmt: skip
         arrays: dict[str, NDArray[Any]] = {name: case.noise_free_m for name, case in self._cases.items()}
         arrays |= {f"{name}_rows": platform_rows(case.bench) for name, case in self._cases.items()}
+        arrays |= {f"{name}_change": c.change_m for name, c in self._cases.items() if c.slot.kind == "effect"}
         file.write_text(text + "\n", encoding="utf-8")
         with io.BytesIO() as stream:
             np.savez(stream, **arrays)  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.withheld.channel_sizes import compared
 from benchmarks.withheld.coordinates import first_kind, true_kinds
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import withheld_with
@@ -48,6 +49,8 @@ def score_batch(folder: Path) -> list[dict[str, Any]]:
     for name, case in sorted(truth["cases"].items()):
         answer = answers[name]
         row = score_case(case, answer)
+        if f"{name}_change" in arrays:
+            row["at_channels"] = _at_channels(folder / "recordings" / name, row, answer, arrays[f"{name}_change"])
         predictions = folder / "answers" / f"{name}.npz"
         if predictions.exists():
             data = predictions.read_bytes()
@@ -154,6 +157,14 @@ def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
         error = _difference(quantities.get("period_m"), fact["period_m"])
         out["period_error"] = None if error is None else error / fact["period_m"]
     return out
+
+
+def _at_channels(recording: Path, row: dict[str, Any], answer: dict[str, Any], change_m: Array) -> list[dict[str, Any]]:
+    """Where the verdict names the one true effect: what it does at its channels, as stated and in truth."""
+    if row["verdict"] != row["true"][0]:
+        return []
+    found = next((e for e in answer["diagnosis"]["effects"] if e["effect"] == row["verdict"]), {})
+    return compared(recording, found, change_m)
 
 
 def only_answer(case: dict[str, Any]) -> str:

@@ -3,14 +3,14 @@
 Of a recording the probabilities follow from the evidence of each effect, of the causes together, of alternatives, and
 from six constants (`calibration.diagnosis.verdict`): no recording is looked at again. Maximised is the log score, each
 source with the same weight, with a log-normal prior about the release's constants; ranges are by Laplace's
-approximation.
+approximation. The two constants of the uncertainty of sizes are fitted likewise, apart from the others (`sizes`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,24 @@ from calibration.diagnosis.settings import FITTED, VERDICT, VerdictSettings
 
 Array = NDArray[np.float64]
 NONE, UNKNOWN = "none", "unknown"
-BY_EVIDENCE = tuple(name for name in FITTED if isinstance(getattr(VERDICT, name), float))
-BY_SEARCH = tuple(name for name in FITTED if name not in BY_EVIDENCE)  # these need another diagnosis
+BY_SIZE = ("u_of_form", "u_of_absorbed")
+BY_EVIDENCE = tuple(name for name in FITTED if isinstance(getattr(VERDICT, name), float) and name not in BY_SIZE)
+BY_SEARCH = tuple(name for name in FITTED if name not in (*BY_EVIDENCE, *BY_SIZE))  # these need another diagnosis
 FACTOR = 2.0  # one standard deviation of the prior of a constant about the release's
 FARTHEST = 8.0  # times or over the release's
 LEAST_P = 1.0e-6  # a right answer that was called impossible
 STEPS, START, DIFFERENCE = 800, 0.4, 0.05
 QUANTILE = 1.96
+
+
+class Scored(Protocol):
+    """Cases that have a log score by the settings."""
+
+    def __len__(self) -> int: ...
+
+    def log_scores(self, settings: VerdictSettings) -> Array:
+        """Of each case (n,)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -94,40 +105,39 @@ class Fitted:
         return low <= getattr(VERDICT, name) <= high
 
 
-def fit(sources: Sequence[Kept]) -> Fitted:
-    """The constants of highest log score on some sources."""
-    cost = _cost(sources)
-    best = _lowest(cost)
+def fit(sources: Sequence[Scored], names: Sequence[str] = BY_EVIDENCE) -> Fitted:
+    """The constants (k,) with these names of highest log score on some sources."""
+    cost = _cost(sources, names)
+    best = _lowest(cost, len(names))
     spread = _standard_deviations(cost, best)
-    low, high = (values_at(best + side * QUANTILE * spread) for side in (-1.0, 1.0))
-    ranges = {name: (float(low[k]), float(high[k])) for k, name in enumerate(BY_EVIDENCE)}
-    return Fitted(settings_at(best), ranges)
+    low, high = (values_at(best + side * QUANTILE * spread, names) for side in (-1.0, 1.0))
+    ranges = {name: (float(low[k]), float(high[k])) for k, name in enumerate(names)}
+    return Fitted(settings_at(best, names), ranges)
 
 
-def settings_at(x: Array) -> VerdictSettings:
-    """The release's settings with those of BY_EVIDENCE times exp(x)."""
-    return replace(VERDICT, **dict(zip(BY_EVIDENCE, values_at(x).tolist(), strict=True)))
+def settings_at(x: Array, names: Sequence[str] = BY_EVIDENCE) -> VerdictSettings:
+    """The release's settings with those of these names times exp(x)."""
+    return replace(VERDICT, **dict(zip(names, values_at(x, names).tolist(), strict=True)))
 
 
-def values_at(x: Array) -> Array:
+def values_at(x: Array, names: Sequence[str] = BY_EVIDENCE) -> Array:
     """Those (k,) alone."""
-    return np.array([getattr(VERDICT, name) for name in BY_EVIDENCE]) * np.exp(x)
+    return np.array([getattr(VERDICT, name) for name in names]) * np.exp(x)
 
 
-def _cost(sources: Sequence[Kept]) -> Callable[[Array], float]:
+def _cost(sources: Sequence[Scored], names: Sequence[str]) -> Callable[[Array], float]:
     """Negative log posterior of the logarithms (k,) of factors on the release's constants."""
     total = sum(len(kept) for kept in sources)
 
     def cost(x: Array) -> float:
-        settings = settings_at(x)
+        settings = settings_at(x, names)
         mean = float(np.mean([np.mean(kept.log_scores(settings)) for kept in sources]))
         return 0.5 * float(np.sum((x / np.log(FACTOR)) ** 2)) - total * mean
 
     return cost
 
 
-def _lowest(cost: Callable[[Array], float]) -> Array:
-    count = len(BY_EVIDENCE)
+def _lowest(cost: Callable[[Array], float], count: int) -> Array:
     bounds = [(-np.log(FARTHEST), np.log(FARTHEST))] * count
     simplex = np.vstack([np.zeros(count), START * np.eye(count)])
     options = {"maxfev": STEPS, "xatol": 1e-3, "fatol": 1e-4, "initial_simplex": simplex}

@@ -2,9 +2,9 @@
 
     python -m benchmarks.fit_verdict.run [--n 100] [--seed 101] [--grid] [--data FOLDER] [--out DIR]
 
-Diagnoses N cases of each source and keeps the evidence; from that everything else follows at once. --grid diagnoses
-them again at half and twice each size of departures. Kept in runs/fit-verdict by case and code; stopped at any time,
-the same command goes on, and a larger N adds cases. Nothing is changed: the constants stand in
+Diagnoses N cases of each source and keeps evidence and sizes; from these everything else follows at once. --grid
+diagnoses them again at half and twice each size of departures. Kept in runs/fit-verdict by case and code; stopped at
+any time, the same command goes on, and a larger N adds cases. Nothing is changed: the constants stand in
 `calibration/diagnosis/settings.py`.
 Exit status 0; 2 without the recordings of the other simulator; 130 if interrupted.
 """
@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.fit_verdict.fit import Fitted, Kept, fit
+from benchmarks.fit_verdict.sizes import KeptSizes, kept_size
 from benchmarks.fit_verdict.sources import PLANT, RECORDINGS, STRUCTURES, Case, plant, recordings, structures
-from benchmarks.fit_verdict.table import FOLDS, constant_lines, departure_lines, fold_lines
+from benchmarks.fit_verdict.table import FOLDS, constant_lines, departure_lines, fold_lines, size_lines
 from benchmarks.independent.recordings import NoRecordings
 from benchmarks.results_file import ROOT, code_digest
 from calibration.base.errors import InputError
@@ -64,7 +65,8 @@ def report(by_point: dict[tuple[float, float], Rows]) -> list[str]:
         scored = {name: kept for name, kept in release.items() if scored_on in (None, name)}
         seen = "all seen" if scored_on is None else f"not seen: {scored_on}"
         lines += fold_lines(f"fold {number}, for {title}: fitted to {', '.join(fitted_to)}; {seen}", found, scored)
-    return [*lines, "", *constant_lines(fitted), "", *departure_lines(kept)]
+    sizes = {name: KeptSizes.of(rows) for name, rows in by_point[POINTS[0]].items()}
+    return [*lines, "", *constant_lines(fitted), "", *size_lines(sizes), "", *departure_lines(kept)]
 
 
 def kept_rows(options: argparse.Namespace, point: tuple[float, float]) -> Rows:
@@ -82,13 +84,16 @@ def kept_rows(options: argparse.Namespace, point: tuple[float, float]) -> Rows:
         missing = [(key, case) for key, case in zip(keys, some, strict=True) if key not in results]
         began = time.monotonic()
         for done, (key, (name, load)) in enumerate(missing, start=1):
-            recording, right = load()
+            known = load()
             with _departures(point):
                 try:
-                    evidence = diagnose(recording).evidence
+                    diagnosis = diagnose(known.recording)
                 except InputError:
-                    evidence = None
-            results.add({"key": key, "case": name, "right": list(right), "evidence": evidence and asdict(evidence)})
+                    diagnosis = None
+            evidence = diagnosis and diagnosis.evidence
+            size = diagnosis and kept_size(diagnosis, known.raw)
+            row = {"key": key, "case": name, "right": list(known.right)}
+            results.add(row | {"evidence": evidence and asdict(evidence), "size": size})
             left_min = (time.monotonic() - began) / done * (len(missing) - done) / 60.0
             print(f"{source} {done} of {len(missing)}; {left_min:.1f} min left", file=sys.stderr, flush=True)
         out[source] = [results[key] for key in keys if results[key]["evidence"] is not None]

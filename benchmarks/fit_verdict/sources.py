@@ -7,8 +7,10 @@ ones; recordings: the even numbers of another simulator. None of them scores a f
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -30,7 +32,17 @@ NONE, UNKNOWN = "none", "unknown"
 STRUCTURES, PLANT, RECORDINGS = "structures", "plant", "recordings"
 OF_PLANT = {"effect": 0.6, "null": 0.15, "outside": 0.15, "pair": 0.1}  # shares of the kinds
 
-Load = Callable[[], tuple[Recording, tuple[str, ...]]]  # a recording and the verdicts that are right
+
+@dataclass(frozen=True)
+class Known:
+    """A recording, the verdicts that are right, and raw sizes in sigma by effect: of single ones that can be seen."""
+
+    recording: Recording
+    right: tuple[str, ...]
+    raw: Mapping[str, float]
+
+
+Load = Callable[[], Known]
 Case = tuple[str, Load]  # by its key
 
 
@@ -38,9 +50,10 @@ def structures(count: int, seed: int) -> Iterator[Case]:
     """Drawn structures of a seed."""
     generator = Generator(seed)
 
-    def load(number: int) -> tuple[Recording, tuple[str, ...]]:
+    def load(number: int) -> Known:
         case = generator.case(number)
-        return _in_memory(case.recording), right_answers(case.truth)
+        names, raw = case.truth["names"], case.truth["raw"]
+        return Known(_in_memory(case.recording), right_answers(case.truth), dict.fromkeys(names[:1], raw))
 
     for number in range(count):
         yield f"s{seed}-{number}", lambda number=number: load(number)
@@ -50,11 +63,12 @@ def plant(count: int, seed: int) -> Iterator[Case]:
     """Cases of the mock without its final variants, of each kind its share; a larger count adds some."""
     designs = Designs(seed)
 
-    def load(slot: Slot) -> tuple[Recording, tuple[str, ...]]:
+    def load(slot: Slot) -> Known:
         rng = np.random.default_rng([seed, crc32(slot.key.encode())])
         case = make_case(slot, rng, designs, final=False)
         names = [fact["effect"] for fact in case.truth["effects"]]
-        return _in_memory(case.recording), right_of(slot.kind, names, case.truth["eligible"])
+        right = right_of(slot.kind, names, case.truth["eligible"])
+        return Known(_in_memory(case.recording), right, _raw_of_single(slot.kind, case.truth))
 
     for kind, share in OF_PLANT.items():
         slots = drawn_order(plan(0, (kind,), final=False), np.random.default_rng(seed))
@@ -68,15 +82,22 @@ def recordings(count: int, folder: Path) -> Iterator[Case]:
     names = names_of(archive, even=True)
     chosen = names if count >= len(names) else [names[k * len(names) // count] for k in range(count)]
 
-    def load(name: str) -> tuple[Recording, tuple[str, ...]]:
+    def load(name: str) -> Known:
         truth = case_of(name, read_truths(archive, [name])[name].entry)
         with tempfile.TemporaryDirectory() as copies:
             copy_recordings(archive, [name], Path(copies))
             recording = read_folder(Path(copies) / name)
-        return recording, right_of(truth["kind"], [fact["effect"] for fact in truth["effects"]], truth["eligible"])
+        right = right_of(truth["kind"], [fact["effect"] for fact in truth["effects"]], truth["eligible"])
+        return Known(recording, right, _raw_of_single(truth["kind"], truth))
 
     for name in chosen:
         yield name, lambda name=name: load(name)
+
+
+def _raw_of_single(kind: str, truth: Mapping[str, Any]) -> dict[str, float]:
+    facts = truth["effects"]
+    single = kind == "effect" and truth["eligible"] and len(facts) == 1
+    return {facts[0]["effect"]: float(facts[0]["raw"])} if single else {}
 
 
 def right_of(kind: str, effects: list[str], eligible: bool) -> tuple[str, ...]:

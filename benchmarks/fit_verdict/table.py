@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, Fitted, Kept
+from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, BY_SIZE, Fitted, Kept, fit
+from benchmarks.fit_verdict.sizes import KeptSizes
 from benchmarks.fit_verdict.sources import PLANT, RECORDINGS, STRUCTURES
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
@@ -28,18 +29,33 @@ def fold_lines(title: str, fitted: Fitted, scored: Mapping[str, Kept]) -> list[s
     return lines
 
 
-def constant_lines(by_fold: Sequence[tuple[str, Fitted]]) -> list[str]:
-    """Constants of each fold, their range, and whether the release's are within."""
+def constant_lines(by_fold: Sequence[tuple[str, Fitted]], names: Sequence[str] = BY_EVIDENCE) -> list[str]:
+    """Constants with these names of each fold, their range, and whether the release's are within."""
     lines = [f"{'constant':22}{'release':>9}  " + "".join(f"{f'fold {k}':>26}" for k in range(1, len(by_fold) + 1))]
-    for name in BY_EVIDENCE:
+    for name in names:
         cells = [
             f"{getattr(f.settings, name):9.3g} ({f.ranges[name][0]:.3g} to {f.ranges[name][1]:.3g})" for _, f in by_fold
         ]
         lines.append(f"{name:22}{getattr(VERDICT, name):9.3g}  " + "".join(f"{cell:>26}" for cell in cells))
     release = by_fold[-1][1]
-    outside = [name for name in BY_EVIDENCE if not release.holds(name)]
+    outside = [name for name in names if not release.holds(name)]
     said = "within their ranges" if not outside else f"outside its range: {', '.join(outside)}"
     return [*lines, f"the release's constants by the last fold: {said}"]
+
+
+def size_lines(sizes: Mapping[str, KeptSizes]) -> list[str]:
+    """The constants of sizes of each fold, and how many true sizes are within U by the release's and by the fitted."""
+    by_fold = [(title, [sizes[name] for name in sources if len(sizes[name])]) for title, sources, _ in FOLDS]
+    if not all(kept for _, kept in by_fold):
+        return [f"not fitted ({', '.join(BY_SIZE)}): no case of a fold was named right at one place"]
+    fitted = [(title, fit(kept, BY_SIZE)) for title, kept in by_fold]
+    lines = constant_lines(fitted, BY_SIZE)
+    for (_, found), (_, _, scored_on) in zip(fitted, FOLDS, strict=True):
+        if scored_on is not None and len(kept := sizes[scored_on]):
+            shares = (np.mean(kept.covered(settings)) for settings in (VERDICT, found.settings))
+            cells = "   ".join(f"{what} {share:.1%}" for what, share in zip(("release", "fitted"), shares, strict=True))
+            lines.append(f"  raw size within U (k = 2), {scored_on}, not seen: {cells} of {len(kept)}")
+    return lines
 
 
 def departure_lines(by_point: Mapping[tuple[float, float], Mapping[str, Kept]]) -> list[str]:

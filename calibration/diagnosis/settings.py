@@ -71,6 +71,12 @@ class VerdictSettings:
     departures_by_visit: tuple[float, float] = (0.15, 0.6)
     """The same of what differs from visit to visit. Source: tuned."""
 
+    # Uncertainty of sizes.
+    u_of_form: float = 0.11
+    """Standard uncertainty of what is seen of an effect, over its size, as no form is exact. Source: tuned."""
+    u_of_absorbed: float = 0.55
+    """The same of what the calibration absorbs of it, which follows from the form alone. Source: tuned."""
+
     # Equivalent effects.
     equivalent_sigma: float = 0.3
     """RMS difference of two predictions below which effects are equivalent. Source: definition of *equivalent* in
@@ -94,6 +100,9 @@ FITTED = (
     "temperature_share",
     "smooth_departures",
     "departures_by_visit",
+    "u_of_form",
+    "u_of_absorbed",
 )
 """What `make fit-verdict` fits: at most ten constants, none of which belongs to one effect. Of the departures, whose
-two sizes keep their ratio, one factor each; all others follow from the evidence that a diagnosis keeps."""
+two sizes keep their ratio, one factor each; those of sizes follow from sizes that were stated, all others from the
+evidence that a diagnosis keeps."""

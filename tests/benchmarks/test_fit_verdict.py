@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.fit_verdict import run, sources, table
-from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, LEAST_P, Kept, fit, settings_at
+from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, BY_SIZE, LEAST_P, Kept, fit, settings_at
+from benchmarks.fit_verdict.sizes import TAILS, KeptSizes, kept_size
 from calibration.diagnosis import departure_evidence
-from calibration.diagnosis.settings import FITTED, VERDICT
+from calibration.diagnosis.result import FoundEffect, FoundPlace, Quantity
+from calibration.diagnosis.settings import FITTED, VERDICT, VerdictSettings
 from calibration.diagnosis.verdict import verdict_probabilities
 
 NAMES = ("backlash", "latency", "refraction")
@@ -25,12 +28,23 @@ def drawn(rng: np.random.Generator, right: tuple[str, ...] = ("backlash",)) -> d
         "excess": float(rng.exponential(12.0)),
         "none_elsewhere": float(rng.exponential(1.0)),
     }
-    return {"evidence": kept, "right": list(right)}
+    return {"evidence": kept, "right": list(right), "size": None}
+
+
+def drawn_sizes(rng: np.random.Generator, settings: VerdictSettings, count: int) -> list[dict]:
+    """Cases whose true sizes scatter as some settings state."""
+    made = KeptSizes(np.zeros(count), rng.uniform(0.01, 0.1, count), rng.uniform(0.0, 0.9, count))
+    off = rng.standard_t(TAILS, count) * made.standard_uncertainties(settings)
+    keys = ("off", "u_of_fit", "absorbed")
+    return [
+        {"size": dict(zip(keys, map(float, c), strict=True))}
+        for c in zip(off, made.u_of_fit, made.absorbed, strict=True)
+    ]
 
 
 def test_at_most_ten_constants_are_fitted_each_of_the_settings():
     assert len(FITTED) == len(set(FITTED)) <= 10
-    assert set(BY_EVIDENCE) | set(BY_SEARCH) == set(FITTED)
+    assert sorted([*BY_EVIDENCE, *BY_SEARCH, *BY_SIZE]) == sorted(FITTED)
     assert all(hasattr(VERDICT, name) for name in FITTED)
 
 
@@ -85,6 +99,37 @@ def test_constants_that_made_the_answers_are_found_and_the_release_is_called_out
     assert "excess_threshold" in said.splitlines()[-1]
 
 
+def test_constants_of_sizes_that_made_the_deviations_are_found():
+    true = replace(VERDICT, u_of_form=0.3, u_of_absorbed=0.2)
+    rng = np.random.default_rng(6)
+    sources_of_sizes = [KeptSizes.of(drawn_sizes(rng, true, count)) for count in (600, 300)]
+    found = fit(sources_of_sizes, BY_SIZE)
+    assert found.settings.u_of_form == pytest.approx(0.3, rel=0.15)
+    assert found.settings.u_of_absorbed == pytest.approx(0.2, rel=0.5)
+    assert not found.holds("u_of_form")
+    assert found.settings.excess_threshold == VERDICT.excess_threshold
+    kept = sources_of_sizes[0]
+    assert np.mean(kept.covered(true)) == pytest.approx(0.88, abs=0.04)  # of a Student distribution within two scales
+    assert np.mean(kept.covered(VERDICT)) < 0.88
+
+
+def diagnosed(places: int, *, verdict: str = "backlash") -> SimpleNamespace:
+    """A diagnosis of a play of 20 um, raw 4 sigma and visible 3, whose fit is good to 6 %."""
+    of_form = np.hypot(0.11, 0.55 * 0.25)
+    size = Quantity("width_m", 2e-5, 2e-5 * float(np.hypot(0.06, of_form)), "m")
+    place = FoundPlace("left", size, 1.0, 4.0, 3.0)
+    effect = FoundEffect("backlash", "left", size, 1.0, 1.0, 4.0, 3.0, places=(place,) * places)
+    return SimpleNamespace(verdict=verdict, effects=(effect,))
+
+
+def test_of_a_size_are_kept_its_deviation_and_the_parts_of_its_uncertainty():
+    size = kept_size(diagnosed(1), {"backlash": 5.0})
+    assert size == pytest.approx({"off": 0.25, "u_of_fit": 0.06, "absorbed": 0.25})
+    assert kept_size(diagnosed(2), {"backlash": 5.0}) is None
+    assert kept_size(diagnosed(1), {"latency": 5.0}) is None
+    assert kept_size(diagnosed(1, verdict="unknown"), {"unknown": 5.0}) is None
+
+
 def test_without_evidence_the_prior_alone_gives_the_range():
     """A case that no constant can change: an effect far beyond any threshold."""
     row = drawn(np.random.default_rng(5))
@@ -132,6 +177,14 @@ def test_the_plant_is_drawn_the_same_each_time_and_without_final_variants(monkey
     assert finals == [False]
 
 
+def test_only_single_effects_that_can_be_seen_have_a_raw_size():
+    truth = {"eligible": True, "effects": [{"effect": "backlash", "raw": 3}]}
+    assert sources._raw_of_single("effect", truth) == {"backlash": 3.0}
+    assert sources._raw_of_single("outside", truth) == {}
+    assert sources._raw_of_single("effect", truth | {"eligible": False}) == {}
+    assert sources._raw_of_single("effect", truth | {"effects": truth["effects"] * 2}) == {}
+
+
 def test_sizes_of_departures_come_back(monkeypatch):
     before = departure_evidence.SMOOTH_SHARES, departure_evidence.SHARES_BY_VISIT
     with run._departures((2.0, 0.5)):
@@ -145,6 +198,11 @@ def test_the_report_has_all_folds_and_says_when_departures_were_not_tried():
     rows = {name: from_constants(rng, VERDICT, 30) for name in ("structures", "plant", "recordings")}
     lines = run.report({(1.0, 1.0): rows})
     assert sum(line.startswith("fold ") for line in lines) == 3
+    assert any(line.startswith("not fitted (u_of_form, u_of_absorbed)") for line in lines)
+    of_sizes = {name: some + drawn_sizes(rng, VERDICT, 40) for name, some in rows.items()}
+    sized = run.size_lines({name: KeptSizes.of(some) for name, some in of_sizes.items()})
+    assert sized[-3] == "the release's constants by the last fold: within their ranges"
+    assert sum("raw size within U" in line for line in sized) == 2
     assert lines[-1].startswith("not fitted (smooth_departures, departures_by_visit)")
     more = run.report({(1.0, 1.0): rows, (2.0, 1.0): rows})
     assert more[-1] == "  2, 1: structures +0.000 +- 0.000; plant +0.000 +- 0.000; recordings +0.000 +- 0.000"

@@ -19,10 +19,6 @@ from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.api import EffectInputs
 
-# Relative standard uncertainties of what is seen of an effect and of what the calibration absorbs. Fitted to the even
-# recordings of docs/explanation/independent.md; neither belongs to one effect.
-U_OF_FORM, U_OF_ABSORBED = 0.11, 0.55
-
 
 def equivalent_effects(
     search_result: SearchResult, likelihood: MarginalLikelihood, verdict: str
@@ -150,4 +146,4 @@ def _relative_u_of_form(raw: float, visible: float) -> float:
     seen (docs/reference/definitions.md).
     """
     absorbed = 1.0 - min(visible / raw, 1.0) if raw > 0.0 else 1.0
-    return math.hypot(U_OF_FORM, U_OF_ABSORBED * absorbed)
+    return math.hypot(VERDICT.u_of_form, VERDICT.u_of_absorbed * absorbed)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from calibration.diagnosis.cause_size import absorbed_share, relative_u_of_form
 from calibration.diagnosis.result import Diagnosis
-from calibration.diagnosis.settings import VERDICT, VerdictSettings
+from calibration.diagnosis.settings import VerdictSettings
 
 Array = NDArray[np.float64]
 TAILS = 4.0  # degrees of freedom: a size that is far off says little of how far sizes usually are
@@ -37,8 +38,7 @@ class KeptSizes:
 
     def standard_uncertainties(self, settings: VerdictSettings) -> Array:
         """Shares (n,) of the stated size, as a diagnosis with these settings states them."""
-        of_form = np.hypot(settings.u_of_form, settings.u_of_absorbed * self.absorbed)
-        return np.asarray(np.hypot(self.u_of_fit, of_form))
+        return np.asarray(np.hypot(self.u_of_fit, relative_u_of_form(self.absorbed, settings)))
 
     def log_scores(self, settings: VerdictSettings) -> Array:
         """Log density (n,) of the deviations."""
@@ -61,7 +61,6 @@ def kept_size(diagnosis: Diagnosis, raw: Mapping[str, float]) -> dict[str, float
         or not found.size.value
     ):
         return None
-    absorbed = 1.0 - min(found.visible_sigma / found.raw_sigma, 1.0)
-    of_form = np.hypot(VERDICT.u_of_form, VERDICT.u_of_absorbed * absorbed)
-    of_fit = np.sqrt(max((found.size.u / found.size.value) ** 2 - of_form**2, 0.0))
+    absorbed = absorbed_share(found.raw_sigma, found.visible_sigma)
+    of_fit = np.sqrt(max((found.size.u / found.size.value) ** 2 - float(relative_u_of_form(absorbed)) ** 2, 0.0))
     return {"off": raw[found.effect] / found.raw_sigma - 1.0, "u_of_fit": float(of_fit), "absorbed": absorbed}

@@ -14,7 +14,7 @@ not tell the truth.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +109,7 @@ def explained_shares(linear: LinearModel, effects: Sequence[Effect], place: str,
     Where an effect has no such place, at the best of its own; curves there at the place that its columns explain best.
     """
     shift = linear.whiten_shift(change_m[linear.rows])
-    likelihood = MarginalLikelihood(linear, MarginalLikelihood.of(linear).response, linear.q, linear.apply(shift))
+    likelihood = MarginalLikelihood.of(replace(linear, residual=shift))
     total = float(np.sum(shift * likelihood.weighted_residual))
     if not total > 0.0:
         return {}

@@ -1,4 +1,4 @@
-"""The size of a cause from the coefficients of its best basis set."""
+"""The size of a cause from the coefficients of its best basis set, and what of its uncertainty no readings reduce."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.ranking import Cause
+from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
 
 def size_of(cause: Cause) -> tuple[float, float]:
@@ -35,3 +36,17 @@ def size_of(cause: Cause) -> tuple[float, float]:
     measures = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel.values()]
     value = float(np.linalg.norm(measures))
     return value, u * value / max(norm, 1e-300)
+
+
+def absorbed_share(raw: float, visible: float) -> float:
+    """Share of a raw size that the calibration absorbs."""
+    return 1.0 - min(visible / raw, 1.0) if raw > 0.0 else 1.0
+
+
+def relative_u_of_form(absorbed: Array | float, settings: VerdictSettings = VERDICT) -> Array:
+    """Standard uncertainty that a size has because no form is exact, over the size; absorbed: `absorbed_share`.
+
+    What the calibration absorbs of an effect follows from the form alone, so it is known far less well than what is
+    seen (docs/reference/definitions.md).
+    """
+    return np.hypot(settings.u_of_form, settings.u_of_absorbed * np.asarray(absorbed))

@@ -29,9 +29,8 @@ class MarginalLikelihood:
     """Marginal likelihood of columns on a linear model, and on columns that are already part of the model.
 
     q (n, w, b): 1 - q q' is C^-1, the inverse covariance of the readings. response: whitened response (n, w) to one
-    unit of a channel. factor: q, or what is added to a parent's. weighted_residual: C^-1 y (n, w), if of other readings
-    than the model's. Most models with something added are asked for a few channels only, so that nothing of the
-    readings' length is computed of them before it is needed.
+    unit of a channel. factor: q, or what is added to a parent's. Most models with something added are asked for a few
+    channels only, so that nothing of the readings' length is computed of them before it is needed.
     """
 
     def __init__(
@@ -39,12 +38,10 @@ class MarginalLikelihood:
         linear: LinearisedReadings,
         response: ChannelResponses,
         factor: Array | _AddedFactor,
-        weighted_residual: Array | None = None,
     ) -> None:
         self.linear = linear
         self.response = response
         self._factor = factor
-        self._given = weighted_residual
         self._added = factor if isinstance(factor, _AddedFactor) else None
         self._projections: dict[str, Array] = {}
         self._parts: dict[tuple[str, bool], PartOfChannel] = {}
@@ -59,7 +56,7 @@ class MarginalLikelihood:
         return cls(linear, ChannelResponses(linear), linear.q)
 
     def on(self, linear: LinearisedReadings) -> MarginalLikelihood:
-        """The same on a model whose readings respond alike, with other prior standard deviations of its unknowns."""
+        """The same on a model whose readings respond alike, with other prior standard deviations or other residuals."""
         return MarginalLikelihood(linear, self.response, linear.q)
 
     @property
@@ -74,8 +71,6 @@ class MarginalLikelihood:
     @cached_property
     def weighted_residual(self) -> Array:
         """C^-1 y (n, w)."""
-        if self._given is not None:
-            return self._given
         return self.linear.residual - self.times_q(self.residual_along_q[:, None])[:, :, 0]
 
     @cached_property

@@ -32,7 +32,7 @@ from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
-from calibration.reduction.left_out import BESIDE_CAUSES, GIANT, LeftOutReading
+from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 GATINGS, LEAST_VISITS = 8, 20
@@ -226,15 +226,12 @@ def linearise_recording(
 
 def linearise_again(linear: LinearModel, judged: SecondJudgement) -> LinearModel:
     """The same recording without the readings that are wrong beside the causes, the others weighed anew."""
-    recording, wrong = linear.recording, linear.rows[judged.wrong]
-    off_m = np.linalg.solve(linear.whiten[judged.wrong], judged.deviation[judged.wrong, :, None])[:, :, 0]
-    size_m = np.linalg.norm(off_m, axis=1).tolist()
-    of_wrong = zip(wrong.tolist(), size_m, judged.sigmas[judged.wrong].tolist(), strict=True)
-    left_out = [LeftOutReading.of_recording(recording, row, m, sigmas, BESIDE_CAUSES) for row, m, sigmas in of_wrong]
-    rows = linear.rows[~judged.wrong]
-    again, _ = _linearise_rows(recording, rows, np.union1d(linear.wrong, wrong), judge=False, held=None)
-    again = again.reweighted(judged.weight[~judged.wrong])
-    return replace(again, left_out=(*linear.left_out, *left_out), far_off=linear.far_off)
+    recording, keep = linear.recording, judged.readings.keep
+    wrong = judged.readings.named(recording, linear.rows)
+    all_wrong = np.union1d(linear.wrong, list(wrong))
+    again, _ = _linearise_rows(recording, linear.rows[keep], all_wrong, judge=False, held=None)
+    again = again.reweighted(judged.weight[keep])
+    return replace(again, left_out=(*linear.left_out, *wrong.values()), far_off=linear.far_off)
 
 
 def _linearise_rows(

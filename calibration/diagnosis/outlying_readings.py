@@ -73,7 +73,7 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     keep = np.asarray(sigmas <= _limit_of_wrong(sigmas))
     off = [(sigmas, GATE_SIGMAS), (leave_one_out.stated_sigmas(keep), GROSS_SIGMAS)]  # wrong ones widen their scale
     many = (number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_WRONG_SHARE)
-    size_m = _lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
+    size_m = lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
     return JudgedReadings(keep, sigmas, size_m, DIAGNOSIS, next(many, np.zeros(0)))
 
 
@@ -94,10 +94,10 @@ def giant_readings(observed: ObservedModel, whiten: Array, residual: Array, colu
     giant = judged.sigmas > GIANT_SIGMAS
     if not 0.0 < np.mean(giant) < LARGEST_GROSS_SHARE:
         return None
-    return JudgedReadings(~giant, judged.sigmas, _lengths_m(whiten[giant], judged.deviation[giant]), GIANT, np.zeros(0))
+    return JudgedReadings(~giant, judged.sigmas, lengths_m(whiten[giant], judged.deviation[giant]), GIANT, np.zeros(0))
 
 
-def _lengths_m(whiten: Array, deviation: Array) -> Array:
+def lengths_m(whiten: Array, deviation: Array) -> Array:
     """Lengths (k,) of whitened deviations (k, 3)."""
     return np.asarray(np.linalg.norm(np.linalg.solve(whiten, deviation[:, :, None])[:, :, 0], axis=1))
 

@@ -17,15 +17,15 @@ from calibration.base.outliers import GATE_SIGMAS, own_sigmas
 from calibration.diagnosis.any_change import stands
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linearised_readings import project_out
-from calibration.diagnosis.outlying_readings import GROSS_SIGMAS
+from calibration.diagnosis.outlying_readings import GROSS_SIGMAS, SINGULAR, JudgedReadings, lengths_m
+from calibration.reduction.left_out import BESIDE_CAUSES
 
-NORMAL_SIGMAS, FAR_SIGMAS = 3.0, 4.0  # in standard deviations of one coordinate of a reading
+NORMAL_SIGMAS, FAR_SIGMAS = 3.0, 4.0  # by the model alone of the worst coordinate, beside the causes of the reading
 DEGREES_OF_FREEDOM = 4.0
 MOST_FAR = 0.025  # share of all readings
 MOST_OF_A_REFLECTOR, FEW = 0.05, 2.0  # share of its readings; what never are many
 MOST_OF_A_STAND = 0.5  # of its readings: where so many are off, something has moved what they are on
 LEAST_LEVERAGE_LEFT = 0.05
-SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
 
 def student_weights(sigmas: Array) -> Array:
@@ -50,15 +50,9 @@ def weights_by_model(residual: Array, q: Array) -> Array | None:
 
 @dataclass(frozen=True)
 class SecondJudgement:
-    """What is thought of readings (n) once the causes are in the model.
+    """Which readings (n) are wrong once the causes are in the model, and the weight (n,) of each."""
 
-    wrong (n,): those that are left out; sigmas (n,): standard deviations by which each is off what all others say;
-    deviation (n, 3): whitened, from that; weight (n,): of those that stay.
-    """
-
-    wrong: NDArray[np.bool_]
-    sigmas: Array
-    deviation: Array
+    readings: JudgedReadings
     weight: Array
 
 
@@ -72,7 +66,7 @@ def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> Second
     linear, factor = likelihood.linear, likelihood.q
     information = np.eye(linear.residual.shape[1]) - factor @ factor.transpose(0, 2, 1)
     information = information + SINGULAR * np.eye(linear.residual.shape[1])
-    deviation = np.linalg.solve(information, likelihood.weighted_residual[:, :, None])[:, :, 0]
+    deviation = np.asarray(np.linalg.solve(information, likelihood.weighted_residual[:, :, None])[:, :, 0])
     distance = np.sqrt(np.maximum(np.sum(deviation * likelihood.weighted_residual, axis=1), 0.0)) / weight
     sigmas = own_sigmas(distance, linear.residual.shape[1], linear.on_platform + 2 * linear.on_floor)
     far = sigmas > FAR_SIGMAS
@@ -80,7 +74,9 @@ def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> Second
     wrong = single & (sigmas > GATE_SIGMAS)
     if not np.any(wrong & (sigmas > GROSS_SIGMAS)) or np.mean(single) >= MOST_FAR or _are_many(wrong, linear.smr):
         return None
-    return SecondJudgement(wrong, sigmas, np.asarray(deviation), np.where(single | ~far, student_weights(sigmas), 1.0))
+    size_m = lengths_m(linear.whiten[wrong], deviation[wrong])
+    readings = JudgedReadings(~wrong, sigmas, size_m, BESIDE_CAUSES, np.zeros(0))
+    return SecondJudgement(readings, np.where(single | ~far, student_weights(sigmas), 1.0))
 
 
 def _are_many(wrong: NDArray[np.bool_], smr: NDArray[np.intp]) -> bool:

@@ -14,15 +14,13 @@ from mock_devices.effects.base import (
     Deviation,
     Effect,
     EffectParameter,
-    EffectSpec,
-    Kind,
     Leg,
     MotionState,
     Place,
     StatefulEffect,
 )
 from mock_devices.effects.outside_drives import AirBearingLift, LooseBolt, LubricationPulse, MagnetDetent, OilFilm
-from mock_devices.effects.outside_shapes import FINAL, VARIANTS, OutsideEffect
+from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 
 
 class CableDrag(OutsideEffect):
@@ -192,18 +190,5 @@ _FACTS: tuple[tuple[str, Place, type[Effect], EffectParameter, str], ...] = (
         "way",
     ),
 )
-_KIND: Kind = "outside"
 
-EFFECTS = tuple(
-    EffectSpec(
-        name=name,
-        kind=_KIND,
-        place=place,
-        size=size,
-        variants=VARIANTS,
-        final=FINAL,
-        reveals=reveals,
-        make=make,
-    )
-    for name, place, make, size, reveals in _FACTS
-)
+EFFECTS = tuple(outside_effect(*facts) for facts in _FACTS)

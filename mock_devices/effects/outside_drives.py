@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
-from mock_devices.effects.outside_shapes import FINAL, OutsideEffect, apply_variant
+from mock_devices.effects.outside_shapes import CUBIC, OutsideEffect, apply_variant
 
 
 class LooseBolt(StatefulEffect):
@@ -26,7 +26,7 @@ class LooseBolt(StatefulEffect):
 
     def _flip(self, q_m: Array, held: Array, drive: int) -> Array:
         middle, half = self.site.drive_range_m(drive)
-        x, limit = (q_m - middle) / half, 0.15 if self.variant == FINAL else 0.3
+        x, limit = (q_m - middle) / half, 0.15 if self.variant == CUBIC else 0.3
         return np.where(x > limit, 1.0, np.where(x < -limit, -1.0, held))
 
 

@@ -11,15 +11,13 @@ from mock_devices.effects.base import (
     Array,
     Deviation,
     EffectParameter,
-    EffectSpec,
     Leg,
     MotionState,
     StatefulEffect,
     StationSight,
 )
-from mock_devices.effects.outside_shapes import VARIANTS, OutsideEffect, apply_variant
+from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
 
-PLAIN = VARIANTS[0]
 LOBES = 5
 HEADS, ORDERS = 4, 4  # of a circle of the station
 STROKE, POLYTROPIC = 0.4, 1.3  # share of the gas that the whole stroke takes up; exponent
@@ -107,48 +105,36 @@ class GasSpring(OutsideEffect):
 
 
 EFFECTS = (
-    EffectSpec(
-        name="circle_error",
-        kind="outside",
-        place="rig",
-        size=EffectParameter("error_rad", 1e-6, 1e-5, 1e-3, "of both angles"),
-        variants=VARIANTS,
-        final=PLAIN,
-        reveals="angles, all SMRs and nests alike",
-        make=CircleError,
+    outside_effect(
+        "circle_error",
+        "rig",
+        CircleError,
+        EffectParameter("error_rad", 1e-6, 1e-5, 1e-3, "of both angles"),
+        "angles, all SMRs and nests alike",
         final_only=True,
     ),
-    EffectSpec(
-        name="lobed_joint",
-        kind="outside",
-        place="strut",
-        size=EffectParameter("lobe_m", 1e-6, 2e-5, 6e-4, "either way"),
-        variants=VARIANTS,
-        final=PLAIN,
-        reveals="the joint's angle",
-        make=LobedJoint,
+    outside_effect(
+        "lobed_joint",
+        "strut",
+        LobedJoint,
+        EffectParameter("lobe_m", 1e-6, 2e-5, 6e-4, "either way"),
+        "the joint's angle",
         final_only=True,
     ),
-    EffectSpec(
-        name="guide_wear",
-        kind="outside",
-        place="drive",
-        size=EffectParameter("depth_m", 1e-6, 4e-5, 1e-3, "after 100 m, where it is pressed most"),
-        variants=VARIANTS,
-        final=PLAIN,
-        reveals="way, drive coordinate",
-        make=GuideWear,
+    outside_effect(
+        "guide_wear",
+        "drive",
+        GuideWear,
+        EffectParameter("depth_m", 1e-6, 4e-5, 1e-3, "after 100 m, where it is pressed most"),
+        "way, drive coordinate",
         final_only=True,
     ),
-    EffectSpec(
-        name="gas_spring",
-        kind="outside",
-        place="rig",
-        size=EffectParameter("force_n", 50.0, 1500.0, 6e4, "of the extended spring"),
-        variants=VARIANTS,
-        final=PLAIN,
-        reveals="height",
-        make=GasSpring,
+    outside_effect(
+        "gas_spring",
+        "rig",
+        GasSpring,
+        EffectParameter("force_n", 50.0, 1500.0, 6e4, "of the extended spring"),
+        "height",
         final_only=True,
     ),
 )

@@ -10,12 +10,11 @@ from mock_devices.effects.base import (
     Array,
     Deviation,
     EffectParameter,
-    EffectSpec,
     Leg,
     MotionState,
     StatefulEffect,
 )
-from mock_devices.effects.outside_shapes import FINAL, VARIANTS, OutsideEffect, apply_variant
+from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
 
 TURN_M, TOOTH_M = 0.16, 0.010  # travel of one turn of the wheel and of one of its teeth
 CLAMP_M_PER_S = 0.2
@@ -109,44 +108,32 @@ class Hunting(OutsideEffect):
 
 
 EFFECTS = (
-    EffectSpec(
-        name="damaged_tooth",
-        kind="outside",
-        place="drive",
-        size=EffectParameter("depth_m", 1e-6, 4e-5, 2e-3, "of the gap"),
-        variants=VARIANTS,
-        final=FINAL,
-        reveals="drive coordinate, once a turn",
-        make=DamagedTooth,
+    outside_effect(
+        "damaged_tooth",
+        "drive",
+        DamagedTooth,
+        EffectParameter("depth_m", 1e-6, 4e-5, 2e-3, "of the gap"),
+        "drive coordinate, once a turn",
     ),
-    EffectSpec(
-        name="dry_cable_drag",
-        kind="outside",
-        place="rig",
-        size=EffectParameter("force_n", 5.0, 400.0, 9000.0, "at the edge"),
-        variants=VARIANTS,
-        final=FINAL,
-        reveals="ways moved, direction",
-        make=DryCableDrag,
+    outside_effect(
+        "dry_cable_drag",
+        "rig",
+        DryCableDrag,
+        EffectParameter("force_n", 5.0, 400.0, 9000.0, "at the edge"),
+        "ways moved, direction",
     ),
-    EffectSpec(
-        name="snapping_clamp",
-        kind="outside",
-        place="strut",
-        size=EffectParameter("snap_m", 1e-6, 3e-5, 1e-3, "either way"),
-        variants=VARIANTS,
-        final=FINAL,
-        reveals="speed of former motions, direction",
-        make=SnappingClamp,
+    outside_effect(
+        "snapping_clamp",
+        "strut",
+        SnappingClamp,
+        EffectParameter("snap_m", 1e-6, 3e-5, 1e-3, "either way"),
+        "speed of former motions, direction",
     ),
-    EffectSpec(
-        name="hunting",
-        kind="outside",
-        place="drive",
-        size=EffectParameter("amplitude_m", 1e-6, 2e-5, 6e-4, "of the later jumps, either way"),
-        variants=VARIANTS,
-        final=FINAL,
-        reveals="dwell",
-        make=Hunting,
+    outside_effect(
+        "hunting",
+        "drive",
+        Hunting,
+        EffectParameter("amplitude_m", 1e-6, 2e-5, 6e-4, "of the later jumps, either way"),
+        "dwell",
     ),
 )

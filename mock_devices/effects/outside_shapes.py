@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Effect, MotionState
+from mock_devices.effects.base import Array, Effect, EffectParameter, EffectSpec, MotionState, Place
 
 FULL_PAYLOAD_KG = 400.0
 VARIANTS = ("plain", "saturating", "with_payload", "cubic")
-FINAL = "cubic"
+PLAIN, CUBIC = VARIANTS[0], VARIANTS[-1]
 
 
 def apply_variant(y: Array, variant: str, payload_kg: Array) -> Array:
@@ -44,3 +44,20 @@ class OutsideEffect(Effect):
     def platform_x(self, state: MotionState) -> Array:
         """Where the platform is across the machine, roughly, from -1 to 1."""
         return np.clip((state.q_m[:, 0] - state.q_m[:, 1]) / 0.9, -1.5, 1.5)
+
+
+def outside_effect(
+    name: str, place: Place, make: type[Effect], size: EffectParameter, reveals: str, *, final_only: bool = False
+) -> EffectSpec:
+    """Its entry. Of an effect that final scorings use alone, the plain variant is what was published."""
+    return EffectSpec(
+        name=name,
+        kind="outside",
+        place=place,
+        size=size,
+        variants=VARIANTS,
+        final=PLAIN if final_only else CUBIC,
+        reveals=reveals,
+        make=make,
+        final_only=final_only,
+    )

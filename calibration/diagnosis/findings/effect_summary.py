@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.cause_size import size_of
+from calibration.diagnosis.cause_size import absorbed_share, relative_u_of_form, size_of
 from calibration.diagnosis.channels import unit_of_channel
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import aliases, parameter_uncertainty
@@ -91,7 +91,7 @@ def _summarise_place(
     signal = _signal(cause, likelihood)
     raw = likelihood.linear.rms_shift_sigma(signal)
     visible = likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal))
-    of_form = _relative_u_of_form(raw, visible)
+    of_form = float(relative_u_of_form(absorbed_share(raw, visible)))
     u = math.hypot(u_of_fit, value * of_form)
     given_others = likelihood
     for other in others:
@@ -137,13 +137,3 @@ def _at_channels(cause: Cause, likelihood: MarginalLikelihood, of_form: float) -
         slope = shapes.T @ (shapes @ coefficients) / max(rows.size * rms, 1e-300)
         u = math.hypot(math.sqrt(max(float(slope @ covariance @ slope), 0.0)), rms * of_form)
         yield Quantity(channel, rms, u, unit_of_channel(channel))
-
-
-def _relative_u_of_form(raw: float, visible: float) -> float:
-    """Standard uncertainty that a size has because no form is exact, over the size.
-
-    What the calibration absorbs of an effect follows from the form alone, so it is known far less well than what is
-    seen (docs/reference/definitions.md).
-    """
-    absorbed = 1.0 - min(visible / raw, 1.0) if raw > 0.0 else 1.0
-    return math.hypot(VERDICT.u_of_form, VERDICT.u_of_absorbed * absorbed)

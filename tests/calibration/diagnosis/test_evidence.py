@@ -244,7 +244,7 @@ def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted
     h = explicit(small, likelihood, [one, other])
     shift = h[:, planted] @ np.array([8.0e-5, 4.0e-5])[: len(planted)]
     there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    with_effect = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
+    with_effect = likelihood.on(there)
     y, c = there.residual.ravel(), dense(small)
     sizes = np.geomspace(effect.smallest_size(small.recording.file.nuisance), HIGH, SIZES)
 
@@ -309,7 +309,7 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     ((channel, shape),) = form
     shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
     there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    planted = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
+    planted = likelihood.on(there)
     (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
     found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
 
@@ -356,7 +356,7 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     ((channel, shape),) = form
     shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
     there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    planted = MarginalLikelihood(there, likelihood.response, small.q, there.apply(there.residual))
+    planted = likelihood.on(there)
     (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
     found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)

@@ -78,7 +78,7 @@ def test_a_wrong_reading_is_found_beside_the_cause_and_a_visit_that_is_off_is_no
     play = wrong.context.direction[:, 0] * PLAY_M
     with_cause = likelihood.including((likelihood.response("travel.left") * play[:, None])[:, :, None])
     judged = judge_beside_causes(with_cause, wrong.weight)
-    assert wrong.rows[judged.wrong].tolist() == one.tolist()
+    assert wrong.rows[~judged.readings.keep].tolist() == one.tolist()
     again = linearise_again(wrong, judged)
     (left_out,) = again.left_out
     assert (left_out.name, left_out.reason) == (recording["uid"][one[0]], BESIDE_CAUSES)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
-from calibration.diagnosis.cause_size import size_of
+from calibration.diagnosis.cause_size import absorbed_share, relative_u_of_form, size_of
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.findings.effect_summary import _relative_u_of_form
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet
 from calibration.effects.catalogue import Catalogue, load_catalogue
@@ -98,9 +97,13 @@ def test_raw_and_visible_size_are_those_of_the_readings():
 
 def test_what_the_calibration_absorbs_of_an_effect_is_known_less_well():
     """Of what is seen 11 %; of what is absorbed altogether 55 %, uncorrelated."""
-    assert _relative_u_of_form(4.0, 4.0) == pytest.approx(0.11)
-    assert _relative_u_of_form(4.0, 1.0) == pytest.approx(np.hypot(0.11, 0.55 * 0.75))
-    assert _relative_u_of_form(0.0, 0.0) == _relative_u_of_form(4.0, 0.0) == pytest.approx(np.hypot(0.11, 0.55))
+    assert relative_u_of_form(absorbed_share(4.0, 4.0)) == pytest.approx(0.11)
+    assert relative_u_of_form(absorbed_share(4.0, 1.0)) == pytest.approx(np.hypot(0.11, 0.55 * 0.75))
+    assert (
+        relative_u_of_form(absorbed_share(0.0, 0.0))
+        == relative_u_of_form(absorbed_share(4.0, 0.0))
+        == pytest.approx(np.hypot(0.11, 0.55))
+    )
 
 
 def share_by_visit(a: Arrivals) -> np.ndarray:

@@ -205,8 +205,11 @@ def assert_alike(one: InformationAndScore, other: InformationAndScore) -> None:
     assert one.score == pytest.approx(other.score, abs=1e-9 * np.abs(other.score).max())
 
 
-def test_by_visit_is_judge_of_single_visits(small, likelihood):
-    arrival = small.context.arrival
+@pytest.mark.parametrize("causes", [0, 1, 2])
+def test_by_visit_is_judge_of_single_visits(small, likelihood, causes):
+    arrival, rng = small.context.arrival, np.random.default_rng(7)
+    for _ in range(causes):
+        likelihood = likelihood.including(rng.standard_normal((*small.residual.shape, 2)))
     contributions = [(("travel.right", (arrival == v).astype(float)),) for v in range(int(arrival.max()) + 1)]
     information, score = likelihood.information_by_visit("travel.right")
     judged = likelihood.information_and_score(contributions)

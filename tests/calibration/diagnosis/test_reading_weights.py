@@ -84,8 +84,30 @@ def test_a_wrong_reading_is_found_beside_the_cause_and_a_visit_that_is_off_is_no
     assert (left_out.name, left_out.reason) == (recording["uid"][one[0]], BESIDE_CAUSES)
     assert left_out.size == pytest.approx(by_m, rel=0.3)
     assert set(wrong.rows.tolist()) - set(again.rows.tolist()) == set(one.tolist())
+    np.testing.assert_array_equal(again.weight, judged.weight[judged.readings.keep])
+    plain = linearise_recording(recording, judge=False).reweighted(np.ones(len(linear.rows)))
+    kept = np.isin(plain.rows, again.rows)
+    size = np.linalg.norm(again.whiten, axis=(1, 2)) / np.linalg.norm(plain.whiten[kept], axis=(1, 2))
+    np.testing.assert_allclose(size, again.weight, rtol=0.01)
+    assert np.min(again.weight) < 0.99
     weight = again.weight[np.isin(again.rows, of_a_visit)]
     assert np.all(weight == 1.0), "what moves all readings of a stand is no wrong reading"
+
+
+@pytest.mark.parametrize(("count", "is_judged"), [(2, True), (8, False)])
+def test_many_readings_of_one_reflector_are_something_that_happened_to_it(count, is_judged):
+    """Eight of its eighty are a tenth of these and less than 2.5 % of all."""
+    recording = with_play()
+    linear = linearise_recording(recording, judge=False)
+    rows = linear.rows[(linear.smr == linear.smr[0]) & (linear.visit % 10 == 3)][:count]
+    assert len(rows) == count < 0.025 * len(linear.rows)
+    off = linearise_recording(moved(recording, rows, 60.0 * linear.sigma_of_length_m), judge=False)
+    likelihood = MarginalLikelihood.of(off)
+    play = (likelihood.response("travel.left") * (off.context.direction[:, 0] * PLAY_M)[:, None])[:, :, None]
+    judged = judge_beside_causes(likelihood.including(play), off.weight)
+    assert (judged is not None) is is_judged
+    if judged is not None:
+        assert set(off.rows[~judged.readings.keep].tolist()) == set(rows.tolist())
 
 
 def test_nothing_is_judged_again_where_nothing_is_far_off():

@@ -7,7 +7,7 @@ Reads the even-numbered recordings of FOLDER/recordings.tar.xz (else of INDEPEND
 each state of the code that they depend on; stopped at any time, the same command goes on. --final scores the odd ones
 instead, without saying which: at most five times, each a line in log.jsonl. --gross diagnoses again what was sure, with
 gross readings planted (a final run always does). Exit status 1 if a goal is missed, 2 if
-there are no recordings or a process failed.
+there are no recordings or a process failed, 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from benchmarks.withheld.lane import RunFailed, diagnose, finite, sure_of
 from benchmarks.withheld.score_rows import Row
 from benchmarks.withheld.scorer import WORTH_ADDING, Tampered, verdict
 from benchmarks.withheld.sealed_diagnoser import HELPERS
+from tests.kept_results import until_stopped
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "independent"
@@ -243,4 +244,4 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 
 if __name__ == "__main__":
     in_one_thread()  # as benchmarks.withheld.run
-    sys.exit(main())
+    sys.exit(until_stopped(main))

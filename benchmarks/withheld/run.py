@@ -9,7 +9,7 @@ comes out; --seed is for development and leaves the final variants out. Finished
 the same command goes on. --so-far prints the table of what a stopped or running run has finished, a random part of its
 cases, and changes nothing. --log-catalogue appends the hash of the catalogue to log.jsonl, before new final forms come
 into the plant. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
-missed, 2 if a process fails or the diagnoser cannot be sealed (sealed_diagnoser).
+missed, 2 if a process fails or the diagnoser cannot be sealed (sealed_diagnoser), 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from benchmarks.withheld.over_the_wire import LARGEST_M, largest_difference_m
 from benchmarks.withheld.pictures import draw_all
 from benchmarks.withheld.report import log_entry, printed, summary
 from benchmarks.withheld.scorer import Tampered
+from tests.kept_results import until_stopped
 
 ROOT = Path(__file__).parents[2]
 LOG = Path(__file__).parent / "log.jsonl"
@@ -260,4 +261,4 @@ def _append(file: Path, entry: dict[str, Any]) -> None:
 
 if __name__ == "__main__":
     in_one_thread()  # the scorer's matrices are small: further threads would only wait, on the cores of the lanes
-    sys.exit(main())
+    sys.exit(until_stopped(main))

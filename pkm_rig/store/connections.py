@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import event
+
+WAIT_S = 20  # for another process, which may be migrating the file
+TRY_S = 0.05  # between attempts where SQLite itself does not wait
 
 
 def engine_for_writing(path: Path) -> sa.Engine:
@@ -91,10 +95,24 @@ def _begin(connection: sa.Connection) -> None:
 def _sync_to_disk(connection: Any, _record: object) -> None:
     _set_up(connection)
     cursor = connection.cursor()
-    cursor.execute("PRAGMA journal_mode=WAL")
+    _use_wal(cursor)
     cursor.execute("PRAGMA synchronous=FULL")
     cursor.execute("PRAGMA foreign_keys=ON")
     cursor.close()
+
+
+def _use_wal(cursor: Any) -> None:
+    """A file's first change to WAL mode needs it alone; SQLite's own waiting ends at once where two processes try."""
+    cursor.execute("PRAGMA busy_timeout=0")
+    for left in reversed(range(round(WAIT_S / TRY_S) + 1)):
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            break
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or not left:
+                raise
+        time.sleep(TRY_S)
+    cursor.execute(f"PRAGMA busy_timeout={1000 * WAIT_S}")
 
 
 def _set_up(connection: Any) -> None:

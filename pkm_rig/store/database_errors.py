@@ -18,6 +18,7 @@ ADVICE = {  # by words of the complaint
     "connection to server": _SERVER,
     "connection timeout": _SERVER,
     "resolve host": _SERVER,
+    "database is locked": "another process writes or reads it; wait until it has ended",
     "lock timeout": "another computer writes the same rows; wait, and try again",
 }
 

@@ -16,7 +16,8 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import event
 
 from calibration.base.errors import InputError
-from pkm_rig.store import migrate, schema
+from pkm_rig.errors import StoreError
+from pkm_rig.store import connections, migrate, schema
 from pkm_rig.store.connections import engine_for_writing
 from pkm_rig.store.store import Store
 from tests.pkm_rig.plant_recording import record
@@ -182,6 +183,36 @@ def test_two_processes_may_open_an_older_store_at_once(old, content):
     processes = [subprocess.Popen([sys.executable, "-c", script, old]) for _ in range(2)]
     assert [process.wait(timeout=60) for process in processes] == [0, 0]
     assert content_now(old) == content
+
+
+def test_a_store_that_is_read_at_the_moment_of_its_first_opening_is_waited_for(old, content, monkeypatch):
+    """SQLite refuses the change to WAL mode at once while another process reads."""
+    other = sqlite3.connect(old, isolation_level=None)
+    other.execute("BEGIN")
+    other.execute("SELECT COUNT(*) FROM readings").fetchone()
+    pauses = []
+
+    def pause(seconds):
+        pauses.append(seconds)
+        if len(pauses) == 3:
+            other.close()
+
+    monkeypatch.setattr(connections.time, "sleep", pause)
+    with closing(Store(old)):
+        pass
+    assert len(pauses) == 3
+    assert content_now(old) == content
+
+
+def test_a_store_that_is_read_for_good_is_refused_in_one_line(old, monkeypatch):
+    with closing(sqlite3.connect(old, isolation_level=None)) as other:
+        other.execute("BEGIN")
+        other.execute("SELECT COUNT(*) FROM readings").fetchone()
+        pauses = []
+        monkeypatch.setattr(connections.time, "sleep", pauses.append)
+        with pytest.raises(StoreError, match=r"store\.sqlite: database is locked; another process .* wait"):
+            Store(old)
+    assert sum(pauses) == pytest.approx(connections.WAIT_S)
 
 
 def test_changes_of_tables_are_kept_in_order_and_unchanged(tmp_path):

@@ -22,10 +22,13 @@ from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.departure_evidence import with_departures
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
+from calibration.diagnosis.one_way import loss_of_one_way
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
+
+FAR_BELOW = 30.0  # log evidence of a basis set below the best one at its place that decides nothing
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,8 @@ def _evidence_by_place(
         # Weights that add up to less than one leave the remainder to basis sets that were not listed.
         weights /= max(1.0, float(weights.sum()))
         logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
+        for number in np.flatnonzero(logs > max(VERDICT.detection_threshold, float(logs.max()) - FAR_BELOW)):
+            logs[number] -= loss_of_one_way(evidence[number])
         best = evidence[int(np.argmax(logs))]
         contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
         out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))

@@ -108,6 +108,21 @@ class EffectInputs:
         """Channels of a kind ('sideways', 'turn') at a drive."""
         return tuple(c for c in self.channels if c.startswith(f"{kind}.{self.drive(index)}."))
 
+    def leaning(self, index: int) -> tuple[tuple[str, str, float], ...]:
+        """Of a column that leans: across the guide, in rotation, and the sign of the rotation (ISO 230-1: right-hand).
+
+        A rotation about w moves what is ahead along the axis a towards w x a, which is across the guide.
+        """
+        axis = self.machine.nominal.axis[index]
+        turns = {channel[-1]: channel for channel in self.channels_of_drive("turn", index)}
+        out = []
+        for side in self.channels_of_drive("sideways", index):
+            about = np.cross(axis, np.eye(3)["xyz".index(side[-1])])
+            letter = "xyz"[int(np.argmax(np.abs(about)))]
+            if letter in turns:
+                out.append((side, turns[letter], float(np.sign(about["xyz".index(letter)]))))
+        return tuple(out)
+
     def travel_range_m(self, index: int) -> tuple[float, float]:
         """Middle and half width of the part of a drive's travel that was used."""
         q = self.context.drives[:, index]

@@ -10,6 +10,7 @@ import numpy as np
 from calibration.base.arrays import Array
 
 CURVE_TERMS = 4
+STEPS = 49  # at which a course is watched for turning: twice as many as a walk has terms
 
 
 def scale_to_unit(x: Array) -> Array:
@@ -34,6 +35,13 @@ def course_with_jumps(t_s: Array, terms: int, jumps_s: Sequence[float]) -> Array
     """Any course in time (n, k): a random walk over the whole time, and jumps at some moments."""
     walk = random_walk_basis(t_s / max(float(t_s.max()), 1.0), terms)
     return np.column_stack([walk, *((t_s >= jump_s).astype(np.float64) for jump_s in jumps_s)])
+
+
+def steps_over(t_s: Array, course: Array) -> Array:
+    """By how much courses (n, k) change from one of STEPS evenly chosen readings to the next in time (STEPS - 1, k)."""
+    in_time = np.argsort(t_s, kind="stable")
+    chosen = in_time[np.linspace(0, len(in_time) - 1, STEPS).round().astype(np.intp)]
+    return np.asarray(np.diff(course[chosen], axis=0))
 
 
 def cosine_basis(x: Array, terms: int, *, roughness: float = 2.0, constant: bool = False) -> Array:

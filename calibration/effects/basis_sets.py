@@ -34,7 +34,8 @@ class BasisSet:
     basis sets. size: weights with which the first coefficients add up to the size, where that is not what the effect
     says. For the tangent of a curve, curve: the point at which it was taken. departures: further columns, after the
     others (`calibration.effects.departures`). sign: that of the first coefficient, where mechanics has
-    only one; else 0.
+    only one; else 0. one_way: of courses that mechanics lets go one way only, whichever, their steps (t, k) over time
+    by their own k coefficients, in the order of the columns.
     """
 
     columns: tuple[int, ...]
@@ -45,6 +46,7 @@ class BasisSet:
     size: tuple[float, ...] = ()
     departures: tuple[Departure, ...] = ()
     sign: float = 0.0
+    one_way: tuple[Array, ...] = field(default=(), compare=False)
 
     @property
     def main(self) -> tuple[int, ...]:
@@ -103,6 +105,17 @@ class BasisSets:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
             self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights, sign=sign))
 
+    def keep_one_way(self, steps: Array) -> None:
+        """Basis sets of k main columns, and as many or multiples of them flexible, must not turn: steps (t, k) of each
+        course over time by its coefficients. Meant are those added last.
+        """
+        k = steps.shape[1]
+        for number in range(len(self.sets) - 1, -1, -1):
+            last = self.sets[number]
+            if last.one_way or len(last.main) != k or last.main != self.sets[-1].main:
+                break
+            self.sets[number] = replace(last, one_way=(steps,) * (len(last.columns) // k))
+
     def without_forms(self, names: Collection[str]) -> BasisSets:
         """The same columns; basis sets without those of some forms, and without sets that are made of them."""
         out, seen = BasisSets(), set()
@@ -115,6 +128,7 @@ class BasisSets:
                 basis_set,
                 columns=tuple(basis_set.columns[k] for k in kept),
                 relative=tuple(basis_set.relative[k] for k in kept),
+                one_way=basis_set.one_way if len(kept) == len(basis_set.columns) else (),
             )
             key = (left.columns, left.relative, tuple(left.parameters.items()), left.sign)
             if key not in seen:  # what is left of one may be another

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
-from calibration.effects.basis_functions import cosine_basis, course_with_jumps
+from calibration.effects.basis_functions import cosine_basis, course_with_jumps, steps_over
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
@@ -39,14 +39,12 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
     """The foot of a column sinks and the column leans: along the axis, sideways with the height, and in rotation."""
     sets, t, h = BasisSets(), inputs.context.elapsed_s, inputs.height_m(drive)
     travel = f"travel.{inputs.drive(drive)}"
-    pairs = list(
-        zip(inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False)
-    )
+    pairs = inputs.leaning(drive)
 
     def columns(sunk: Array, form: str = "") -> tuple[list[int], list[int]]:
         wide = sunk[:, None] if sunk.ndim == 1 else sunk
         down = sets.add((travel, -wide), form=form)
-        lean = [sets.add((side, -wide * h[:, None]), (turn, wide), form=form) for side, turn in pairs]
+        lean = [sets.add((side, sign * wide * h[:, None]), (turn, wide), form=form) for side, turn, sign in pairs]
         return down, [column for pair in lean for column in pair]
 
     end = float(t.max())
@@ -58,10 +56,14 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
         for tau in SETTLING_S:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau), "consolidation")
             sets.add_set(down, lean, share=0.5, onset_s=float(onset))
-    down, lean = columns(course_with_jumps(t, 24, [onset for onset, _ in onsets]))
-    onset_of_walk = strongest_onset(onsets)
-    sets.add_set(down, lean, share=0.5, weight=4.0, **onset_of_walk)
-    sets.add_set(down[:6], lean[:6], share=0.5, weight=4.0, **onset_of_walk)
+    course = course_with_jumps(t, 24, [onset for onset, _ in onsets])
+    down, lean = columns(course)
+    of_each = [lean[k : k + len(down)] for k in range(0, len(lean), len(down))]
+    steps, onset_of_walk = steps_over(t, course), strongest_onset(onsets)
+    for terms in (len(down), 6):
+        flexible = [c for leaning in of_each for c in leaning[:terms]]
+        sets.add_set(down[:terms], flexible, share=0.5, weight=4.0, **onset_of_walk)
+        sets.keep_one_way(steps[:, :terms])
     return sets
 
 

@@ -6,7 +6,7 @@ acts: through channels of their own, so that one number moves all that depends o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from calibration.effects.basis_functions import (
     random_walk_basis,
     rises_of_curve,
 )
-from calibration.effects.thermal import FOLLOWING_TIME_CONSTANTS_S
+from calibration.effects.thermal import COLUMN_WIDTH_M, FOLLOWING_TIME_CONSTANTS_S
 from calibration.machine.description import PARTS, Machine
 from calibration.model.payload import PayloadEntry
 
@@ -37,6 +37,9 @@ COEFFICIENT_WEIGHT = (
     0.006  # of each form: a material is stated wrongly more rarely than a part is warmer than its sensor
 )
 LATE_SHARE = 0.3  # of it: for growth that lags behind the sensor, or is no straight line over it
+PARTS_OF_COLUMNS = ("base", "drives")  # whose sensors may be on them
+LAYERS = 1.5  # of curvature, over difference of coefficients and width, of two layers alike
+LEAST_ACROSS = 0.1  # of a way that goes along a column: less does not bend it
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
 
 
@@ -46,7 +49,7 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
     L = L0 (1 + alpha (T - T_ref)); alpha itself rises with temperature (Touloukian et al., Thermophysical Properties of
     Matter 12, Plenum 1975).
     """
-    sets = BasisSets()
+    sets, bent_by = BasisSets(), list[str]()
     for part in PARTS:
         if (above_k := _above_reference_k(inputs, part)) is None:
             continue
@@ -65,7 +68,58 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
                 sets.add_set(late, weight=LATE_SHARE * COEFFICIENT_WEIGHT)
             curve = sets.add((f"growth.{part}", span_k * curve_over(change_k)))
             sets.add_set(curve, weight=LATE_SHARE * COEFFICIENT_WEIGHT, size=rises_of_curve())
+        if part in PARTS_OF_COLUMNS and sensor not in bent_by:
+            bent_by.append(sensor)
+            _add_bending_columns(sets, inputs, above_k, sensor)
     return sets
+
+
+def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, sensor: str) -> None:
+    """All columns alike are of two materials, as cast iron with a rail of steel: their difference of coefficients bends
+    them, by 1.5 over the width for layers alike (Timoshenko, Analysis of Bi-Metal Thermostats, 1925). Where along its
+    column each is straight, nobody knows.
+    """
+    span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
+    weight = LATE_SHARE * COEFFICIENT_WEIGHT
+
+    def through(bent: Sequence[tuple[str, Array]], course_k: Array, form: str = "") -> list[int]:
+        wide = course_k[:, None] if course_k.ndim == 1 else course_k
+        return sets.add(*((channel, shape[:, None] * wide) for channel, shape in bent), form=form)
+
+    for bent, straight in _bends(inputs):
+        for tau_s in FOLLOWING_TIME_CONSTANTS_S:
+            change_k = inputs.context.part_temperature_k(sensor, tau_s)
+            course_k = above_k if tau_s == 0.0 else change_k
+            elsewhere = [c for part in straight for c in through(part, course_k)]
+            sets.add_set(through(bent, course_k, "bending"), elsewhere, share=1.0, weight=weight)
+            sets.add_set(through(bent, span_k * curve_over(change_k)), elsewhere, weight=weight, size=rises_of_curve())
+
+
+def _bends(inputs: EffectInputs) -> Iterator[tuple[list[tuple[str, Array]], list[list[tuple[str, Array]]]]]:
+    """What bends all columns by their width of unit strain: each to the same side, or away from the machine's middle.
+
+    Contributions of the bending, and of each drive those of a column that is straight one metre higher.
+    """
+    machine = inputs.machine
+    nominal, count = machine.nominal, len(machine.drive_names)
+    feet = np.stack([nominal.base_joint_m[machine.strut_drive == a].mean(axis=0) for a in range(count)])
+    outwards = feet - feet.mean(axis=0)
+    sides = {side[-1] for a in range(count) for side, _, _ in inputs.leaning(a)}
+    for ways in (*(np.tile(np.eye(3)["xyz".index(letter)], (count, 1)) for letter in sorted(sides)), outwards):
+        bent, straight = list[tuple[str, Array]](), list[list[tuple[str, Array]]]()
+        for a in range(count):
+            across = np.array([ways[a]["xyz".index(side[-1])] for side, _, _ in inputs.leaning(a)])
+            length = float(np.linalg.norm(across))
+            if length < LEAST_ACROSS * max(float(np.linalg.norm(ways[a])), 1e-9):
+                continue
+            h, own = inputs.height_m(a), list[tuple[str, Array]]()
+            for (side, turn, sign), part in zip(inputs.leaning(a), across / length, strict=True):
+                curvature = part * LAYERS / COLUMN_WIDTH_M
+                bent += [(side, 0.5 * curvature * h**2), (turn, sign * curvature * h)]
+                own += [(side, -curvature * h), (turn, np.full_like(h, -sign * curvature))]
+            straight.append(own)
+        if bent:
+            yield bent, straight
 
 
 def _above_reference_k(inputs: EffectInputs, part: str) -> Array | None:

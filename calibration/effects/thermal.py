@@ -166,12 +166,15 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     travel = f"travel.{inputs.drive(drive)}"
     _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=_heats_of_drive(inputs, drive))
     _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
-    for side, turn in zip(
-        inputs.channels_of_drive("sideways", drive), inputs.channels_of_drive("turn", drive), strict=False
-    ):
+    # Warmer at any height: h, h^2 and h^3 follow one course each.
+    powers = np.stack([alpha * h, 0.5 * alpha * h**2, alpha * h**3 / 3.0], axis=1)
+    for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "base"))):
+        curves = [sets.add((travel, power[:, None] * curve_over(course))) for power in powers.T]
+        sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises_of_curve())
+    for side, turn, sign in inputs.leaning(drive):
         bent = alpha / COLUMN_WIDTH_M
-        _add_thermal_sets(sets, ((side, -0.5 * bent * h**2), (turn, bent * h)), inputs, "base", "bending_")
-        _add_thermal_sets(sets, ((side, 0.5 * bent * h**2), (turn, bent * h)), inputs, "base", "leaning_")
+        _add_thermal_sets(sets, ((side, 0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "bending_")
+        _add_thermal_sets(sets, ((side, -0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "leaning_")
     return sets
 
 

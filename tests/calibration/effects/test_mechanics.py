@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calibration.diagnosis.periodogram import MAX_PEAKS, Periodogram
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
+from calibration.machine.description import load_machine, shipped_machine
 from tests.calibration.diagnosis.campaigns import plant, recorded
 from tests.calibration.effects.test_context import SWING, inputs_of
 
@@ -40,6 +44,65 @@ def test_a_warm_screw_that_is_held_below_lifts_its_slider_the_more_the_higher_it
     lifted = rise * (context.drives[:, 0] - travel[0, 0])
     correlations = [np.corrcoef(shape, lifted)[0, 1] for shape in shapes(inputs, "screw_thermal_growth")]
     assert max(correlations) > 1.0 - 1e-9
+
+
+@pytest.mark.parametrize("name", ["planar4", "prs3", "hexaglide"])
+def test_a_column_that_leans_takes_what_is_above_to_the_side_that_its_rotation_says(inputs, name):
+    machine = load_machine(shipped_machine(name))
+    channels = [f"{kind}.{d}.{c}" for d in machine.drive_names for kind in ("sideways", "turn") for c in "xyz"]
+    across = [c for c in channels if abs(machine.nominal.axis[0] @ np.eye(3)["xyz".index(c[-1])]) < 0.5 or "turn" in c]
+    inputs = replace(inputs, machine=machine, channels=tuple(across))
+    for drive in range(len(machine.drive_names)):
+        leaning, axis = inputs.leaning(drive), machine.nominal.axis[drive]
+        assert len({side for side, _, _ in leaning}) == 2
+        for side, turn, sign in leaning:
+            rotation = Rotation.from_rotvec(1e-6 * sign * np.eye(3)["xyz".index(turn[-1])])
+            moved = rotation.apply(axis) - axis
+            assert moved == pytest.approx(1e-6 * np.eye(3)["xyz".index(side[-1])], abs=1e-11)
+
+
+def test_a_column_that_is_warm_at_its_foot_grows_like_a_column_of_any_warmth(inputs):
+    """Its growth is the integral of its temperature up to the slider, in 1 mm steps; forms are left out."""
+    built = load_catalogue().effect("column_thermal_growth").forms(inputs, 0).without_forms(("warming", "following"))
+    heights, t = inputs.height_m(0), inputs.context.elapsed_s
+    steps = np.arange(0.0, heights.max() + 1e-3, 1e-3)
+    along = np.concatenate([[0.0], np.cumsum(np.exp(-0.5 * (steps[1:] + steps[:-1]) / 0.6) * 1e-3)])
+    grown = np.interp(heights, steps, along) * t / t.max()
+
+    def left(basis_set):
+        columns = np.column_stack([dict(built.contributions[c]).get("travel.left", 0.0 * t) for c in basis_set.columns])
+        return grown - columns @ np.linalg.lstsq(columns, grown, rcond=None)[0]
+
+    shares = [np.linalg.norm(left(basis_set)) / np.linalg.norm(grown) for basis_set in built.sets]
+    assert min(shares) < 0.01
+
+
+def test_columns_of_two_materials_bend_alike_or_away_from_the_middle(inputs):
+    """Curvature, integrated twice up to the slider in 1 mm steps, for every reading by its own temperature."""
+    built = load_catalogue().effect("expansion_coefficient").forms(inputs, 0)
+    machine, context = inputs.machine, inputs.context
+    mains = {basis_set.columns[0] for basis_set in built.sets if built.named[basis_set.columns[0]] == "bending"}
+    above_k = context.temperatures_c[machine.sensors["base"]] - machine.reference_temperature_c
+    curvature, turned_at_once = 1.5 / 0.4 * above_k, above_k * inputs.height_m(0)
+    all_bent = [dict(built.contributions[c]) for c in sorted(mains)]
+    at_once = [b for b in all_bent if abs(np.corrcoef(b["turn.left.z"], turned_at_once)[0, 1]) > 0.999999]
+    signs = set()
+    for columns in at_once:
+        sign = {}
+        for d, name in enumerate(("left", "right")):
+            steps = np.arange(0.0, inputs.height_m(d).max() + 2e-3, 1e-3)
+            turned = np.interp(inputs.height_m(d), steps, steps)  # of unit curvature
+            moved = np.interp(
+                inputs.height_m(d), steps, np.concatenate([[0.0], np.cumsum(0.5e-3 * (steps[1:] + steps[:-1]))])
+            )
+            turn, side = columns[f"turn.{name}.z"], columns[f"sideways.{name}.x"]
+            sign[name] = float(np.sign(turn @ (curvature * turned)))
+            assert turn == pytest.approx(sign[name] * curvature * turned, abs=1e-6)
+            assert side == pytest.approx(
+                -sign[name] * curvature * moved, abs=1e-5
+            )  # what leans to the left turns by +z
+        signs.add(sign["left"] * sign["right"])
+    assert signs == {1.0, -1.0}
 
 
 def test_the_strongest_peaks_of_each_octave_are_tried_however_many_aliases_outdo_them():

@@ -1,0 +1,87 @@
+"""Courses that must not turn, against isotonic regression and a general optimiser, and at a foundation that settles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import isotonic_regression, minimize
+
+from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
+from calibration.diagnosis.one_way import least_square, loss_of_one_way
+from calibration.effects.api import BasisSets
+from calibration.effects.basis_functions import random_walk_basis, steps_over
+
+COUNT = 12
+
+
+def evidence_of(values: np.ndarray, sd: float, *, steps: np.ndarray) -> BasisSetEvidence:
+    """Of a course whose coefficients (k,) are known to a standard deviation."""
+    sets = BasisSets()
+    sets.add_set(sets.add(("travel.left", np.eye(len(values)))))
+    sets.keep_one_way(steps)
+    return BasisSetEvidence(sets.sets[0], 100.0, 1.0, values, sd**2 * np.eye(len(values)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_loss_is_that_of_isotonic_regression(seed, way):
+    """Values at times, each known by itself: the nearest course that goes one way is what that computes."""
+    rng, sd = np.random.default_rng(seed), 0.3
+    values = way * np.linspace(0.0, 4.0, COUNT) + rng.standard_normal(COUNT)
+    nearest = isotonic_regression(values, increasing=way > 0.0).x
+    loss = loss_of_one_way(evidence_of(values, sd, steps=np.diff(np.eye(COUNT), axis=0)))
+    assert loss == pytest.approx(0.5 * np.sum((nearest - values) ** 2) / sd**2, rel=1e-6)
+    assert loss > 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_least_square_is_that_of_a_general_optimiser(seed):
+    rng = np.random.default_rng(seed)
+    g, h = rng.standard_normal((8, 5)), rng.standard_normal(8) - 0.5
+    constraint = {"type": "ineq", "fun": lambda x: g @ x - h, "jac": lambda _: g}
+    inside = 100.0 * np.linalg.lstsq(g, np.abs(h) + 1.0)[0]
+    found = minimize(lambda x: x @ x, inside, jac=lambda x: 2.0 * x, constraints=constraint, method="SLSQP")
+    assert least_square(g, h) == pytest.approx(found.fun if found.success else np.inf, rel=1e-5, abs=1e-6)
+
+
+def test_constraints_that_contradict_one_another_cannot_be_met():
+    assert least_square(np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])) == float("inf")
+
+
+def test_a_course_that_goes_one_way_loses_nothing():
+    steps = np.diff(np.eye(COUNT), axis=0)
+    assert loss_of_one_way(evidence_of(np.linspace(3.0, -1.0, COUNT), 0.1, steps=steps)) == 0.0
+
+
+def test_basis_sets_without_such_courses_lose_nothing():
+    sets = BasisSets()
+    sets.add_set(sets.add(("travel.left", np.eye(3))))
+    entry = BasisSetEvidence(sets.sets[0], 100.0, 1.0, np.array([1.0, -1.0, 1.0]), 1e-6 * np.eye(3))
+    assert loss_of_one_way(entry) == 0.0
+
+
+def test_each_course_of_a_set_goes_its_own_way():
+    """Sunk and leant: one goes up while the other goes down, and either may cost."""
+    sets, line = BasisSets(), np.linspace(0.0, 1.0, COUNT)
+    main, flexible = (sets.add(("travel.left", np.eye(COUNT))) for _ in range(2))
+    sets.add_set(main, flexible)
+    steps = np.diff(np.eye(COUNT), axis=0)
+    sets.keep_one_way(steps)
+    assert [len(basis_set.one_way) for basis_set in sets.sets] == [1, 2]
+
+    def loss(second: np.ndarray) -> float:
+        values = np.concatenate([line, second])
+        return loss_of_one_way(BasisSetEvidence(sets.sets[1], 100.0, 1.0, values, 1e-4 * np.eye(2 * COUNT)))
+
+    assert loss(-line) == 0.0
+    returns = np.minimum(line, 1.0 - line)
+    nearest = isotonic_regression(returns, increasing=bool(returns[-1] - returns[0] >= 0.0)).x
+    assert loss(returns) == pytest.approx(0.5e4 * np.sum((nearest - returns) ** 2), rel=1e-6)
+
+
+def test_steps_are_those_of_a_course_in_the_order_of_time():
+    rng = np.random.default_rng(3)
+    t_s = rng.permutation(np.linspace(0.0, 4000.0, 301))
+    steps = steps_over(t_s, np.column_stack([t_s, random_walk_basis(t_s, 3)[:, 0]]))
+    assert np.all(steps[:, 0] > 0.0)
+    assert np.sum(steps[:, 0]) == pytest.approx(4000.0)

@@ -166,11 +166,14 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     travel = f"travel.{inputs.drive(drive)}"
     _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=_heats_of_drive(inputs, drive))
     _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
-    # Warmer at any height: h, h^2 and h^3 follow one course each.
+    # Warmer at any height, c1 + c2 z + c3 z^2: growths by h, h^2 and h^3 follow one course each. The size is that in
+    # the middle of the travel.
+    middle = float(inputs.machine.travel[drive].mean() + (h - inputs.context.drives[:, drive])[0])
     powers = np.stack([alpha * h, 0.5 * alpha * h**2, alpha * h**3 / 3.0], axis=1)
+    rises = tuple(rise * middle**k for k in range(3) for rise in rises_of_curve())
     for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "base"))):
         curves = [sets.add((travel, power[:, None] * curve_over(course))) for power in powers.T]
-        sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises_of_curve())
+        sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises)
     for side, turn, sign in inputs.leaning(drive):
         bent = alpha / COLUMN_WIDTH_M
         _add_thermal_sets(sets, ((side, 0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "bending_")

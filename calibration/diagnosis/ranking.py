@@ -82,12 +82,17 @@ def rank_effects(
     strongest = max((_total_log_evidence(places) for _, places in by_effect), default=0.0)
     strongest = max(strongest, VERDICT.min_gain_share * explained)
     threshold = max(VERDICT.detection_threshold, VERDICT.refined_share * strongest)
+    leader = max(by_effect, key=lambda entry: _total_log_evidence(entry[1]), default=None)
+    law_leads = leader is not None and bool(leader[0].curves_at(inputs, 0))
     causes = []
     for effect, places in by_effect:
-        if (log_evidence := _total_log_evidence(places)) <= threshold:
+        # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
+        rival = law_leads and bool(effect.curves_at(inputs, 0))
+        least = VERDICT.detection_threshold if rival else threshold
+        if (log_evidence := _total_log_evidence(places)) <= least:
             causes.append(_cause(effect, places))
             continue
-        curves = log_evidence > VERDICT.curve_fit_share * strongest
+        curves = rival or log_evidence > VERDICT.curve_fit_share * strongest
         refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
         cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves_at(inputs, 0)))
         causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))

@@ -7,6 +7,7 @@ acts: through channels of their own, so that one number moves all that depends o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import permutations
 
 import numpy as np
 
@@ -191,6 +192,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
         for name, correction in zip(drives, corrections.T, strict=True):
             if len(drives) > 1 and np.any(correction):
                 sets.add_set(sets.add((f"travel.{name}", correction), form="one_drive"), weight=ONE_DRIVE_WEIGHT)
+    _add_tables_by_direction(sets, inputs)
     if "t_s" in context.not_said:  # who knows when: nothing depends on time then
         return sets
     for generation in context.table_generations:
@@ -212,6 +214,29 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
                 column = sets.add((f"table.{generation}", switched), form="switched")
                 sets.add_set(column, weight=prior, onset_s=onset)
     return sets
+
+
+def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:
+    """A control may hold a table for each direction of an axis (ISO 230-2), whichever for which."""
+    context, drives = inputs.context, inputs.machine.drive_names
+    if "direction" in context.not_said or len(context.table_generations) < 2:
+        return
+    backward = context.direction < 0.0
+    corrections = {g: context.table_corrections_m(g, drives, context.drives) for g in context.table_generations}
+    for forwards, backwards in permutations(context.table_generations, 2):
+        both = np.where(backward, corrections[backwards], corrections[forwards])
+        if np.any(both):
+            column = sets.add(*((f"travel.{name}", both[:, a]) for a, name in enumerate(drives)), form="by_direction")
+            sets.add_set(column, weight=ONE_DRIVE_WEIGHT)
+    parts = [  # any share of each in each drive and direction
+        (f"travel.{name}", corrections[g][:, a] * side[:, a])
+        for g in context.table_generations
+        for a, name in enumerate(drives)
+        for side in (backward, ~backward)
+        if np.any(corrections[g][:, a] * side[:, a])
+    ]
+    if parts:
+        sets.add_set([c for part in parts for c in sets.add(part)], weight=WALK_WEIGHT)
 
 
 def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:

@@ -40,7 +40,7 @@ OF_DRIVE = {"drives": "travel", "direction": "side", "velocity_m_per_s": "veloci
 
 
 def typical_inputs() -> EffectInputs:
-    """Of a small recording of the plant that varies everything, temperatures and a known table added.
+    """Of a small recording of the plant that varies everything, temperatures and known tables added.
 
     Periods and moments, which its noise would decide, are given.
     """
@@ -49,10 +49,13 @@ def typical_inputs() -> EffectInputs:
     inputs = inputs_of_recording(likelihood, {})
     hours = inputs.context.elapsed_s / 3600.0
     temperatures = {s: 22.0 + np.sin((3 + k) * hours) for k, s in enumerate(inputs.context.temperatures_c)}
-    table = KnownTable(drive=inputs.drive(0), generation=3, own_m=(0.0, 2.0), corrections_m=((1e-5,), (3e-5,)))
+    tables = tuple(
+        KnownTable(drive=inputs.drive(0), generation=g, own_m=(0.0, 2.0), corrections_m=((1e-5,), (end_m,)))
+        for g, end_m in ((3, 3e-5), (4, -2e-5))
+    )
     return replace(
         inputs,
-        context=replace(inputs.context, temperatures_c=temperatures, known_tables=(table,)),
+        context=replace(inputs.context, temperatures_c=temperatures, known_tables=tables),
         periods=lambda drive, shortest_m, longest_m: ((float(np.sqrt(shortest_m * longest_m)), 1.0),),
         onsets=lambda channels: ((600.0, 0.6), (1200.0, 0.4)),
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.effect_inputs import inputs_of_readings, inputs_of_recording, periodograms
@@ -202,6 +203,41 @@ def test_a_table_may_be_switched_on_or_off_in_the_middle(rig):
     assert np.any(on_at_first)
     without_time = replace(rig.inputs, context=replace(rig.inputs.context, breaks_s=(1.0,)))
     assert not any(s.parameters for s in CATALOGUE.effect("tables_left_on").forms(without_time, 0).sets)
+
+
+def test_each_direction_may_have_the_table_of_another_generation(rig):
+    """Interpolated by another library, forwards from one generation and backwards from the other."""
+    built, context = CATALOGUE.effect("tables_left_on").forms(rig.inputs, 0), rig.inputs.context
+    drives = rig.linear.machine.drive_names
+
+    def interpolated(generation: int, drive: int) -> np.ndarray:
+        (table,) = (t for t in TABLES if t.generation == generation and t.drive == drives[drive])
+        grid = RegularGridInterpolator(
+            (table.own_m, table.partner_m), np.array(table.corrections_m), bounds_error=False
+        )
+        own, partner = (
+            np.clip(context.drives[:, d], nodes[0], nodes[-1])
+            for d, nodes in ((drive, table.own_m), (1 - drive, table.partner_m))
+        )
+        return np.asarray(grid(np.stack([own, partner], axis=1)))
+
+    found = [dict(built.contributions[k]) for k, name in enumerate(built.named) if name == "by_direction"]
+    assert len(found) == 2
+    for forwards, backwards in ((2, 5), (5, 2)):
+        wanted = {
+            f"travel.{name}": np.where(
+                context.direction[:, d] < 0.0, interpolated(backwards, d), interpolated(forwards, d)
+            )
+            for d, name in enumerate(drives)
+        }
+        alike = [
+            columns
+            for columns in found
+            if all(np.allclose(columns[c], wanted[c], rtol=0.0, atol=1e-12) for c in wanted)
+        ]
+        assert len(alike) == 1
+    assert np.any(context.direction < 0.0)
+    assert np.any(context.direction > 0.0)
 
 
 def test_a_table_without_corrections_makes_no_empty_basis_set(rig):

@@ -16,14 +16,13 @@ def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
     return ranking._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
 
 
-@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 25.0), (20.0, 6.0), (100.0, 50.0)])
-@pytest.mark.parametrize("side", [-0.1, 0.1])
-def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_with_curves_above_half(
-    monkeypatch, strongest, limit, side
-):
-    logs = {"link_stiffness": strongest, "joint_clearance": limit + side}
+def refined_of(monkeypatch, logs, laws):
+    """Effects that are refined, with whether their curves are fitted, and the ranking; `laws`: names that have any."""
     refined = []
-    curves_of = {name: replace(CATALOGUE.effect(name), curves=lambda *_: ("a law",)) for name in logs}
+    effects = [
+        replace(CATALOGUE.effect(name), curves=lambda *_, any_law=name in laws: ("a law",) if any_law else ())
+        for name in logs
+    ]
     monkeypatch.setattr(
         ranking, "_evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
     )
@@ -33,10 +32,27 @@ def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_w
         "_refine",
         lambda _, __, effect, places, by_visit, curves: refined.append((effect.name, curves)) or places,
     )
-    ranked = ranking.rank_effects(None, INPUTS, list(curves_of.values()))
+    return refined, ranking.rank_effects(None, INPUTS, effects)
+
+
+@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 25.0), (20.0, 6.0), (100.0, 50.0)])
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_with_curves_above_half(
+    monkeypatch, strongest, limit, side
+):
+    logs = {"column_compliance": strongest, "joint_clearance": limit + side}
+    refined, ranked = refined_of(monkeypatch, logs, laws=("joint_clearance",))
     other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 30.0 else []
-    assert refined == [("link_stiffness", True), *other]
+    assert refined == [("column_compliance", True), *other]
     assert [c.without_curves for c in ranked] == [False, bool(other) and not other[0][1]]
+
+
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_where_a_law_leads_those_of_all_others_are_fitted_above_six(monkeypatch, side):
+    """A basis set of play may explain a tenth of what its curve does."""
+    logs = {"link_stiffness": 100.0, "joint_clearance": 6.0 + side, "backlash": 20.0}
+    refined, _ = refined_of(monkeypatch, logs, laws=("link_stiffness", "joint_clearance"))
+    assert refined == [("link_stiffness", True), *([("joint_clearance", True)] if side > 0.0 else [])]
 
 
 @pytest.mark.parametrize(("strongest", "limit"), [(100.0, 80.0), (10.0, 5.0), (1.0, -4.0)])

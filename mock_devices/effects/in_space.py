@@ -26,6 +26,7 @@ OUTSIDE = (
     "cable_drag", "dry_cable_drag", "payload_shift", "spindle_vibration", "crane_tilt", "humidity_swelling",
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
     "hunting", "circle_error", "lobed_joint", "guide_wear",
+    "leaning_block", "brake_drop",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,

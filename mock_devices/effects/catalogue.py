@@ -15,6 +15,7 @@ from mock_devices.effects import (
     ordinary_disturbances,
     outside,
     outside_final,
+    outside_parts,
     outside_published,
     reversal,
     stated_values,
@@ -38,6 +39,7 @@ SPECS: dict[str, EffectSpec] = {
         stated_values,
         outside,
         outside_published,
+        outside_parts,
         outside_final,
         ordinary_disturbances,
     )

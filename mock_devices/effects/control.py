@@ -9,6 +9,9 @@ from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter,
 REFERENCE_SPEED_M_PER_S = 0.5
 BED_PER_M = 3.0
 POLL_S = 1024.0
+COUPLED_S = 6.0  # in which a following error dies out
+OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
+STICKS = 0.15  # friction over the force of the first swing
 
 
 class AxisCoupling(Effect):
@@ -18,6 +21,8 @@ class AxisCoupling(Effect):
     R. J. Roark, "Formulas for Stress and Strain" (1938).
     `elastic_bed`: both stand on one bed on soft ground, which dips under the other axis and rises a little further off,
     as a long beam under one force in M. Hetényi, "Beams on Elastic Foundation" (1946).
+    `cross_coupled`: a controller that gives a part of one axis's following error to the other, for the contour's sake:
+    Y. Koren, "Cross-Coupled Biaxial Computer Control for Manufacturing Systems" (1980). It dies out at rest.
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -32,6 +37,9 @@ class AxisCoupling(Effect):
             y = 0.25 * np.tanh(x / 0.12)
         elif self.variant == "by_approach":  # the other axis pushes while it comes, and this one sticks
             y = 0.25 * state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
+        elif self.variant == "cross_coupled":
+            behind = state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
+            y = 0.25 * behind * np.exp(-state.since_s[:, b] / COUPLED_S)
         elif self.variant == "elastic_bed":
             away = BED_PER_M * np.abs(state.q_m[:, a] - mine - x)
             y = -0.25 * np.exp(-away) * (np.cos(away) + np.sin(away))
@@ -58,6 +66,8 @@ class Latency(Effect):
     `filtering` is a first-order filter in the tracking instead of a dead time, which is still felt after a stop.
     `clock_skew`: two clocks that are set by messages every POLL_S and run apart in between, as in D. L. Mills,
     "Internet Time Synchronization: The Network Time Protocol" (1991): the size is how far just before they are set.
+    `queued`: messages wait for others, by times that are spread as an exponential whose mean is the size, as in a queue
+    of L. Kleinrock, "Queueing Systems" (1975); the latest tenth is given up and asked for anew.
     """
 
     def early_s(self, state: MotionState) -> Array | float:
@@ -66,6 +76,8 @@ class Latency(Effect):
             return 0.0
         if self.variant == "bus_cycles":  # alternates between two cycles of a bus
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
+        if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
+            return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
         if self.variant == "clock_skew":
             return np.asarray(self.size * (self.elapsed_s(state) % POLL_S) / POLL_S)
         if self.variant == "with_speed":
@@ -86,6 +98,8 @@ class ServoSettling(Effect):
     Leidener Flasche" (1854): fast at first and long after still on its way.
     `critically_damped`: (1 + t / tau) exp(-t / tau), the loop of second order with damping one of K. Ogata, "Modern
     Control Engineering" (1970), that has come to rest for the moment when its target stops.
+    `dry_friction`: swings that dry friction shortens by the same way each, until it holds the slider beside its target:
+    J. P. Den Hartog, "Mechanical Vibrations" (1934). Half a swing takes tau_s.
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -101,6 +115,8 @@ class ServoSettling(Effect):
             share = np.maximum(1.0 - 0.5 * t, 0.0)
         elif self.variant == "stretched":
             share = np.exp(-np.sqrt(t))
+        elif self.variant == "dry_friction":
+            share = _swings(t)
         elif self.variant == "critically_damped":
             share = (1.0 + t) * np.exp(-t)
         elif self.variant == "two_stages":
@@ -109,15 +125,34 @@ class ServoSettling(Effect):
         deviation.travel_m[:, a] -= self.size * behind * share
 
 
+def _swings(halves: Array) -> Array:
+    """Place (n,) after some half swings, from 1: each about a middle that friction shifts to where it came from."""
+    last = int(np.ceil((1.0 / STICKS - 1.0) / 2.0))  # the half swing that would begin where friction holds
+    n = np.minimum(np.floor(halves), last)
+    sign = np.where(n % 2.0 == 0.0, 1.0, -1.0)
+    swing = np.cos(np.pi * np.where(n < last, halves - n, 0.0))
+    begins = 1.0 - 2.0 * STICKS * n
+    return np.asarray(sign * np.where(n < last, STICKS + (begins - STICKS) * swing, begins))
+
+
 EFFECTS = (
     EffectSpec(
         name="axis_coupling",
         kind="catalogue",
         place="drive",
         size=EffectParameter("ratio", 1e-6, 3e-5, 2e-3, "metres a metre of the other axis"),
-        variants=("linear", "quadratic", "saturating", "by_approach", "product", "shared_beam", "elastic_bed"),
-        final="elastic_bed",
-        reveals="the other drive's coordinate, SMRs on the sliders",
+        variants=(
+            "linear",
+            "quadratic",
+            "saturating",
+            "by_approach",
+            "product",
+            "shared_beam",
+            "elastic_bed",
+            "cross_coupled",
+        ),
+        final="cross_coupled",
+        reveals="the other drive's coordinate or motion, SMRs on the sliders",
         make=AxisCoupling,
     ),
     EffectSpec(
@@ -125,8 +160,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
-        variants=("dead_time", "filtering", "with_speed", "bus_cycles", "clock_skew"),
-        final="clock_skew",
+        variants=("dead_time", "filtering", "with_speed", "bus_cycles", "clock_skew", "queued"),
+        final="queued",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -135,8 +170,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
-        variants=("creep", "ringing", "logarithmic", "integrator", "two_stages", "stretched", "critically_damped"),
-        final="critically_damped",
+        variants=(
+            "creep",
+            "ringing",
+            "logarithmic",
+            "integrator",
+            "two_stages",
+            "stretched",
+            "critically_damped",
+            "dry_friction",
+        ),
+        final="dry_friction",
         reveals="varied dwell and speed, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

@@ -13,6 +13,9 @@ BALL_ORBIT = 0.5 * (1.0 - 0.16 * math.cos(math.radians(45.0)))
 TAPE = 5.0  # half length of a scale over the length in which its adhesive passes its force on
 OFFSETS, GAIN, QUADRATURE_RAD = (0.25, -0.15), 1.3, 0.2
 SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
+WORN, FLANK = 0.25, 0.2  # of half the travel: half the stretch that is worn throughout, and the nut's length
+BENT = math.cos(math.radians(30.0))  # of a universal joint
+SHADOW_RAD = 0.0711  # largest error of triangles
 
 
 class CumulativeError(Effect):
@@ -21,12 +24,16 @@ class CumulativeError(Effect):
     `glued_scale`: a scale that shrank on its adhesive, which holds it in the middle and gives way at both ends: the
     shear lag of O. Volkersen, "Die Nietkraftverteilung in zugbeanspruchten Nietverbindungen mit konstanten
     Laschenquerschnitten" (1938), without its straight part.
+    `worn_stretch`: one flank is worn where the nut went to and fro in daily work, by a depth that goes with its way: J.
+    F. Archard, "Contact and Rubbing of Flat Surfaces" (1953). At both ends of the stretch it falls off over a nut's
+    length.
     """
 
     def setup(self) -> None:
         """Draw the curve of variant `irregular` and the place of the kink."""
         self.curve = smooth_curve(self.rng)
         self.kink = float(self.rng.uniform(-0.4, 0.4))
+        self.worn = float(self.rng.uniform(-0.3, 0.3))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -39,6 +46,8 @@ class CumulativeError(Effect):
         elif self.variant == "glued_scale":
             slope = 3.0 * (1.0 / (math.tanh(TAPE) * TAPE) - 1.0 / TAPE**2)  # of the straight line that fits best
             y = (np.sinh(TAPE * x) / math.sinh(TAPE) - slope * x) / (1.0 - slope)
+        elif self.variant == "worn_stretch":
+            y = 1.0 - 2.0 * np.clip((WORN + FLANK - np.abs(x - self.worn)) / FLANK, 0.0, 1.0)
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -53,6 +62,8 @@ class PeriodicError(Effect):
     Bearing Analysis" (1966), so that unequal balls add a longer period that no number of turns repeats.
     `bowed_screw`: a screw that turns bowed between its bearings has the line sin(pi x / l), as shafts in S. Timoshenko,
     "Vibration Problems in Engineering" (1928); the nut goes to and fro by its slope, most at both ends.
+    `universal_joint`: the motor turns the screw through a bent universal joint, tan(out) = cos(bend) tan(in), that errs
+    twice a turn: J. E. Shigley, J. J. Uicker, "Theory of Machines and Mechanisms" (1980).
     """
 
     def setup(self) -> None:
@@ -68,6 +79,9 @@ class PeriodicError(Effect):
             y = 0.85 * y + 0.4 * np.sin(2.0 * turn + 1.0)
         elif self.variant == "ball_orbit":
             y = 0.9 * y + 0.6 * np.sin(BALL_ORBIT * turn + 2.0)
+        elif self.variant == "universal_joint":
+            ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
+            y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
         elif self.variant == "bowed_screw":
             low, high = self.site.machine.sliders[self.place].travel_m
             y = y * np.cos(np.pi * (q - low) / (high - low))
@@ -89,6 +103,8 @@ class Interpolation(Effect):
     `harmonics`: the arc tangent of two signals that are no pure sines, among what L. M. Sanchez-Brea, T. Morlanes,
     "Metrological Errors in Optical Encoders" (2008), go through: the second harmonic errs once and three times a
     period, the third four times.
+    `shadow_gratings`: two gratings that cast shadows give triangles, not sines, whose arc tangent errs four times a
+    period: J. Guild, "Diffraction Gratings as Measuring Scales" (1960).
     """
 
     def setup(self) -> None:
@@ -106,6 +122,9 @@ class Interpolation(Effect):
             y = 0.7 * np.sin(phase) + 0.7 * np.sin(2.0 * phase + 0.8)
         elif self.variant == "ellipse":
             y = self._ellipse(phase)
+        elif self.variant == "shadow_gratings":
+            error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
+            y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
@@ -134,8 +153,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
-        variants=("parabola", "cubic", "irregular", "two_pieces", "glued_scale"),
-        final="glued_scale",
+        variants=("parabola", "cubic", "irregular", "two_pieces", "glued_scale", "worn_stretch"),
+        final="worn_stretch",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -144,8 +163,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 5e-7, 8e-6, 3e-4, "first harmonic"),
-        variants=("sine", "two_harmonics", "modulated", "with_load", "triangle", "ball_orbit", "bowed_screw"),
-        final="bowed_screw",
+        variants=(
+            "sine",
+            "two_harmonics",
+            "modulated",
+            "with_load",
+            "triangle",
+            "ball_orbit",
+            "bowed_screw",
+            "universal_joint",
+        ),
+        final="universal_joint",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
@@ -155,8 +183,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
-        variants=("amplitude", "offset", "both", "dirty_scale", "ellipse", "harmonics"),
-        final="harmonics",
+        variants=("amplitude", "offset", "both", "dirty_scale", "ellipse", "harmonics", "shadow_gratings"),
+        final="shadow_gratings",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

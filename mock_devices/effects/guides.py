@@ -15,6 +15,8 @@ STEEPEST = math.exp(-0.25 * math.pi) * math.sqrt(0.5)
 BLOCKS_M = 0.2  # from one runner block of a carriage to the other
 WAVES = 40
 CONCRETE = 0.6
+SUPPORTS = 6  # of a rail, from one end of the travel to the other
+FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
 
@@ -26,6 +28,9 @@ class _Guide(Effect):
     `random_surface`: a rail as rough surfaces are, a spectrum that falls with the square of the frequency: R. S.
     Sayles, T. R. Thomas, "Surface topography as a nonstationary random process" (1978). Two runner blocks follow it:
     the carriage's place is their mean and its angle their difference.
+    `uneven_supports`: a rail is bent over supports of unequal heights by the theorem of three moments of B. P. E.
+    Clapeyron, "Calcul d'une poutre élastique reposant librement sur des appuis inégalement espacés" (1857); the guide's
+    angle is the slope of that line.
     """
 
     slope = False
@@ -41,6 +46,14 @@ class _Guide(Effect):
         surface = self._over_blocks(travel_m)
         self.line = np.polyfit(travel_m, surface, 0 if self.slope else 1)  # from which a guide's errors count
         self.rms = float(np.std(surface - np.polyval(self.line, travel_m)))
+        self.heights = self.rng.standard_normal(SUPPORTS)
+        self.bends = np.zeros(SUPPORTS)  # curvature over each support, none at both ends
+        apart = 2.0 * half / (SUPPORTS - 1)
+        three = (4.0 * np.eye(SUPPORTS - 2) + np.eye(SUPPORTS - 2, k=1) + np.eye(SUPPORTS - 2, k=-1)) * apart / 6.0
+        self.bends[1:-1] = np.linalg.solve(three, np.diff(self.heights, 2) / apart)
+        bent = self._over_supports(travel_m)
+        self.level = np.polyfit(travel_m, bent, 0 if self.slope else 1)
+        self.bent_rms = float(np.std(bent - np.polyval(self.level, travel_m)))
 
     def _over_blocks(self, from_middle_m: Array) -> Array:
         """The random surface under both blocks: their mean, or their difference for the angle (n,)."""
@@ -52,6 +65,21 @@ class _Guide(Effect):
         else:
             cosine, sine = np.cos(block) * self.waves[0], np.cos(block) * self.waves[1]
         return np.asarray(np.cos(turn) @ cosine + np.sin(turn) @ sine)
+
+    def _over_supports(self, from_middle_m: Array) -> Array:
+        """The rail over its supports, or its slope (n,)."""
+        _, half = self.site.drive_range_m(self.place)
+        apart = 2.0 * half / (SUPPORTS - 1)
+        at = np.clip((from_middle_m + half) / apart, 0.0, SUPPORTS - 1.0)
+        i = np.minimum(at.astype(int), SUPPORTS - 2)
+        b = at - i
+        a = 1.0 - b
+        h, m = self.heights, self.bends
+        if self.slope:
+            bending = (3.0 * b**2 - 1.0) * m[i + 1] - (3.0 * a**2 - 1.0) * m[i]
+            return np.asarray((h[i + 1] - h[i]) / apart + bending * apart / 6.0)
+        bending = (a**3 - a) * m[i] + (b**3 - b) * m[i + 1]
+        return np.asarray(a * h[i] + b * h[i + 1] + bending * apart**2 / 6.0)
 
     def error(self, state: MotionState) -> Array:
         q = state.q_m[:, self.place]
@@ -72,6 +100,8 @@ class _Guide(Effect):
                 y = -2.0 * np.sign(q - middle - self.joint * half) * dip * np.sin(away) / STEEPEST
         elif self.variant == "random_surface":
             y = 0.7 * (self._over_blocks(q - middle) - np.polyval(self.line, q - middle)) / self.rms
+        elif self.variant == "uneven_supports":
+            y = 0.7 * (self._over_supports(q - middle) - np.polyval(self.level, q - middle)) / self.bent_rms
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -104,6 +134,8 @@ class FoundationSettling(Effect):
     (1943); it begins with the root of time. tau_s is the time constant of the slowest term.
     `concrete`: creep under the first load, t^0.6 / (d + t^0.6), in D. E. Branson, M. L. Christiason, "Time-Dependent
     Concrete Properties Related to Design" (1971); after tau_s half of it is over.
+    `lead_pads`: pads of lead creep with the cube root of time and then evenly: E. N. da C. Andrade, "On the Viscous
+    Flow in Metals, and Allied Phenomena" (1910); the size is reached after four times tau_s.
     """
 
     def setup(self) -> None:
@@ -128,6 +160,8 @@ class FoundationSettling(Effect):
         elif self.variant == "concrete":
             power = (after / tau) ** CONCRETE
             share = power / (1.0 + power)
+        elif self.variant == "lead_pads":
+            share = (1.0 - FLOW) * np.cbrt(after / (4.0 * tau)) + FLOW * after / (4.0 * tau)
         elif self.variant == "stick_slip":
             share = (t[:, None] >= self.steps * tau) @ self.shares
         else:
@@ -142,7 +176,16 @@ class FoundationSettling(Effect):
 
 
 _WAVE = (EffectParameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
-_VARIANTS = ("sine", "bow", "irregular", "with_load", "rail_joint", "loose_bolt_of_rail", "random_surface")
+_VARIANTS = (
+    "sine",
+    "bow",
+    "irregular",
+    "with_load",
+    "rail_joint",
+    "loose_bolt_of_rail",
+    "random_surface",
+    "uneven_supports",
+)
 
 EFFECTS = (
     EffectSpec(
@@ -151,7 +194,7 @@ EFFECTS = (
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
         variants=_VARIANTS,
-        final="random_surface",
+        final="uneven_supports",
         reveals="drive coordinate, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
@@ -162,7 +205,7 @@ EFFECTS = (
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
         variants=_VARIANTS,
-        final="random_surface",
+        final="uneven_supports",
         reveals="drive coordinate, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
@@ -172,8 +215,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
-        variants=("exponential", "step", "logarithmic", "creep", "stick_slip", "consolidation", "concrete"),
-        final="concrete",
+        variants=(
+            "exponential",
+            "step",
+            "logarithmic",
+            "creep",
+            "stick_slip",
+            "consolidation",
+            "concrete",
+            "lead_pads",
+        ),
+        final="lead_pads",
         reveals="time, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(

@@ -15,8 +15,8 @@ from mock_devices.machine_file import MachineFile, Slider, Smr, Strut, Tolerance
 from mock_devices.spatial_file import GROUND, SpatialMachine
 
 ALL: tuple[str, ...] = ()  # every variant of an effect
-# `power_law`: its floor lies across the second axis of the frame, which points up in planar machines only.
-NOT_OF_SPACE = ("power_law",)
+# Their floor lies across the second axis of the frame, which points up in planar machines only.
+NOT_OF_SPACE = ("power_law", "cold_floor")
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
     "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
@@ -26,6 +26,7 @@ OUTSIDE = (
     "cable_drag", "dry_cable_drag", "payload_shift", "spindle_vibration", "crane_tilt", "humidity_swelling",
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
     "hunting", "circle_error", "lobed_joint", "guide_wear",
+    "leaning_block", "brake_drop",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -41,7 +42,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "guide_angular": ALL,
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
-    "expansion_coefficient": ("screws",),
+    "expansion_coefficient": ("screws", "nickel_steel"),
     "link_stiffness": ("softer", "softens_with_load"),
     "joint_clearance": ("gravity_seated",),
     "joint_spacing": ALL,

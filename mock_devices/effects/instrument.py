@@ -30,6 +30,9 @@ LOWEST = 0.02  # of the station's height: so near the floor no reflector is
 RETURN_S = 900.0
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
+EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
+RELAXES_S = (60.0, 240.0, 960.0, 3840.0, 15360.0)
+SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 _GRID_S = 60.0
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -62,9 +65,13 @@ class RandomWalk:
 class HeldWalk(RandomWalk):
     """A random walk that is drawn back to zero: unit standard deviation once it has forgotten its begin there."""
 
+    def __init__(self, rng: np.random.Generator, count: int, return_s: float = RETURN_S) -> None:
+        super().__init__(rng, count)
+        self._return_s = return_s
+
     def _walked(self, last: Array, steps: Array) -> Array:
-        """Exact for the nodes: each keeps exp(-dt / RETURN_S) of the one before."""
-        keep = math.exp(-_GRID_S / RETURN_S)
+        """Exact for the nodes: each keeps exp(-dt / return_s) of the one before."""
+        keep = math.exp(-_GRID_S / self._return_s)
         push = steps * math.sqrt((1.0 - keep**2) * HOUR_S / _GRID_S)
         nodes = np.empty_like(steps)
         for i, step in enumerate(push):
@@ -73,9 +80,32 @@ class HeldWalk(RandomWalk):
         return nodes
 
 
+class Flicker:
+    """Walks that are held back in times from short to long, which together have a spectrum of 1/f; zero at the begin.
+
+    Each has begun long before, so that it has the same variance at all times; together that is one. Each has its own
+    generator, so that it is the same in whatever order it is asked.
+    """
+
+    def __init__(self, rng: np.random.Generator, count: int) -> None:
+        self._starts = rng.standard_normal((len(RELAXES_S), count))
+        self._walks = [HeldWalk(own, count, s) for own, s in zip(rng.spawn(len(RELAXES_S)), RELAXES_S, strict=True)]
+
+    def at(self, elapsed_s: Array) -> Array:
+        """Values (n, count)."""
+        total = np.zeros((len(elapsed_s), self._starts.shape[1]))
+        for walk, start, relaxes_s in zip(self._walks, self._starts, RELAXES_S, strict=True):
+            total += walk.at(elapsed_s) + np.outer(np.exp(-elapsed_s / relaxes_s) - 1.0, start)
+        return total / math.sqrt(len(RELAXES_S))
+
+
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
     """Small rotation (n, 3) and shift (n, 3) of all points in the frame of the station; angles and distances follow."""
-    moved = np.cross(turn_rad[:, None, :], sight.points_m) + shift_m[:, None, :]
+    move_points(sight, np.cross(turn_rad[:, None, :], sight.points_m) + shift_m[:, None, :])
+
+
+def move_points(sight: StationSight, moved: Array) -> None:
+    """Small shifts (n, smrs, 3) of the points in the frame of the station; angles and distances follow."""
     e, n, h = np.moveaxis(sight.points_m, 2, 0)
     de, dn, dh = np.moveaxis(moved, 2, 0)
     level = np.hypot(e, n)
@@ -90,21 +120,25 @@ class StationDrift(Effect):
 
     `held_back`: it is jostled and drawn back, with the time constant RETURN_S: G. E. Uhlenbeck, L. S. Ornstein, "On the
     Theory of the Brownian Motion" (1930). The size is its standard deviation once it has forgotten where it began.
+    `flicker`: many things in it relax in times from short to long, which together drift as 1/f: M. S. Keshner, "1/f
+    Noise" (1982). The size is the standard deviation over long times.
     """
 
     def setup(self) -> None:
         """Draw the direction of the drift and its walk."""
         weights = self.rng.standard_normal(6)
         self.weights = weights / np.linalg.norm(weights) * np.sqrt(3.0)
-        self.walk = RandomWalk(self.rng, 6)
-        if self.variant == "held_back":
+        self.walk: RandomWalk | Flicker = RandomWalk(self.rng, 6)
+        if self.variant == "flicker":
+            self.walk = Flicker(self.rng, 6)
+        elif self.variant == "held_back":
             self.walk = HeldWalk(self.rng, 6)
         self.onset_s = float(self.rng.uniform(900.0, 3600.0))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Move the frame."""
         t = self.elapsed_s(state)
-        if self.variant in ("random_walk", "held_back"):
+        if self.variant in ("random_walk", "held_back", "flicker"):
             y = self.walk.at(t)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
@@ -129,7 +163,14 @@ class Refraction(Effect):
     `two_layers`: cool air below, warm air above, as inlets low down and outlets under the ceiling leave it in P. F.
     Linden, G. F. Lane-Serff, D. A. Smeed, "Emptying filling boxes: the fluid mechanics of natural ventilation" (1990),
     with a layer between them that has the profile tanh; the gradient is that in the middle of the layer.
+    `cold_floor`: cold air has come in over the floor at the campaign's begin, and eddies carry the cold upwards as
+    conduction would, so that the gradient is a bell over the floor that widens with the root of time: G. I. Taylor,
+    "Eddy Motion in the Atmosphere" (1915). The cold is that of the gradient over the station's height.
     """
+
+    def setup(self) -> None:
+        """How fast the cold of variant `cold_floor` comes up."""
+        self.eddies = float(np.exp(self.rng.uniform(*np.log(EDDIES_M2_PER_S))))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Bend the line of sight, or stretch it."""
@@ -142,7 +183,9 @@ class Refraction(Effect):
             return
         bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
         height = sight.points_m[..., 2]
-        if self.variant == "two_layers":
+        if self.variant == "cold_floor":
+            sight.v_rad += bend * self._cold_gradient(state, height) * np.sin(sight.v_rad)
+        elif self.variant == "two_layers":
             sight.v_rad += bend * self._mean_gradient(height) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
             sight.v_rad += bend * (1.0 + 1.5 * height)
@@ -172,6 +215,16 @@ class Refraction(Effect):
             total += 2.0 * weight * (1.0 - node) / np.cosh((height_m * node - LAYER_M) / LAYER_HALF_M) ** 2
         return total
 
+    def _cold_gradient(self, state: MotionState, height_m: Array) -> Array:
+        """Mean gradient over a line to a height, weighted towards the station, over cold by the station's height."""
+        station_m = self.site.station_m[1] - FLOOR_M
+        up_m = np.sqrt(np.maximum(4.0 * self.eddies * self.elapsed_s(state), 1.0e-4))[:, None]
+        total = np.zeros_like(height_m)
+        for node, weight in zip(*_FINE, strict=True):
+            over_floor = (height_m * node + station_m) / up_m
+            total += 2.0 * weight * (1.0 - node) * np.exp(-(over_floor**2))
+        return total * 2.0 / math.sqrt(math.pi) * station_m / up_m
+
     def _bend_over_floor(self, sight: StationSight) -> Array:
         """Angles (n, smrs) at the station: the mean of the curvature over the line, weighted towards the station.
 
@@ -195,6 +248,8 @@ class Reseat(Effect):
 
     `adhesive_tape`: its mount gives at once and creeps on with a power of time, as plastics do in W. N. Findley, "Creep
     Characteristics of Plastics" (1944); the size is reached after an hour.
+    `chip_in_seat`: put on again upon a chip, it sits in one of two places and jumps by chance: the random telegraph
+    signal of S. O. Rice, "Mathematical Analysis of Random Noise" (1944).
     """
 
     def setup(self) -> None:
@@ -202,6 +257,7 @@ class Reseat(Effect):
         angles = self.rng.uniform(0.0, 2.0 * np.pi, 64)
         lengths = np.concatenate([[1.0], self.rng.uniform(0.3, 1.2, 63)])
         self.shifts = np.stack([lengths * np.cos(angles), lengths * np.sin(angles)], axis=1)
+        self.jumps_s = np.cumsum(self.rng.exponential(SEATS_S, 256))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
@@ -215,6 +271,9 @@ class Reseat(Effect):
         elif self.variant == "loose":  # a little further every few minutes
             number = np.floor(np.maximum(t, 0.0) / 600.0).astype(int) % 64
             y = np.where(after[:, None], self.shifts[number], 0.0)
+        elif self.variant == "chip_in_seat":
+            jumped = np.searchsorted(self.jumps_s, np.maximum(t, 0.0), side="right")
+            y = np.where((after & (jumped % 2 == 0))[:, None], self.shifts[0], 0.0)
         elif self.variant == "adhesive_tape":
             crept = GIVES + (1.0 - GIVES) * (np.maximum(t, 0.0) / HOUR_S) ** CREEPS
             y = np.where(after[:, None], np.outer(crept, self.shifts[0]), 0.0)
@@ -233,8 +292,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
-        variants=("linear", "random_walk", "warm_up", "with_air", "knocked", "held_back"),
-        final="held_back",
+        variants=("linear", "random_walk", "warm_up", "with_air", "knocked", "held_back", "flicker"),
+        final="flicker",
         reveals="time, floor nests",
         make=StationDrift,
     ),
@@ -254,8 +313,9 @@ EFFECTS = (
             "index_late",
             "power_law",
             "two_layers",
+            "cold_floor",
         ),
-        final="two_layers",
+        final="cold_floor",
         reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
         make=Refraction,
     ),
@@ -264,8 +324,8 @@ EFFECTS = (
         kind="catalogue",
         place="smr",
         size=EffectParameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
-        variants=("step", "each_exchange", "glue", "loose", "put_back", "adhesive_tape"),
-        final="adhesive_tape",
+        variants=("step", "each_exchange", "glue", "loose", "put_back", "adhesive_tape", "chip_in_seat"),
+        final="chip_in_seat",
         reveals="time, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),

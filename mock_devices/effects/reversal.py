@@ -22,6 +22,7 @@ PRESLIDING_M = 2.0e-5
 RISE_M = (1.0e-3, 1.0e-2)
 LEAD_ANGLE_RAD = math.radians(5.0)
 REFERENCE_SPEED_M_PER_S = 0.5
+GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
 
 class _Play(StatefulEffect):
@@ -48,6 +49,9 @@ class Backlash(_Play):
     `bouc_wen`: the equation of Y.-K. Wen, "Method for Random Vibration of Hysteretic Systems" (1976), with n = 1 and
     beta = gamma: a reversal is straight until the force has changed its sign, and then nears the other side by an
     exponential. Over a way of `rise_m` the straight part goes from side to middle.
+    `squeeze_film`: oil between the flanks keeps them apart on arrival and is pressed out by what the drive carries, the
+    slower the thinner it is: its thickness in J. Stefan, "Versuche über die scheinbare Adhäsion" (1874), falls with one
+    over the root of time.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -103,6 +107,10 @@ class Backlash(_Play):
             offset = offset * (1.0 - 0.6 * np.minimum(state.payload_kg / FULL_PAYLOAD_KG, 1.0))
         elif self.variant == "closing":  # an oil film is squeezed out while the axis stands
             offset = offset * (0.35 + 0.65 * np.exp(-state.since_s[:, a] / self.values["tau_s"]))
+        elif self.variant == "squeeze_film":
+            own_kg = self.site.machine.moving_mass_kg
+            pressed = state.since_s[:, a] / self.values["tau_s"] * (own_kg + state.payload_kg) / own_kg
+            offset = offset / np.sqrt(1.0 + pressed)
         elif self.variant == "nested_plays":
             offset = 0.5 * self.size * self._nested_side(state, a)
         elif self.variant == "bouc_wen":
@@ -121,6 +129,8 @@ class FrictionWindup(_Play):
     `flanks`: dry flanks of a thread, whose friction goes with the load on the nut and is larger upwards than downwards:
     load tan(lead + friction) up, load tan(lead - friction) down, over tan(lead): J. E. Shigley, "Mechanical Engineering
     Design" (1963). `friction_n` is that upwards without payload.
+    `warming_grease`: friction of a grease that grows warm after the campaign's begin, whose viscosity falls
+    exponentially with its temperature: O. Reynolds, "On the Theory of Lubrication" (1886).
     """
 
     def setup(self) -> None:
@@ -153,6 +163,9 @@ class FrictionWindup(_Play):
             friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
         elif self.variant == "relaxing":
             friction = friction * (0.3 + 0.7 * np.exp(-state.since_s[:, a] / values["tau_s"]))
+        elif self.variant == "warming_grease":
+            warmer_k = GREASE_K * (1.0 - np.exp(-self.elapsed_s(state) / GREASE_S))
+            friction = friction * np.exp(-GREASE_PER_K * warmer_k)
         elif self.variant == "palmgren":
             viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
             friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
@@ -181,8 +194,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("width_m", 1e-6, 1e-5, 6e-4, "whole play of the drive"),
-        variants=("play", "position_width", "load_width", "closing", "soft", "nested_plays", "bouc_wen"),
-        final="bouc_wen",
+        variants=(
+            "play",
+            "position_width",
+            "load_width",
+            "closing",
+            "soft",
+            "nested_plays",
+            "bouc_wen",
+            "squeeze_film",
+        ),
+        final="squeeze_film",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell",
         make=Backlash,
         others=(_TAU,),
@@ -192,8 +214,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=(*FRICTION_VARIANTS, "palmgren", "flanks"),
-        final="flanks",
+        variants=(*FRICTION_VARIANTS, "palmgren", "flanks", "warming_grease"),
+        final="warming_grease",
         reveals="torque: both directions and payloads; by variant speed, dwell",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,

@@ -14,7 +14,9 @@ from mock_devices.effects.base import (
     Effect,
     EffectParameter,
     EffectSpec,
+    Leg,
     MotionState,
+    StatefulEffect,
 )
 from mock_devices.effects.instrument import weather_k
 from mock_devices.known_tables import KnownTable, draw_known_tables
@@ -22,6 +24,9 @@ from mock_devices.known_tables import KnownTable, draw_known_tables
 FULL_PAYLOAD_KG = 400.0
 LEVER_M = 0.5
 SLIP_K = 0.4
+NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature is as large as the straight one
+TABLES_K = 2.0
+CREEP_WAY_M = 100.0
 _GRID_S = 30.0
 
 
@@ -32,6 +37,8 @@ class ExpansionCoefficient(Effect):
     S. Timoshenko, "Analysis of Bi-Metal Thermostats" (1925), for layers of equal thickness and stiffness.
     `fibres`: a frame of fibres in resin grows across the fibres and hardly along them, by a tensor of expansion: R. A.
     Schapery, "Thermal Expansion Coefficients of Composite Materials Based on Energy Principles" (1968).
+    `nickel_steel`: the struts are of another steel, which has a part with the square of the temperature, as Ch. É.
+    Guillaume found in alloys with nickel: "Invar and Elinvar" (1920).
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -48,6 +55,11 @@ class ExpansionCoefficient(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Grow the frame, the screws or both, or bend the columns."""
+        if self.variant == "nickel_steel":
+            warmer_k = self.warmth_k(state, "struts")
+            strain = self.size * warmer_k * (1.0 + warmer_k / NICKEL_K)
+            deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
+            return
         if self.variant == "bimetal":
             self._bend(state, deviation)
             return
@@ -104,6 +116,9 @@ class Payload(Effect):
     Loads and Links" (1986).
     `draining`: a hollow block was mounted full and runs empty through a leak, the height of the liquid as in E.
     Torricelli, "De motu aquarum" (1644): the root of it falls evenly. The size is its mass at the campaign's begin.
+    `hourglass`: shot trickles from one chamber of the block into another, evenly however much is left: W. A. Beverloo,
+    H. A. Leniger, J. van de Velde, "The Flow of Granular Solids Through Orifices" (1961). The mass is right, and the
+    centre is off by the whole size once all has run through.
     """
 
     def setup(self) -> None:
@@ -118,6 +133,9 @@ class Payload(Effect):
         extra_kg = np.zeros(len(state))
         if self.variant == "centre":
             deviation.payload_shift_m += mounted * self.turn * self.size * LEVER_M / FULL_PAYLOAD_KG
+        elif self.variant == "hourglass":
+            through = np.minimum(self.elapsed_s(state) / self.empty_s, 1.0)
+            deviation.payload_shift_m += mounted * through * self.turn * self.size * LEVER_M / FULL_PAYLOAD_KG
         elif self.variant == "swapped":
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
         elif self.variant == "draining":
@@ -139,6 +157,9 @@ class TablesLeftOn(Effect):
     each direction of travel, as in FANUC A-77810E, "Bidirectional Pitch Error Compensation Function" (1999).
     `pulses`: a control that does not interpolate gives out a correction where the drive passes a node and holds it up
     to the next: stored pitch error compensation in FANUC B-63943EN-1, "Connection Manual (Function)" (2003).
+    `by_temperature`: tables for a warm machine, weighted by how much warmer than the reference the columns are: errors
+    over place and temperature in M. A. Donmez, D. S. Blomquist, R. J. Hocken, C. R. Liu, M. M. Barash, "A General
+    Methodology for Machine Tool Accuracy Enhancement by Error Compensation" (1986). The size is that of TABLES_K.
     """
 
     def setup(self) -> None:
@@ -158,6 +179,10 @@ class TablesLeftOn(Effect):
         on = np.full(len(state), self.size)
         if self.variant == "switched":
             on = on * (state.t_s - self.site.start_s >= self.values["onset_s"])
+        elif self.variant == "by_temperature":
+            machine = self.site.machine
+            warmer_k = state.parts_c[machine.expansion["drives"].sensor] - machine.reference_temperature_c
+            on = on * warmer_k / TABLES_K
         for a in range(len(self.site.machine.sliders)):
             if self.variant == "one_drive" and a != self.drive:
                 continue
@@ -187,7 +212,7 @@ def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
     return np.asarray(nodes[np.maximum(np.searchsorted(nodes, at_m, side="right") - 1, 0)])
 
 
-class DriveScale(Effect):
+class DriveScale(StatefulEffect):
     """Zero or scale of a drive changes during the campaign: by `shift_m`, if of the scale at the end of the travel.
 
     `thermal_slip`: friction holds the scale against its own expansion up to a limit, beyond which it slips: the elastic
@@ -196,7 +221,14 @@ class DriveScale(Effect):
     `wavelength`: the drive goes by an interferometer whose wavelength was right at the campaign's begin; its scale
     follows the index of the air as in B. Edlén, "The Refractive Index of Air" (1966), by temperature and pressure. The
     size is that of 1 K.
+    `belt_creep`: a belt that carries weight is longer on its tight side, and creeps on its wheel downwards whichever
+    way it runs, so that the zero sinks with the way: O. Reynolds, "On the Efficiency of Belts or Straps as
+    Communicators of Work" (1874). The size is that of CREEP_WAY_M.
     """
+
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
+        """The way so far."""
+        return before + abs(leg.to_m - leg.from_m)
 
     def setup(self) -> None:
         """Offsets after each homing; the first is as large as the size."""
@@ -217,6 +249,9 @@ class DriveScale(Effect):
         elif self.variant == "wavelength":
             start = np.full(len(state), self.site.start_s)
             y = (weather_k(state, state.t_s) - weather_k(state, start)) * (from_middle + 1.0) / 2.0
+        elif self.variant == "belt_creep":
+            way = self.state_before(state, a) + np.abs(state.q_m[:, a] - state.from_m[:, a])
+            y = -way / CREEP_WAY_M
         elif self.variant == "thermal_slip":
             y = self._slipped(state) * (from_middle + 1.0) / 2.0
         else:
@@ -244,8 +279,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("coefficient_per_k", 1e-7, 5e-6, 3e-4, "beyond the stated coefficient of expansion"),
-        variants=("frame", "mean_of_sensors", "screws", "bimetal", "fibres"),
-        final="fibres",
+        variants=("frame", "mean_of_sensors", "screws", "bimetal", "fibres", "nickel_steel"),
+        final="nickel_steel",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -254,8 +289,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("mass_kg", 0.5, 20.0, 8000.0, "beyond the stated one, or 0.5 m beside it"),
-        variants=("mass", "centre", "swapped", "tool_left_on", "draining"),
-        final="draining",
+        variants=("mass", "centre", "swapped", "tool_left_on", "draining", "hourglass"),
+        final="hourglass",
         reveals="payloads, torque",
         make=Payload,
     ),
@@ -264,8 +299,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("weight_ratio", 0.02, 1.0, 10.0, "weight of the tables, 1 is the whole correction"),
-        variants=("whole", "one_drive", "switched", "bidirectional", "pulses"),
-        final="pulses",
+        variants=("whole", "one_drive", "switched", "bidirectional", "pulses", "by_temperature"),
+        final="by_temperature",
         reveals="both drives' coordinates, known tables, SMRs on the sliders",
         make=TablesLeftOn,
         others=(_ONSET,),
@@ -275,8 +310,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("shift_m", 1e-6, 2e-5, 1e-3, "of the zero, or of the scale at the end of the travel"),
-        variants=("homed_anew", "scale_step", "homed_at_exchanges", "thermal_slip", "wavelength"),
-        final="wavelength",
+        variants=("homed_anew", "scale_step", "homed_at_exchanges", "thermal_slip", "wavelength", "belt_creep"),
+        final="belt_creep",
         reveals="time, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(_ONSET,),

@@ -9,6 +9,7 @@ import numpy as np
 from mock_devices.effects.base import (
     GRAVITY_M_PER_S2,
     Array,
+    Complex,
     Deviation,
     Effect,
     EffectParameter,
@@ -25,12 +26,14 @@ from mock_devices.effects.strut_laws import (
     joint_separates,
     one_sided,
     soft_in_compression,
+    spring_seated,
     yielding,
 )
 
 LEVER_M = 0.25
 PORTAL_M = 0.3
 LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
+SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
 
@@ -43,6 +46,9 @@ class ColumnCompliance(Effect):
     `portal`: a column that is clamped at its foot and at the beam above, PORTAL_M beyond the travel at either end, and
     pushed aside where the carriage stands: the beam with fixed ends of R. J. Roark, "Formulas for Stress and Strain"
     (1938).
+    `ball_nut`: the balls of a nut, pressed by what the drive carries, give way the less the more it is: the stiffness
+    goes with the cube root of the load in ISO 3408-4, "Ball Screws: Static Axial Rigidity" (2006). The size is that
+    without payload.
     """
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -62,6 +68,9 @@ class ColumnCompliance(Effect):
             low, high = self.site.machine.sliders[a].travel_m
             share = (state.q_m[:, a] - low) / (high - low)
             deviation.carriage_compliance[:, a, _ALONG] += c * 4.0 * share * (1.0 - share)
+        elif self.variant == "ball_nut":
+            own_kg = self.site.machine.moving_mass_kg
+            deviation.carriage_compliance[:, a, _ALONG] += c * np.cbrt(own_kg / (own_kg + state.payload_kg))
         elif self.variant == "portal":
             share = 0.5 + 0.5 * (state.q_m[:, a] - middle) / (half + PORTAL_M)
             deviation.carriage_compliance[:, a, _ACROSS] += c * (4.0 * share * (1.0 - share)) ** 3
@@ -79,6 +88,10 @@ class LinkStiffness(Effect):
     `joint_separates`: a bolted joint as in VDI 2230, "Systematische Berechnung hochbeanspruchter Schraubenverbindungen"
     (1977): bolt and plates share the force until it takes away the preload, then the bolt alone gives way; exp(-size)
     is the bolt's share of the strut's stiffness.
+    `fork_bearing`: the fork of its joint turns in a bearing, across which the strut lies in the middle of the travel;
+    it is softer along than across, and the strut's angle decides how much of its force goes along: stiffness in T. C.
+    Lim, R. Singh, "Vibration Transmission Through Rolling Element Bearings, Part I: Bearing Stiffness Formulation"
+    (1990). The whole size is that of a strut along the bearing.
     """
 
     def setup(self) -> None:
@@ -96,6 +109,8 @@ class LinkStiffness(Effect):
             deviation.laws.setdefault(i, []).append(soft_in_compression(float(np.exp(-x))))
         elif self.variant == "hertz":
             deviation.laws.setdefault(i, []).append(hertz_contact(float(np.expm1(x))))
+        elif self.variant == "fork_bearing":
+            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * np.sin(self._swing_rad(state)) ** 2)
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
         elif self.variant == "yielding":
@@ -105,6 +120,28 @@ class LinkStiffness(Effect):
         else:
             deviation.ln_stiffness[:, i] -= x
 
+    def _swing_rad(self, state: MotionState) -> Array:
+        """The strut's angle (n,) from that in the middle of all travels, where the nominal struts meet."""
+        middle_m = np.array([[self.site.drive_range_m(a)[0] for a in range(state.q_m.shape[1])]])
+        return np.angle(self._way(state.q_m) * self._way(middle_m).conjugate())
+
+    def _way(self, q_m: Array) -> Complex:
+        """From the strut's joint on the slider to that on the platform (n,), if the platform does not turn."""
+        machine = self.site.machine
+        mine = machine.struts[self.place]
+        other = next(strut for strut in machine.struts if strut.drive != mine.drive)
+        here, there = (
+            strut.base_joint - strut.platform_joint + machine.sliders[strut.drive].axis * q_m[:, strut.drive]
+            for strut in (mine, other)
+        )
+        apart = np.abs(there - here)
+        along = (apart**2 + mine.length_m**2 - other.length_m**2) / (2.0 * apart)
+        across = 1j * np.sqrt(np.maximum(mine.length_m**2 - along**2, 0.0))
+        slider = machine.sliders[mine.drive]
+        one, two = (np.asarray((along + side * across) * (there - here) / apart) for side in (1.0, -1.0))
+        above = slider.branch * ((one - two) * slider.axis.conjugate()).real > 0.0  # branch 1: it hangs below
+        return np.where(above, two, one)
+
 
 class JointClearance(Effect):
     """The joints of a strut have play: `clearance_m` each way before any force arises.
@@ -113,7 +150,13 @@ class JointClearance(Effect):
     Contact Force Model With Hysteresis Damping for Impact Analysis of Multibody Systems" (1990), until the contact is
     as stiff as the strut. `ball_bearing`: the joint is a rolling bearing, whose balls share the force by how far each
     is pressed, the more of them the larger it is: R. Stribeck, "Kugellager für beliebige Belastungen" (1901).
+    `spring_seated`: a spring presses the joint into its seat, and no play is felt until a force overcomes the spring,
+    to one side only: preload in A. H. Slocum, "Precision Machine Design" (1992).
     """
+
+    def setup(self) -> None:
+        """The spring of variant `spring_seated`, and to which side it gives way."""
+        self.spring_n = float(self.rng.uniform(*SPRING_N)) * float(self.rng.choice([-1.0, 1.0]))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Put a dead zone into the strut's law, or seat the pin."""
@@ -129,6 +172,8 @@ class JointClearance(Effect):
             law = one_sided(c, 0.1 * c)
         elif self.variant == "contact_force":
             law = contact_force(c, CONTACT_M)
+        elif self.variant == "spring_seated":
+            law = spring_seated(c, 0.1 * c, self.spring_n)
         elif self.variant == "ball_bearing":
             law = ball_bearing(c, CONTACT_M)
         elif self.variant == "load_dependent":
@@ -203,8 +248,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=_PER_N,
-        variants=("lateral", "cantilever", "yaw", "hardening", "screw_length", "held_at_both_ends", "portal"),
-        final="portal",
+        variants=(
+            "lateral",
+            "cantilever",
+            "yaw",
+            "hardening",
+            "screw_length",
+            "held_at_both_ends",
+            "portal",
+            "ball_nut",
+        ),
+        final="ball_nut",
         reveals="payload, SMRs on the sliders, height",
         make=ColumnCompliance,
     ),
@@ -221,9 +275,10 @@ EFFECTS = (
             "softens_with_load",
             "hertz",
             "joint_separates",
+            "fork_bearing",
         ),
-        final="joint_separates",
-        reveals="payload",
+        final="fork_bearing",
+        reveals="payload, pose",
         make=LinkStiffness,
     ),
     EffectSpec(
@@ -239,8 +294,9 @@ EFFECTS = (
             "gravity_seated",
             "contact_force",
             "ball_bearing",
+            "spring_seated",
         ),
-        final="ball_bearing",
+        final="spring_seated",
         reveals="poses where the strut's force changes its sign, payload",
         make=JointClearance,
     ),

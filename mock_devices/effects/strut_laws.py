@@ -129,5 +129,19 @@ def ball_bearing(c: float, w: float) -> Law:
     return law
 
 
+def spring_seated(c: float, w: float, spring_n: float) -> Law:
+    """Play of 2 c that is only felt beyond the force of a spring, on the side of its sign; w rounds the corners."""
+    side = 1.0 if spring_n > 0.0 else -1.0
+
+    def law(e: Array, k: Array) -> tuple[Array, Array]:
+        begins = (side * e - abs(spring_n) / k) / w
+        ends = begins - 2.0 * c / w
+        gone = w * (np.logaddexp(0.0, begins) - np.logaddexp(0.0, ends))
+        inside = _step(begins) - _step(ends)
+        return k * (e - side * (1.0 - _SLACK) * gone), k * (1.0 - (1.0 - _SLACK) * inside)
+
+    return law
+
+
 def _step(x: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))

@@ -23,6 +23,9 @@ FOOT_M = -1.2
 FIN_M = 0.5
 BEARING_FIN_M = 0.35
 BEARING_M_PER_S = 0.5
+CYCLES_S = (1200.0, 3600.0)  # of air that is switched
+FRONT_M, HEAD_M = 0.5, 0.2  # how deep heat has gone after tau_s; from the end of the travel to the column's head
+CELLS = 46  # of a screw
 _GRID_S = 30.0
 _TERMS = 60
 
@@ -70,6 +73,28 @@ def soaked(elapsed_s: Array, tau_s: float) -> tuple[Array, Array]:
     return mean, np.where(elapsed_s > 0.0, 12.0 * moment, 0.0)
 
 
+def cycled(elapsed_s: Array, tau_s: float, period_s: float) -> Array:
+    """Warmth over its largest of a part in air that cycles as a sine, from the same temperature at the beginning.
+
+    The part lags behind and swings less: the first element of ANSI B89.6.2, "Temperature and Humidity Environment for
+    Dimensional Measurement" (1973). The sensor, in the machine's slow air, shows nothing of it.
+    """
+    rate = 2.0 * math.pi / period_s
+    lag = math.atan(rate * tau_s)
+    return np.asarray(np.sin(rate * elapsed_s - lag) + math.sin(lag) * np.exp(-elapsed_s / tau_s))
+
+
+def ahead_of_front(distance_m: Array, deep_m: Array) -> Array:
+    """Metres of whole warmth beyond a distance from the warm end of a long bar; deep_m is 2 sqrt(a t).
+
+    The integral of the error function's complement, for an end that is kept warm: H. S. Carslaw, J. C. Jaeger,
+    "Conduction of Heat in Solids" (1959), 2.4.
+    """
+    u = distance_m / deep_m
+    left = np.array([math.erfc(x) for x in u.tolist()])
+    return np.asarray(deep_m * (np.exp(-(u**2)) / math.sqrt(math.pi) - u * left))
+
+
 def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
     """A part of time constant tau minus its sensor (n,) in kelvin: first order, equal at the beginning."""
     last_s = float(state.t_s.max())
@@ -89,19 +114,26 @@ class _Warming(Effect):
 
     sensor = "struts"
 
+    def setup(self) -> None:
+        """How long a cycle of the air is."""
+        self.period_s = float(self.rng.uniform(*CYCLES_S))
+
     def rise_k(self, state: MotionState) -> Array:
         t, tau = self.elapsed_s(state), self.values["tau_s"]
         if self.variant == "lagging":
             return self.size * lag_behind(state, self.sensor, self.site.start_s, tau)
         if self.variant == "two_stages":
             return self.size * (0.6 * warm_up(t, tau) + 0.4 * warm_up(t, 5.0 * tau))
+        share = warm_up(t, tau)
         if self.variant == "conduction":
-            return self.size * conducted(t, tau)
-        if self.variant == "still_air":
-            return self.size * cooled(t, tau)
-        if self.variant == "pulse":  # warmed once, cooling again: a door, a lamp
+            share = conducted(t, tau)
+        elif self.variant == "still_air":
+            share = cooled(t, tau)
+        elif self.variant == "cycling_air":
+            share = cycled(t, tau, self.period_s)
+        elif self.variant == "pulse":  # warmed once, cooling again: a door, a lamp
             return np.asarray(self.size * (t / tau) * np.exp(1.0 - t / tau))
-        return self.size * warm_up(t, tau)
+        return self.size * share
 
 
 class LinkGrowth(_Warming):
@@ -119,6 +151,7 @@ class ColumnGrowth(_Warming):
 
     `fin`: warmed at its foot, it is the long fin of J. Fourier, "Théorie analytique de la chaleur" (1822), whose warmth
     falls off exponentially, by e in FIN_M. `soaking`: warmed on one side, it bends first and has only grown in the end.
+    `motor_above`: the motor at its head warms it from there, and the heat goes down it as into a long bar.
     """
 
     sensor = "columns"
@@ -139,6 +172,11 @@ class ColumnGrowth(_Warming):
             deviation.travel_m[:, self.place] += mean * height
             deviation.sideways_m[:, self.place] += 0.5 * slope / self.width_m * height**2
             deviation.yaw_rad[:, self.place] += slope / self.width_m * height
+        elif self.variant == "motor_above":
+            head = self.site.machine.sliders[self.place].travel_m[1] + strut.base_joint.imag - FOOT_M + HEAD_M
+            deep = FRONT_M * np.sqrt(np.maximum(self.elapsed_s(state) / self.values["tau_s"], 1.0e-12))
+            warm_m = ahead_of_front(head - height, deep) - ahead_of_front(np.full_like(height, head), deep)
+            deviation.travel_m[:, self.place] += alpha * self.size * warm_m
         elif self.variant == "fin":
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
@@ -155,7 +193,41 @@ class ScrewGrowth(StatefulEffect):
     F. P. Incropera, D. P. DeWitt, "Fundamentals of Heat and Mass Transfer" (1985). The bearing's friction, and so its
     heat a metre, goes with the speed to the power 2/3, as that of a lubricated bearing in A. Palmgren, "Ball and Roller
     Bearing Engineering" (1959); the reference is BEARING_M_PER_S.
+    `where_it_ran`: the nut warms the screw where it runs, so that its profile follows from all ways: U. Heisel, G.
+    Koscsák, T. Stehle, "Thermography-Based Investigation into Thermally Induced Positioning Errors of Feed Drives by
+    Example of a Ball Screw" (2006). Remembered is the warmth of every cell.
     """
+
+    def setup(self) -> None:
+        """Cells of the screw, all cold."""
+        low, high = self.site.machine.sliders[self.place].travel_m
+        self._edges = np.linspace(low, high, CELLS + 1)
+        self._cells = [np.zeros(CELLS)]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let every cell of the variant `where_it_ran` remember its warmth."""
+        super().record_leg(drive, leg)
+        if self.variant == "where_it_ran" and drive == self.place:
+            ends = (np.array([x]) for x in (leg.start_s, leg.end_s, leg.until_s, leg.from_m, leg.to_m))
+            self._cells.append(self._warmed(self._cells[-1][None], *ends)[0])
+
+    def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
+        """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
+        tau, width = self.values["tau_s"], self._edges[1] - self._edges[0]
+        low, high = (end[:, None] for end in (np.minimum(from_m, to_m), np.maximum(from_m, to_m)))
+        passed = np.clip(np.minimum(high, self._edges[1:]) - np.maximum(low, self._edges[:-1]), 0.0, width) / width
+        heat = self.size * (self._edges[-1] - self._edges[0]) / (DUTY_M_PER_S * tau)
+        middle_s = np.minimum(0.5 * (start_s + end_s), t_s)
+        kept, left = np.exp(-(t_s - start_s) / tau), np.exp(-(t_s - middle_s) / tau)
+        return np.asarray(before * kept[:, None] + heat * passed * left[:, None])
+
+    def _warm_m(self, state: MotionState) -> Array:
+        """Warmth integrated from the screw's lower end to its nut (n,), in kelvin metres."""
+        a, q = self.place, state.q_m[:, self.place]
+        before = np.stack([self._cells[k] for k in state.leg[:, a].tolist()])
+        cells = self._warmed(before, state.leg_start_s[:, a], state.leg_end_s[:, a], state.t_s, state.from_m[:, a], q)
+        below = np.clip(q[:, None] - self._edges[:-1], 0.0, self._edges[1] - self._edges[0])
+        return np.asarray((cells * below).sum(axis=1))
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
         """Heat of the leg, set free in its middle, decayed until its rest ends."""
@@ -177,12 +249,15 @@ class ScrewGrowth(StatefulEffect):
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with its screw."""
         a, tau = self.place, self.values["tau_s"]
+        alpha = self.site.machine.expansion["drives"].coefficient_per_k
+        if self.variant == "where_it_ran":
+            deviation.travel_m[:, a] += alpha * self._warm_m(state)
+            return
         way = np.abs(state.q_m[:, a] - state.from_m[:, a]) * self._friction(state.speed_m_per_s[:, a])
         age = state.t_s - state.leg_start_s[:, a]
         middle = np.maximum(state.t_s - 0.5 * (state.leg_start_s[:, a] + state.leg_end_s[:, a]), 0.0)
         warm = self.state_before(state, a) * np.exp(-age / tau)
         warm = warm + self.size * way / (DUTY_M_PER_S * tau) * np.exp(-middle / tau)
-        alpha = self.site.machine.expansion["drives"].coefficient_per_k
         low, high = self.site.machine.sliders[a].travel_m
         x = state.q_m[:, a] - low
         length = high - low
@@ -220,24 +295,24 @@ EFFECTS = (
     _spec(
         "link_thermal_growth",
         "strut",
-        ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air"),
-        "still_air",
+        ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air", "cycling_air"),
+        "cycling_air",
         "time, a temperature swing",
         LinkGrowth,
     ),
     _spec(
         "column_thermal_growth",
         "drive",
-        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking"),
-        "soaking",
+        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above"),
+        "motor_above",
         "time, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
         "screw_thermal_growth",
         "drive",
-        ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing"),
-        "fixed_bearing",
+        ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing", "where_it_ran"),
+        "where_it_ran",
         "time and the way moved, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression, minimize
 
+from calibration.diagnosis import ranking
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.one_way import least_square, loss_of_one_way
 from calibration.effects.api import BasisSets
 from calibration.effects.basis_functions import random_walk_basis, steps_over
+from calibration.effects.catalogue import load_catalogue
+from mock_devices.effects import EffectChoice
+from tests.calibration.diagnosis.campaigns import plant, recorded
 
 COUNT = 12
 
@@ -85,3 +92,25 @@ def test_steps_are_those_of_a_course_in_the_order_of_time():
     steps = steps_over(t_s, np.column_stack([t_s, random_walk_basis(t_s, 3)[:, 0]]))
     assert np.all(steps[:, 0] > 0.0)
     assert np.sum(steps[:, 0]) == pytest.approx(4000.0)
+
+
+SINKS = EffectChoice("foundation_settling", 1e-4, "left", "stick_slip", (("onset_s", 300.0), ("tau_s", 400.0)))
+STANDS_HERE_AND_THERE = EffectChoice("crane_tilt", 6e-5, variant="plain")
+
+
+@pytest.mark.parametrize(("effect", "least", "most"), [(SINKS, 0.0, 0.01), (STANDS_HERE_AND_THERE, 0.1, 1.0)])
+def test_a_crane_that_comes_and_goes_is_no_settling(monkeypatch, effect, least, most):
+    """Share of the evidence of settling that goes with the condition that a foundation never rises again."""
+    likelihood = MarginalLikelihood.of(linearise_recording(recorded(plant(80, effect, seed=2)), judge=False))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    settling = load_catalogue().effect("foundation_settling")
+
+    def evidence() -> float:
+        (place,) = ranking._evidence_by_place(likelihood, inputs, settling, ["left"])
+        return place.log_evidence
+
+    held = evidence()
+    monkeypatch.setattr(ranking, "loss_of_one_way", lambda _: 0.0)
+    free = evidence()
+    assert free > 200.0
+    assert least <= (free - held) / free <= most

@@ -98,7 +98,7 @@ SINKS = EffectChoice("foundation_settling", 1e-4, "left", "stick_slip", (("onset
 STANDS_HERE_AND_THERE = EffectChoice("crane_tilt", 6e-5, variant="plain")
 
 
-@pytest.mark.parametrize(("effect", "least", "most"), [(SINKS, 0.0, 0.01), (STANDS_HERE_AND_THERE, 0.1, 1.0)])
+@pytest.mark.parametrize(("effect", "least", "most"), [(SINKS, 0.0, 0.01), (STANDS_HERE_AND_THERE, 0.05, 1.0)])
 def test_a_crane_that_comes_and_goes_is_no_settling(monkeypatch, effect, least, most):
     """Share of the evidence of settling that goes with the condition that a foundation never rises again."""
     likelihood = MarginalLikelihood.of(linearise_recording(recorded(plant(80, effect, seed=2)), judge=False))

@@ -105,6 +105,22 @@ def test_columns_of_two_materials_bend_alike_or_away_from_the_middle(inputs):
     assert signs == {1.0, -1.0}
 
 
+def test_a_bent_column_may_be_straight_at_any_height(inputs):
+    """With its further columns times a height it is bent about that: curvature (h - h0)^2 / 2, up to a constant."""
+    built = load_catalogue().effect("expansion_coefficient").forms(inputs, 0)
+    bent = [s for s in built.sets if built.named[s.columns[0]] == "bending" and len(s.columns) > 1]
+    assert bent
+    h0, h = 0.4, inputs.height_m(0)
+    for basis_set in bent:
+        main, *others = (dict(built.contributions[c]) for c in basis_set.columns)
+        (straight,) = (other for other in others if "turn.left.z" in other)
+        about = {c: main[c] + h0 * straight[c] for c in ("turn.left.z", "sideways.left.x")}
+        curvature = main["turn.left.z"] / h
+        assert about["turn.left.z"] == pytest.approx(curvature * (h - h0), abs=1e-9)
+        parabola = -0.5 * curvature * ((h - h0) ** 2 - h0**2)
+        assert about["sideways.left.x"] == pytest.approx(parabola, abs=1e-9)
+
+
 def test_the_strongest_peaks_of_each_octave_are_tried_however_many_aliases_outdo_them():
     frequency = np.arange(1.0, 40_001.0)
     power = np.ones(len(frequency))

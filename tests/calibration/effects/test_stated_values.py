@@ -236,6 +236,13 @@ def test_each_direction_may_have_the_table_of_another_generation(rig):
             if all(np.allclose(columns[c], wanted[c], rtol=0.0, atol=1e-12) for c in wanted)
         ]
         assert len(alike) == 1
+    (shares,) = (s.columns for s in built.sets if len(s.columns) == 8)  # 2 generations, drives and directions
+    parts = [built.contributions[c][0] for c in shares]
+    for d, name in enumerate(drives):
+        own = [shape for channel, shape in parts if channel == f"travel.{name}"]
+        whole = sum(interpolated(generation, d) for generation in (2, 5))
+        assert np.allclose(np.sum(own, axis=0), whole, rtol=0.0, atol=1e-12)
+        assert all(len(set(context.direction[shape != 0.0, d] < 0.0)) == 1 for shape in own)
     assert np.any(context.direction < 0.0)
     assert np.any(context.direction > 0.0)
 

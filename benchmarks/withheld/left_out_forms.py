@@ -57,37 +57,37 @@ class FormComparison:
 
     def __init__(self, catalogue: Catalogue | None = None) -> None:
         self._catalogue = catalogue or load_catalogue()
-        self._forms: dict[str, tuple[str, ...]] = {}
 
     def left_out(self, folder: Path, changes: Sequence[tuple[str, str, Array]], rng: np.random.Generator) -> LeftOut:
         """What a recording is diagnosed without. changes: effect, place ('' for the rig) and change of the readings
         (r, 3) in the machine's axes, for each effect of a case."""
-        known = [change for change in changes if change[0] in self._catalogue.names]
-        linear = linearise_recording(read_folder(folder), judge=False) if known or not self._forms else None
-        if linear is not None and not self._forms:
-            self._forms = forms_by_effect(linear, self._catalogue)
+        linear = linearise_recording(read_folder(folder), judge=False)
         explained: dict[str, float] = {}
-        for _, place, change_m in known:
-            assert linear is not None
-            shares = explained_shares(linear, self._catalogue.effects, place, change_m)
-            explained |= {form: share for form, share in shares.items() if share > LARGEST}
+        for name, place, change_m in changes:
+            if name in self._catalogue.names:
+                shares = explained_shares(linear, self._catalogue.effects, place, change_m)
+                explained |= {form: share for form, share in shares.items() if share > LARGEST}
         explaining = {name for name, _, _ in changes} | {form.partition("/")[0] for form in explained}
-        return LeftOut(explained, self._decoys(explaining, len(explained), rng))
+        # By this recording alone: a run that was stopped goes on with the decoys that it would have had.
+        every = forms_by_effect(linear, self._catalogue)
+        forms = {name: forms for name, forms in every.items() if name not in explaining}
+        return LeftOut(explained, _decoys(forms, len(explained), rng))
 
-    def _decoys(self, true: set[str], own: int, rng: np.random.Generator) -> tuple[str, ...]:
-        """As many forms of other effects as of the true ones; where that is none, some of two effects."""
-        able = [name for name, forms in self._forms.items() if forms and name not in true]
-        wanted = [own] if own else [int(rng.choice(DECOYS)) for _ in range(2)]
-        out: list[str] = []
-        for count in wanted:
-            end = len(out) + count
-            for effect in rng.permutation(able):
-                forms = [f"{effect}/{form}" for form in self._forms[str(effect)]]
-                new = [name for name in forms if name not in out]
-                out += [str(name) for name in rng.permutation(new)[: end - len(out)]]
-                if len(out) == end:
-                    break
-        return tuple(out)
+
+def _decoys(forms_of: Mapping[str, Sequence[str]], own: int, rng: np.random.Generator) -> tuple[str, ...]:
+    """As many forms of some effects as of the true ones; where that is none, some of two effects."""
+    able = [name for name, forms in forms_of.items() if forms]
+    wanted = [own] if own else [int(rng.choice(DECOYS)) for _ in range(2)]
+    out: list[str] = []
+    for count in wanted:
+        end = len(out) + count
+        for effect in rng.permutation(able):
+            forms = [f"{effect}/{form}" for form in forms_of[str(effect)]]
+            new = [name for name in forms if name not in out]
+            out += [str(name) for name in rng.permutation(new)[: end - len(out)]]
+            if len(out) == end:
+                break
+    return tuple(out)
 
 
 def forms_by_effect(linear: LinearModel, catalogue: Catalogue) -> dict[str, tuple[str, ...]]:

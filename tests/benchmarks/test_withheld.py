@@ -274,6 +274,18 @@ def test_a_form_that_explains_what_the_plant_does_is_left_out_with_a_decoy(tmp_p
     assert len({name.partition("/")[0] for name in nothing.decoys}) >= 2
 
 
+def test_decoys_do_not_depend_on_what_was_compared_before(tmp_path):
+    """A run that goes on after a stop begins with another recording, whose design may have fewer forms."""
+    for style in ("poor", "rich"):
+        case = make_case(replace(NULL, style=style), np.random.default_rng(3), designs(), final=False)
+        write_recording(case.recording, tmp_path / style)
+    after = FormComparison()
+    after.left_out(tmp_path / "poor", [], np.random.default_rng(1))
+    for seed in range(3):
+        fresh = FormComparison().left_out(tmp_path / "rich", [], np.random.default_rng(seed))
+        assert after.left_out(tmp_path / "rich", [], np.random.default_rng(seed)) == fresh
+
+
 def test_what_forms_explain_is_what_least_squares_says():
     rng = np.random.default_rng(4)
     columns, built = rng.standard_normal((50, 5)), BasisSets()

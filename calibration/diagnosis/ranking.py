@@ -172,12 +172,22 @@ def _evidence_by_place(
         # Weights that add up to less than one leave the remainder to basis sets that were not listed.
         weights /= max(1.0, float(weights.sum()))
         logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
-        for number in np.flatnonzero(logs > max(VERDICT.detection_threshold, float(logs.max()) - FAR_BELOW)):
-            logs[number] -= loss_of_one_way(evidence[number])
+        _judge_courses(evidence, logs)
         best = evidence[int(np.argmax(logs))]
         contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
         out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
     return out
+
+
+def _judge_courses(evidence: Sequence[BasisSetEvidence], logs: Array) -> None:
+    """Take from log evidence (m,) what courses lose that must not turn, the strongest first, as far as it decides."""
+    left = [number for number, entry in enumerate(evidence) if entry.basis_set.one_way]
+    while left:
+        strongest = max(left, key=lambda number: float(logs[number]))
+        if logs[strongest] <= max(VERDICT.detection_threshold, float(logs.max()) - FAR_BELOW):
+            return
+        logs[strongest] -= loss_of_one_way(evidence[strongest])
+        left.remove(strongest)
 
 
 def _refine(

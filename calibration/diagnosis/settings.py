@@ -41,7 +41,8 @@ class VerdictSettings:
     """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
     refined_share: float = 0.25
     """Departures of an effect, and further places, are looked for above this share of the strongest effect's log
-    evidence: one that is at several places may have so little at the first. Source: computing time."""
+    evidence: one that is at several places may have so little at the first. Where a law of struts leads, other laws are
+    above the detection threshold. Source: computing time."""
     curve_fit_share: float = 0.5
     """Curves of an effect are fitted above this share of it. Source: computing time; effects that won by a curve had
     more on the simulated rigs."""

@@ -109,9 +109,10 @@ class EffectInputs:
         return tuple(c for c in self.channels if c.startswith(f"{kind}.{self.drive(index)}."))
 
     def leaning(self, index: int) -> tuple[tuple[str, str, float], ...]:
-        """Of a column that leans: across the guide, in rotation, and the sign of the rotation (ISO 230-1: right-hand).
+        """Pairs of channels by which a column leans: sideways, the rotation that goes with it, and the sign of that
+        rotation (right-hand rule, ISO 230-1), for guides along an axis of the machine.
 
-        A rotation about w moves what is ahead along the axis a towards w x a, which is across the guide.
+        A rotation about w moves what is ahead along the guide's axis a towards w x a, which is across the guide.
         """
         axis = self.machine.nominal.axis[index]
         turns = {channel[-1]: channel for channel in self.channels_of_drive("turn", index)}

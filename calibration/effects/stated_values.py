@@ -39,6 +39,7 @@ COEFFICIENT_WEIGHT = (
 )
 LATE_SHARE = 0.3  # of it: for growth that lags behind the sensor, or is no straight line over it
 PARTS_OF_COLUMNS = ("base", "drives")  # whose sensors may be on them
+UPRIGHT_M = 0.5  # standard deviation of the height at which a column stays upright
 LAYERS = 1.5  # of curvature, over difference of coefficients and width, of two layers alike
 LEAST_ACROSS = 0.1  # of a way that goes along a column: less does not bend it
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
@@ -77,8 +78,8 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
 
 def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, sensor: str) -> None:
     """All columns alike are of two materials, as cast iron with a rail of steel: their difference of coefficients bends
-    them, by 1.5 over the width for layers alike (Timoshenko, Analysis of Bi-Metal Thermostats, 1925). Where along its
-    column each is straight, nobody knows.
+    them, by 1.5 over the width for layers alike (Timoshenko, Analysis of Bi-Metal Thermostats, 1925). At which height
+    each column stays upright is not known.
     """
     span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
     weight = LATE_SHARE * COEFFICIENT_WEIGHT
@@ -92,14 +93,16 @@ def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, 
             change_k = inputs.context.part_temperature_k(sensor, tau_s)
             course_k = above_k if tau_s == 0.0 else change_k
             elsewhere = [c for part in straight for c in through(part, course_k)]
-            sets.add_set(through(bent, course_k, "bending"), elsewhere, share=1.0, weight=weight)
-            sets.add_set(through(bent, span_k * curve_over(change_k)), elsewhere, weight=weight, size=rises_of_curve())
+            sets.add_set(through(bent, course_k, "bending"), elsewhere, share=UPRIGHT_M, weight=weight)
+            curve = through(bent, span_k * curve_over(change_k))
+            sets.add_set(curve, elsewhere, share=UPRIGHT_M, weight=weight, size=rises_of_curve())
 
 
 def _bends(inputs: EffectInputs) -> Iterator[tuple[list[tuple[str, Array]], list[list[tuple[str, Array]]]]]:
     """What bends all columns by their width of unit strain: each to the same side, or away from the machine's middle.
 
-    Contributions of the bending, and of each drive those of a column that is straight one metre higher.
+    Contributions of the bending about the low end of each drive's travel, and of each drive those of a column that is
+    upright one metre higher; the small constant that then goes with the temperature is left out.
     """
     machine = inputs.machine
     nominal, count = machine.nominal, len(machine.drive_names)
@@ -113,8 +116,10 @@ def _bends(inputs: EffectInputs) -> Iterator[tuple[list[tuple[str, Array]], list
             length = float(np.linalg.norm(across))
             if length < LEAST_ACROSS * max(float(np.linalg.norm(ways[a])), 1e-9):
                 continue
-            h, own = inputs.height_m(a), list[tuple[str, Array]]()
+            h, own = inputs.context.drives[:, a] - machine.travel[a, 0], list[tuple[str, Array]]()
             for (side, turn, sign), part in zip(inputs.leaning(a), across / length, strict=True):
+                if part == 0.0:
+                    continue
                 curvature = part * LAYERS / COLUMN_WIDTH_M
                 bent += [(side, 0.5 * curvature * h**2), (turn, sign * curvature * h)]
                 own += [(side, -curvature * h), (turn, np.full_like(h, -sign * curvature))]
@@ -217,7 +222,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
 
 
 def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:
-    """A control may hold a table for each direction of an axis (ISO 230-2), whichever for which."""
+    """A control may hold a table for each direction of an axis (ISO 230-2), each of another generation."""
     context, drives = inputs.context, inputs.machine.drive_names
     if "direction" in context.not_said or len(context.table_generations) < 2:
         return
@@ -225,7 +230,7 @@ def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:
     corrections = {g: context.table_corrections_m(g, drives, context.drives) for g in context.table_generations}
     for forwards, backwards in permutations(context.table_generations, 2):
         both = np.where(backward, corrections[backwards], corrections[forwards])
-        if np.any(both):
+        if any(np.any(corrections[generation]) for generation in (forwards, backwards)):
             column = sets.add(*((f"travel.{name}", both[:, a]) for a, name in enumerate(drives)), form="by_direction")
             sets.add_set(column, weight=ONE_DRIVE_WEIGHT)
     parts = [  # any share of each in each drive and direction
@@ -233,7 +238,7 @@ def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:
         for g in context.table_generations
         for a, name in enumerate(drives)
         for side in (backward, ~backward)
-        if np.any(corrections[g][:, a] * side[:, a])
+        if np.any(corrections[g][:, a])  # whatever the direction: a twin's other readings must have the same columns
     ]
     if parts:
         sets.add_set([c for part in parts for c in sets.add(part)], weight=WALK_WEIGHT)

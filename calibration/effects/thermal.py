@@ -159,6 +159,8 @@ def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
 def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """A column grows from its foot and takes the guide with it, or bends where one side is warmer.
 
+    Its temperature may vary along its height.
+
     As a whole it may be heated by its drive too.
     """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]

@@ -17,6 +17,7 @@ from calibration.effects.context import (
     combine_contexts,
     context_of_recording,
 )
+from calibration.recording.header import KnownTable
 from mock_devices.recordings.design import DesignOptions
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded
 
@@ -122,17 +123,27 @@ def inputs_of(machine, context) -> EffectInputs:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["link_thermal_growth", "column_thermal_growth", "screw_thermal_growth", "refraction"])
+EFFECTS_OF_TIME = ("link_thermal_growth", "column_thermal_growth", "screw_thermal_growth", "refraction")
+TABLES = tuple(
+    KnownTable(drive=drive, generation=generation, own_m=(0.0, 2.0), corrections_m=((1e-5,), (1e-5 * generation,)))
+    for drive in ("left", "right")
+    for generation in (2, 3)
+)
+
+
+@pytest.mark.parametrize("name", [*EFFECTS_OF_TIME, "tables_left_on"])
 def test_columns_of_a_campaign_stay_what_they_are_whatever_else_is_asked_of_its_twin(recording, m, name):
     """A twin knows its columns by their numbers: none may come or go, or change where the campaign was."""
     rng = np.random.default_rng(4)
     wave = 2e-6 * np.sin(m.elapsed_s / 700.0)
-    campaign = replace(m, air_refractivity=m.air_refractivity + wave)
+    one_side = np.ones_like(m.direction)
+    campaign = replace(m, air_refractivity=m.air_refractivity + wave, known_tables=TABLES, direction=one_side)
     warmer = {n: t + 3.0 * rng.standard_normal(len(t)) for n, t in m.temperatures_c.items()}
     other = replace(
         campaign,
         t_s=m.t_s + 2000.0,
         temperatures_c=warmer,
+        direction=m.direction,
         air_refractivity=campaign.air_refractivity + 4e-6 * rng.standard_normal(len(m)),
     )
     clipped = clip_to_campaign(campaign, other)

@@ -26,6 +26,12 @@ ELIGIBLE_RAW, ELIGIBLE_VISIBLE = 2.98, 0.5
 MOST_DRAWS = 16
 MOST_GROSS = 6
 STYLES = {"platform_only": "platform", "next": "poor"}
+PERIODIC = {"screw_periodic_error": "period_m", "encoder_interpolation": "pitch_m"}
+TIMES_A_PERIOD = {  # how often an error repeats within the period of what errs
+    "screw_periodic_error/universal_joint": 2,
+    "encoder_interpolation/amplitude": 2,
+    "encoder_interpolation/shadow_gratings": 4,
+}
 
 
 @dataclass(frozen=True)
@@ -148,10 +154,9 @@ def fact(choice: EffectChoice, drawn: Drawn, *, raw: float, visible: float) -> d
     timeline = drawn.timeline
     if "onset_s" in values:
         out["onset_s"] = timeline.design.start_s + values["onset_s"] - float(timeline.t_s[0])
-    if choice.name == "screw_periodic_error":
-        out["period_m"] = values["period_m"]
-    if choice.name == "encoder_interpolation":  # unequal amplitudes err twice a period
-        out["period_m"] = values["pitch_m"] * (0.5 if choice.variant == "amplitude" else 1.0)
+    for name, parameter in PERIODIC.items():
+        if choice.name == name:
+            out["period_m"] = values[parameter] / TIMES_A_PERIOD.get(f"{name}/{choice.variant}", 1)
     return out
 
 

@@ -18,7 +18,7 @@ from benchmarks.withheld.designs import FEW, Designs, Drawn, with_visits
 from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.left_out_forms import FormComparison, shares_of_sets
 from benchmarks.withheld.maker import Maker
-from benchmarks.withheld.making import _as_declared, make_case
+from benchmarks.withheld.making import PERIODIC, _as_declared, fact, make_case
 from benchmarks.withheld.mimics import Mimics
 from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
@@ -31,6 +31,7 @@ from calibration.recording.folder import read_folder
 from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.timeline import plan as timeline_of
+from tests.mock_devices.effects_bench import Alone
 
 STAND_IN = "stand_in:diagnose"
 EFFECT = Slot("effect-a", "effect", ("backlash",), (5.0,))
@@ -272,6 +273,21 @@ def test_a_form_that_explains_what_the_plant_does_is_left_out_with_a_decoy(tmp_p
     nothing = comparison.left_out(tmp_path / "x", [], np.random.default_rng(1))
     assert not nothing.explained
     assert len({name.partition("/")[0] for name in nothing.decoys}) >= 2
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [(name, variant) for name in sorted(PERIODIC) for variant in SPECS[name].variants]
+)
+def test_the_period_that_is_asked_for_is_that_of_the_error_itself(name, variant):
+    """Against the strongest wave of 64 periods of what errs, the longer one of two that are alike."""
+    drawn, stated_m = designs().one("rich", np.random.default_rng(2)), 1e-3 if name == "encoder_interpolation" else 1e-2
+    choice = EffectChoice(name, 1e-6, "left", variant, ((PERIODIC[name], stated_m),))
+    one = Alone(name, 1e-6, place="left", variant=variant, **{PERIODIC[name]: stated_m})
+    q = np.full((4096, 2), 1.1)
+    q[:, 0] = 0.5 + 64.0 * stated_m * np.arange(4096) / 4096.0
+    waves = np.abs(np.fft.rfft(one.deviation(t_s=np.zeros(4096), q=q).travel_m[:, 0]))[1:]
+    strongest_m = 64.0 * stated_m / (1 + np.flatnonzero(waves > 0.95 * waves.max())[0])
+    assert fact(choice, drawn, raw=3.0, visible=3.0)["period_m"] == pytest.approx(strongest_m, rel=0.005)
 
 
 def test_decoys_do_not_depend_on_what_was_compared_before(tmp_path):

@@ -27,6 +27,7 @@ __all__ = [
     "nest_readings",
     "non_parametric",
     "observed_model",
+    "one_way",
     "outlying_readings",
     "periodogram",
     "ranking",

@@ -154,9 +154,8 @@ def fact(choice: EffectChoice, drawn: Drawn, *, raw: float, visible: float) -> d
     timeline = drawn.timeline
     if "onset_s" in values:
         out["onset_s"] = timeline.design.start_s + values["onset_s"] - float(timeline.t_s[0])
-    for name, parameter in PERIODIC.items():
-        if choice.name == name:
-            out["period_m"] = values[parameter] / TIMES_A_PERIOD.get(f"{name}/{choice.variant}", 1)
+    if parameter := PERIODIC.get(choice.name):
+        out["period_m"] = values[parameter] / TIMES_A_PERIOD.get(f"{choice.name}/{choice.variant}", 1)
     return out
 
 

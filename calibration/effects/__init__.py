@@ -11,6 +11,7 @@ __all__ = [
     "control",
     "departures",
     "drive_train",
+    "expansion",
     "former_names",
     "guides",
     "instrument",

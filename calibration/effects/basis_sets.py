@@ -78,6 +78,11 @@ class BasisSets:
         self.named += [form] * wide[0][1].shape[1]
         return list(range(first, len(self.contributions)))
 
+    def add_along(self, contributions: Sequence[tuple[str, Array]], courses: Array, *, form: str = "") -> list[int]:
+        """Columns that act through channels (n,) each times the same courses (n,) or (n, k)."""
+        wide = courses[:, None] if courses.ndim == 1 else courses
+        return self.add(*((channel, shape[:, None] * wide) for channel, shape in contributions), form=form)
+
     @cached_property
     def by_channel(self) -> ColumnsByChannel:
         """All columns, once the last has been added."""
@@ -105,16 +110,13 @@ class BasisSets:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
             self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights, sign=sign))
 
-    def keep_one_way(self, steps: Array) -> None:
-        """Basis sets of k main columns, and as many or multiples of them flexible, must not turn: steps (t, k) of each
-        course over time by its coefficients. Meant are those added last.
+    def keep_one_way(self, steps: Array, *, since: int) -> None:
+        """The basis sets from number `since` on, of k main columns and multiples of k flexible ones, must not turn:
+        steps (t, k) of each course over time by its coefficients.
         """
-        k = steps.shape[1]
-        for number in range(len(self.sets) - 1, -1, -1):
-            last = self.sets[number]
-            if last.one_way or len(last.main) != k or last.main != self.sets[-1].main:
-                break
-            self.sets[number] = replace(last, one_way=(steps,) * (len(last.columns) // k))
+        for number in range(since, len(self.sets)):
+            courses = len(self.sets[number].columns) // steps.shape[1]
+            self.sets[number] = replace(self.sets[number], one_way=(steps,) * courses)
 
     def without_forms(self, names: Collection[str]) -> BasisSets:
         """The same columns; basis sets without those of some forms, and without sets that are made of them."""

@@ -14,10 +14,20 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from calibration.base.errors import InputError
-from calibration.effects import control, drive_train, guides, instrument, reversal, stated_values, structure, thermal
+from calibration.effects import (
+    control,
+    drive_train,
+    expansion,
+    guides,
+    instrument,
+    reversal,
+    stated_values,
+    structure,
+    thermal,
+)
 from calibration.effects.api import Effect
 
-FAMILIES = (thermal, reversal, structure, drive_train, guides, instrument, control, stated_values)
+FAMILIES = (thermal, reversal, structure, drive_train, guides, instrument, control, expansion, stated_values)
 ENTRY_POINTS = "pkm_rig.effects"
 RESERVED = ("none", "unknown")
 INSIDE_GEOMETRY = ("smr_offset", "joint_spacing", "link_self_weight")

@@ -62,8 +62,9 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
     steps, onset_of_walk = steps_over(t, course), strongest_onset(onsets)
     for terms in (len(down), 6):
         flexible = [c for leaning in of_each for c in leaning[:terms]]
+        before = len(sets.sets)
         sets.add_set(down[:terms], flexible, share=0.5, weight=4.0, **onset_of_walk)
-        sets.keep_one_way(steps[:, :terms])
+        sets.keep_one_way(steps[:, :terms], since=before)
     return sets
 
 

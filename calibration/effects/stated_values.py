@@ -1,4 +1,4 @@
-"""What is stated of the rig and is not so: expansion coefficients, payloads, tables off, a drive's scale and zero.
+"""What is stated of the rig and is not so: payloads, tables off, a drive's scale and zero; coefficients: `expansion`.
 
 The calibration takes such a value as known, within its stated uncertainty, and the machine's model says how its error
 acts: through channels of their own, so that one number moves all that depends on it.
@@ -6,7 +6,7 @@ acts: through channels of their own, so that one number moves all that depends o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -16,15 +16,11 @@ from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParam
 from calibration.effects.basis_functions import (
     cosine_basis,
     course_with_jumps,
-    curve_over,
     random_walk_basis,
-    rises_of_curve,
 )
-from calibration.effects.thermal import COLUMN_WIDTH_M, FOLLOWING_TIME_CONSTANTS_S
-from calibration.machine.description import PARTS, Machine
+from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 
-LEAST_CHANGE_K = 0.3  # a part whose temperature varies less shows its coefficient no better than its geometry
 LEVER_M = 0.25  # at which a mass beside the stated centre turns the platform as the moment of its size does
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
 MOUNTINGS, WALK_TERMS = 6, 12  # terms of what may be otherwise each time, or at any time
@@ -34,107 +30,7 @@ SEVERAL_WEIGHT = 0.5  # of several changes against one
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
 EACH_TIME_TERMS = 12  # of any function of the number of the exchange
 EXCHANGES_WEIGHT = 0.02  # of one at each payload exchange, whose moment is known
-COEFFICIENT_WEIGHT = (
-    0.006  # of each form: a material is stated wrongly more rarely than a part is warmer than its sensor
-)
-LATE_SHARE = 0.3  # of it: for growth that lags behind the sensor, or is no straight line over it
-PARTS_OF_COLUMNS = ("base", "drives")  # whose sensors may be on them
-UPRIGHT_M = 0.5  # standard deviation of the height at which a column stays upright
-LAYERS = 1.5  # of curvature, over difference of coefficients and width, of two layers alike
-LEAST_ACROSS = 0.1  # of a way that goes along a column: less does not bend it
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
-
-
-def expansion(inputs: EffectInputs, _: int) -> BasisSets:
-    """A part's coefficient is not the stated one, as of another material: its growth goes with its own sensor.
-
-    L = L0 (1 + alpha (T - T_ref)); alpha itself rises with temperature (Touloukian et al., Thermophysical Properties of
-    Matter 12, Plenum 1975).
-    """
-    sets, bent_by = BasisSets(), list[str]()
-    for part in PARTS:
-        if (above_k := _above_reference_k(inputs, part)) is None:
-            continue
-        main = sets.add((f"growth.{part}", above_k), form="linear")
-        about_mean = above_k - above_k.mean()
-        bent = about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)
-        rising = sets.add((f"growth.{part}", bent), form="rising")
-        sets.add_set(main, rising, share=0.1, weight=COEFFICIENT_WEIGHT)
-        # A part that is warm later than its sensor, and one that grows along any smooth curve.
-        sensor = inputs.machine.sensors[part]
-        span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
-        for tau_s in FOLLOWING_TIME_CONSTANTS_S:
-            change_k = inputs.context.part_temperature_k(sensor, tau_s)
-            if tau_s > 0.0:
-                late = sets.add((f"growth.{part}", change_k), form="lagging")
-                sets.add_set(late, weight=LATE_SHARE * COEFFICIENT_WEIGHT)
-            curve = sets.add((f"growth.{part}", span_k * curve_over(change_k)))
-            sets.add_set(curve, weight=LATE_SHARE * COEFFICIENT_WEIGHT, size=rises_of_curve())
-        if part in PARTS_OF_COLUMNS and sensor not in bent_by:
-            bent_by.append(sensor)
-            _add_bending_columns(sets, inputs, above_k, sensor)
-    return sets
-
-
-def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, sensor: str) -> None:
-    """All columns alike are of two materials, as cast iron with a rail of steel: their difference of coefficients bends
-    them, by 1.5 over the width for layers alike (Timoshenko, Analysis of Bi-Metal Thermostats, 1925). At which height
-    each column stays upright is not known.
-    """
-    span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
-    weight = LATE_SHARE * COEFFICIENT_WEIGHT
-
-    def through(bent: Sequence[tuple[str, Array]], course_k: Array, form: str = "") -> list[int]:
-        wide = course_k[:, None] if course_k.ndim == 1 else course_k
-        return sets.add(*((channel, shape[:, None] * wide) for channel, shape in bent), form=form)
-
-    for bent, straight in _bends(inputs):
-        for tau_s in FOLLOWING_TIME_CONSTANTS_S:
-            change_k = inputs.context.part_temperature_k(sensor, tau_s)
-            course_k = above_k if tau_s == 0.0 else change_k
-            elsewhere = [c for part in straight for c in through(part, course_k)]
-            sets.add_set(through(bent, course_k, "bending"), elsewhere, share=UPRIGHT_M, weight=weight)
-            curve = through(bent, span_k * curve_over(change_k))
-            sets.add_set(curve, elsewhere, share=UPRIGHT_M, weight=weight, size=rises_of_curve())
-
-
-def _bends(inputs: EffectInputs) -> Iterator[tuple[list[tuple[str, Array]], list[list[tuple[str, Array]]]]]:
-    """What bends all columns by their width of unit strain: each to the same side, or away from the machine's middle.
-
-    Contributions of the bending about the low end of each drive's travel, and of each drive those of a column that is
-    upright one metre higher; the small constant that then goes with the temperature is left out.
-    """
-    machine = inputs.machine
-    nominal, count = machine.nominal, len(machine.drive_names)
-    feet = np.stack([nominal.base_joint_m[machine.strut_drive == a].mean(axis=0) for a in range(count)])
-    outwards = feet - feet.mean(axis=0)
-    sides = {side[-1] for a in range(count) for side, _, _ in inputs.leaning(a)}
-    for ways in (*(np.tile(np.eye(3)["xyz".index(letter)], (count, 1)) for letter in sorted(sides)), outwards):
-        bent, straight = list[tuple[str, Array]](), list[list[tuple[str, Array]]]()
-        for a in range(count):
-            across = np.array([ways[a]["xyz".index(side[-1])] for side, _, _ in inputs.leaning(a)])
-            length = float(np.linalg.norm(across))
-            if length < LEAST_ACROSS * max(float(np.linalg.norm(ways[a])), 1e-9):
-                continue
-            h, own = inputs.context.drives[:, a] - machine.travel[a, 0], list[tuple[str, Array]]()
-            for (side, turn, sign), part in zip(inputs.leaning(a), across / length, strict=True):
-                if part == 0.0:
-                    continue
-                curvature = part * LAYERS / COLUMN_WIDTH_M
-                bent += [(side, 0.5 * curvature * h**2), (turn, sign * curvature * h)]
-                own += [(side, -curvature * h), (turn, np.full_like(h, -sign * curvature))]
-            straight.append(own)
-        if bent:
-            yield bent, straight
-
-
-def _above_reference_k(inputs: EffectInputs, part: str) -> Array | None:
-    """By how much (n,) a part is warmer than at reference temperature; None if it hardly varies."""
-    sensor = inputs.machine.sensors[part]
-    recorded = inputs.context.temperatures_c.get(sensor)
-    if recorded is None or not varies(recorded, LEAST_CHANGE_K):
-        return None
-    return np.asarray(recorded - inputs.machine.reference_temperature_c)
 
 
 def payload(inputs: EffectInputs, _: int) -> BasisSets:
@@ -286,22 +182,12 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
     return sets
 
 
-def _largest_u_expansion(machine: Machine, _: Sequence[PayloadEntry]) -> float:
-    return max(machine.u_expansion_per_k.values(), default=0.0)
-
-
 def _u_payload_kg(_: Machine, payloads: Sequence[PayloadEntry]) -> float:
     """Of mass or of the centre, whichever is known better; not stated: none."""
     stated = [
         u for p in payloads for u in (p.u_mass_kg, p.u_com_m * p.mass_kg / LEVER_M) if p.mass_kg > 0.0 and u > 0.0
     ]
     return min(stated, default=0.0)
-
-
-def _untested_at_one_temperature(inputs: EffectInputs) -> str | None:
-    if any(_above_reference_k(inputs, part) is not None for part in PARTS):
-        return None
-    return f"no part's temperature varied by {LEAST_CHANGE_K} K; let the shop warm or cool"
 
 
 def _untested_with_one_payload(inputs: EffectInputs) -> str | None:
@@ -323,18 +209,6 @@ def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
 _ONSET = EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
 
 EFFECTS = (
-    Effect(
-        name="expansion_coefficient",
-        place="rig",
-        size=EffectParameter("coefficient_per_k", 3e-7, 1.5e-5, "1/K", "true less stated, of one part"),
-        reveals="a temperature swing, all struts or all drives alike",
-        confounded=("link_thermal_growth", "column_thermal_growth", "screw_thermal_growth"),
-        forms=expansion,
-        untested=_untested_at_one_temperature,
-        textbook=Textbook("linear", "Touloukian et al., Thermophysical Properties of Matter 12: linear expansion"),
-        stated_u=_largest_u_expansion,
-        order=210,
-    ),
     Effect(
         name="payload",
         place="rig",

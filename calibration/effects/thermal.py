@@ -121,9 +121,7 @@ def _add_thermal_sets(
     t = inputs.context.elapsed_s
 
     def through(shapes: Array, form: str = "") -> list[int]:
-        wide = shapes[:, None] if shapes.ndim == 1 else shapes
-        name = f"{prefix}{form}" if form else ""
-        return sets.add(*((channel, shape[:, None] * wide) for channel, shape in contributions), form=name)
+        return sets.add_along(contributions, shapes, form=f"{prefix}{form}" if form else "")
 
     rest = through(cosine_basis(inputs.context.t_s, 5))
     rising = [through(rise, "warming") for rise, _ in rises]
@@ -159,9 +157,7 @@ def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
 def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """A column grows from its foot and takes the guide with it, or bends where one side is warmer.
 
-    Its temperature may vary along its height.
-
-    As a whole it may be heated by its drive too.
+    Its temperature may vary along its height; as a whole it may be heated by its drive too.
     """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
     h = inputs.height_m(drive)
@@ -174,7 +170,7 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     powers = np.stack([alpha * h, 0.5 * alpha * h**2, alpha * h**3 / 3.0], axis=1)
     rises = tuple(rise * middle**k for k in range(3) for rise in rises_of_curve())
     for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "base"))):
-        curves = [sets.add((travel, power[:, None] * curve_over(course))) for power in powers.T]
+        curves = [sets.add_along(((travel, power),), curve_over(course)) for power in powers.T]
         sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises)
     for side, turn, sign in inputs.leaning(drive):
         bent = alpha / COLUMN_WIDTH_M

@@ -25,7 +25,7 @@ def evidence_of(values: np.ndarray, sd: float, *, steps: np.ndarray) -> BasisSet
     """Of a course whose coefficients (k,) are known to a standard deviation."""
     sets = BasisSets()
     sets.add_set(sets.add(("travel.left", np.eye(len(values)))))
-    sets.keep_one_way(steps)
+    sets.keep_one_way(steps, since=0)
     return BasisSetEvidence(sets.sets[0], 100.0, 1.0, values, sd**2 * np.eye(len(values)))
 
 
@@ -73,7 +73,7 @@ def test_each_course_of_a_set_goes_its_own_way():
     main, flexible = (sets.add(("travel.left", np.eye(COUNT))) for _ in range(2))
     sets.add_set(main, flexible)
     steps = np.diff(np.eye(COUNT), axis=0)
-    sets.keep_one_way(steps)
+    sets.keep_one_way(steps, since=0)
     assert [len(basis_set.one_way) for basis_set in sets.sets] == [1, 2]
 
     def loss(second: np.ndarray) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mock_devices.effects import EffectChoice
-from mock_devices.effects.base import Deviation, Site
+from mock_devices.effects.base import Deviation, Site, StationSight
 from mock_devices.effects.catalogue import make
 from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.affected_machine import motion_states
@@ -54,6 +54,14 @@ class Alone:
         self.history.add(drive, self.t_s, end_s, to_m, speed)
         self.q[drive] = to_m
         self.t_s = end_s + rest_s
+
+    def distance_off_m(self, target_m, t_s):
+        """By how much a station reads distances (n,) to a point (3,) wrongly at times (n,), the drives at home."""
+        points = np.repeat(np.asarray(target_m)[None, None], len(t_s), axis=0)
+        distance = np.linalg.norm(points, axis=-1)
+        seen = StationSight(points, np.zeros_like(distance), np.zeros_like(distance), distance.copy())
+        self.effect.apply_to_sight(self.motion_states(t_s, q=np.full((len(t_s), 2), HOME_M)), seen)
+        return (seen.distance_m - distance)[:, 0]
 
     def motion_states(self, t_s=None, *, q=None, payload_kg=0.0, velocity=(0.0, 0.0), exchanges=0.0):
         t = np.atleast_1d(self.t_s if t_s is None else t_s).astype(float)

@@ -13,7 +13,7 @@ not tell the truth.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -69,14 +69,15 @@ class FormComparison:
                 explained |= {form: share for form, share in shares.items() if share > LARGEST}
         explaining = {name for name, _, _ in changes} | {form.partition("/")[0] for form in explained}
         # By this recording alone: a run that was stopped goes on with the decoys that it would have had.
-        every = forms_by_effect(linear, self._catalogue)
-        forms = {name: forms for name, forms in every.items() if name not in explaining}
-        return LeftOut(explained, _decoys(forms, len(explained), rng))
+        forms = forms_by_effect(linear, self._catalogue)
+        return LeftOut(explained, decoys_among(forms, explaining, len(explained), rng))
 
 
-def _decoys(forms_of: Mapping[str, Sequence[str]], own: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """As many forms of some effects as of the true ones; where that is none, some of two effects."""
-    able = [name for name, forms in forms_of.items() if forms]
+def decoys_among(
+    forms_of: Mapping[str, Sequence[str]], true: Collection[str], own: int, rng: np.random.Generator
+) -> tuple[str, ...]:
+    """As many forms of other effects as of the true ones; where that is none, some of two effects."""
+    able = [name for name, forms in forms_of.items() if forms and name not in true]
     wanted = [own] if own else [int(rng.choice(DECOYS)) for _ in range(2)]
     out: list[str] = []
     for count in wanted:

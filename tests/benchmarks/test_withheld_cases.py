@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.withheld.cases import DECLARED, DECOYS, FULL, INDEX_OF_AIR, PROFILES, STYLES, Slot, plan
 from benchmarks.withheld.designs import Drawn, with_visits
-from benchmarks.withheld.left_out_forms import FormComparison, shares_of_sets
+from benchmarks.withheld.left_out_forms import FormComparison, decoys_among, shares_of_sets
 from benchmarks.withheld.making import PERIODIC, _as_declared, fact, make_case
 from benchmarks.withheld.mimics import Mimics
 from calibration.diagnosis.basis_set_evidence import InformationAndScore
@@ -169,6 +169,16 @@ def test_decoys_do_not_depend_on_what_was_compared_before(tmp_path):
     for seed in range(3):
         fresh = FormComparison().left_out(tmp_path / "rich", [], np.random.default_rng(seed))
         assert after.left_out(tmp_path / "rich", [], np.random.default_rng(seed)) == fresh
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_decoys_are_never_of_a_true_effect(seed):
+    forms = {"backlash": ("a", "b"), "latency": ("c", "d"), "payload": (), "refraction": ("e",)}
+    rng = np.random.default_rng(seed)
+    assert set(decoys_among(forms, {"backlash"}, 3, rng)) == {"latency/c", "latency/d", "refraction/e"}
+    none_explained = decoys_among(forms, {"backlash"}, 0, rng)
+    assert none_explained
+    assert {name.partition("/")[0] for name in none_explained} <= {"latency", "refraction"}
 
 
 def test_what_forms_explain_is_what_least_squares_says():

@@ -20,6 +20,7 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -67,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"withheld: {error}", file=sys.stderr)
         return 2
     batches = results.rows()
-    rows = [row for batch in batches for row in batch["rows"]]
+    rows = rows_of(batches)
     summary_data = summary(rows)
     print(printed(summary_data))
     for path in draw_all(rows, out):
@@ -80,6 +81,11 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if all(m["ok"] is not False for m in summary_data["measures"]) else 1
 
 
+def rows_of(batches: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows of all batches by their keys, so that drawn intervals do not depend on where a run was stopped."""
+    return sorted((row for batch in batches for row in batch["rows"]), key=lambda row: str(row["key"]))
+
+
 def _print_so_far(out: Path) -> int:
     """The table of the finished batches of a run, whatever program made them; nothing is written."""
     try:
@@ -87,7 +93,7 @@ def _print_so_far(out: Path) -> int:
     except (OSError, ValueError) as error:
         print(f"withheld: no results of a run in {out} ({error}); name its folder", file=sys.stderr)
         return 2
-    rows = [row for batch in batches for row in batch["rows"]]
+    rows = rows_of(batches)
     planned = len(plan(header["n"], header["kinds"], final="code" in header))
     print(f"{len(rows)} of {planned} cases")
     if not rows:

@@ -240,6 +240,12 @@ def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch)
     }
 
 
+def test_figures_do_not_depend_on_the_order_in_which_batches_were_made():
+    batches = [{"rows": [{"key": "null-3"}, {"key": "effect-1"}]}, {"rows": [{"key": "effect-0"}]}]
+    in_order = [{"key": key} for key in ("effect-0", "effect-1", "null-3")]
+    assert run.rows_of(batches) == run.rows_of(batches[::-1]) == in_order
+
+
 def test_results_that_are_not_there_are_said_in_one_line(tmp_path, capsys):
     (tmp_path / "results.jsonl").write_text('{"rows": []}\n')
     for folder in (tmp_path / "nowhere", tmp_path):

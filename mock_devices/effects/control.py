@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
+from mock_devices.effects.leg_memory import LegMemory
 
 REFERENCE_SPEED_M_PER_S = 0.5
 BED_PER_M = 3.0
 POLL_S = 1024.0
 COUPLED_S = 6.0  # in which a following error dies out
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
+RESOLVER_M = 0.02  # way of a slider in a turn of its resolver
+HOUR_S = 3600.0
+LONG, AFTER_M = 6.0, 0.5  # slow part of an after-effect over tau_s; way that leaves the size
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -23,7 +27,14 @@ class AxisCoupling(Effect):
     as a long beam under one force in M. Hetényi, "Beams on Elastic Foundation" (1946).
     `cross_coupled`: a controller that gives a part of one axis's following error to the other, for the contour's sake:
     Y. Koren, "Cross-Coupled Biaxial Computer Control for Manufacturing Systems" (1980). It dies out at rest.
+    `crosstalk`: the other axis's signals get into the cable of this one's, as in H. W. Ott, "Noise Reduction Techniques
+    in Electronic Systems" (1976). To a signal of the own phase they add a small one of the other phase, so that the
+    error goes with the sine of the difference.
     """
+
+    def setup(self) -> None:
+        """Phase between both axes' signals."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
@@ -40,6 +51,8 @@ class AxisCoupling(Effect):
         elif self.variant == "cross_coupled":
             behind = state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
             y = 0.25 * behind * np.exp(-state.since_s[:, b] / COUPLED_S)
+        elif self.variant == "crosstalk":
+            y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
         elif self.variant == "elastic_bed":
             away = BED_PER_M * np.abs(state.q_m[:, a] - mine - x)
             y = -0.25 * np.exp(-away) * (np.cos(away) + np.sin(away))
@@ -68,6 +81,9 @@ class Latency(Effect):
     "Internet Time Synchronization: The Network Time Protocol" (1991): the size is how far just before they are set.
     `queued`: messages wait for others, by times that are spread as an exponential whose mean is the size, as in a queue
     of L. Kleinrock, "Queueing Systems" (1975); the latest tenth is given up and asked for anew.
+    `clock_ageing`: a clock that was set once and whose rate goes on changing is off by the square of time: D. W. Allan,
+    "Time and Frequency (Time-Domain) Characterization, Estimation, and Prediction of Precision Clocks and Oscillators"
+    (1987). The size is that after one hour.
     """
 
     def early_s(self, state: MotionState) -> Array | float:
@@ -78,8 +94,10 @@ class Latency(Effect):
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
             return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
-        if self.variant == "clock_skew":
-            return np.asarray(self.size * (self.elapsed_s(state) % POLL_S) / POLL_S)
+        if self.variant in ("clock_skew", "clock_ageing"):
+            t = self.elapsed_s(state)
+            share = t % POLL_S / POLL_S if self.variant == "clock_skew" else (t / HOUR_S) ** 2
+            return np.asarray(self.size * share)
         if self.variant == "with_speed":
             return np.asarray(self.size * np.abs(state.velocity_m_per_s).max(axis=1) / 0.25)
         return self.size
@@ -100,11 +118,26 @@ class ServoSettling(Effect):
     Control Engineering" (1970), that has come to rest for the moment when its target stops.
     `dry_friction`: swings that dry friction shortens by the same way each, until it holds the slider beside its target:
     J. P. Den Hartog, "Mechanical Vibrations" (1934). Half a swing takes tau_s.
+    `after_effect`: a belt forgets no way at once, so that all former ways act together, the later the more: L.
+    Boltzmann, "Zur Theorie der elastischen Nachwirkung" (1874), with two rates. A way of AFTER_M leaves the size.
     """
+
+    def setup(self) -> None:
+        """What the belt has not yet forgotten."""
+        tau = self.values["tau_s"]
+        self._ways = LegMemory(lambda way, _speed, _: way / AFTER_M, tau, LONG * tau)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the belt of this drive remember."""
+        if self.variant == "after_effect" and drive == self.place:
+            self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
+        if self.variant == "after_effect":
+            deviation.travel_m[:, a] -= self.size * self._ways.at(state, a).mean(axis=1)
+            return
         t = state.since_s[:, a] / tau
         share = np.exp(-t)
         if self.variant == "ringing":
@@ -150,8 +183,9 @@ EFFECTS = (
             "shared_beam",
             "elastic_bed",
             "cross_coupled",
+            "crosstalk",
         ),
-        final="cross_coupled",
+        final="crosstalk",
         reveals="the other drive's coordinate or motion, SMRs on the sliders",
         make=AxisCoupling,
     ),
@@ -160,8 +194,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
-        variants=("dead_time", "filtering", "with_speed", "bus_cycles", "clock_skew", "queued"),
-        final="queued",
+        variants=("dead_time", "filtering", "with_speed", "bus_cycles", "clock_skew", "queued", "clock_ageing"),
+        final="clock_ageing",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -179,9 +213,10 @@ EFFECTS = (
             "stretched",
             "critically_damped",
             "dry_friction",
+            "after_effect",
         ),
-        final="dry_friction",
-        reveals="varied dwell and speed, SMRs on the sliders",
+        final="after_effect",
+        reveals="varied dwell and speed, by variant ways before, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
     ),

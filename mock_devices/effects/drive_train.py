@@ -6,7 +6,17 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState, smooth_curve
+from mock_devices.effects.base import (
+    Array,
+    Deviation,
+    Effect,
+    EffectParameter,
+    EffectSpec,
+    Leg,
+    MotionState,
+    smooth_curve,
+)
+from mock_devices.effects.leg_memory import LegMemory, ways_m
 
 FULL_PAYLOAD_KG = 400.0
 BALL_ORBIT = 0.5 * (1.0 - 0.16 * math.cos(math.radians(45.0)))
@@ -15,6 +25,9 @@ OFFSETS, GAIN, QUADRATURE_RAD = (0.25, -0.15), 1.3, 0.2
 SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
 WORN, FLANK = 0.25, 0.2  # of half the travel: half the stretch that is worn throughout, and the nut's length
 BENT = math.cos(math.radians(30.0))  # of a universal joint
+TURNS = 138  # of a screw over its travel
+SLIP_M = 6.0  # way on which the balls of a nut fall behind by their whole circle
+HELD = 0.12  # steps by which a counter's switching is late, either way
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -27,13 +40,19 @@ class CumulativeError(Effect):
     `worn_stretch`: one flank is worn where the nut went to and fro in daily work, by a depth that goes with its way: J.
     F. Archard, "Contact and Rubbing of Flat Surfaces" (1953). At both ends of the stretch it falls off over a nut's
     length.
+    `pitch_walk`: every turn of the thread errs by itself, as the deviation within 2 pi of ISO 3408-3, "Ball Screws:
+    Acceptance Conditions and Acceptance Tests" (2006), and the errors add up along the screw.
     """
 
     def setup(self) -> None:
-        """Draw the curve of variant `irregular` and the place of the kink."""
+        """Draw the curve of variant `irregular`, the places of kink and worn stretch, the walk of the pitch."""
         self.curve = smooth_curve(self.rng)
         self.kink = float(self.rng.uniform(-0.4, 0.4))
         self.worn = float(self.rng.uniform(-0.3, 0.3))
+        self.at = np.linspace(-1.0, 1.0, TURNS + 1)
+        walk = np.concatenate([[0.0], np.cumsum(self.rng.standard_normal(TURNS))])
+        walk -= np.polyval(np.polyfit(self.at, walk, 1), self.at)  # that is the drive's scale
+        self.walk = walk / np.abs(walk).max()
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -48,6 +67,8 @@ class CumulativeError(Effect):
             y = (np.sinh(TAPE * x) / math.sinh(TAPE) - slope * x) / (1.0 - slope)
         elif self.variant == "worn_stretch":
             y = 1.0 - 2.0 * np.clip((WORN + FLANK - np.abs(x - self.worn)) / FLANK, 0.0, 1.0)
+        elif self.variant == "pitch_walk":
+            y = np.interp(x, self.at, self.walk)
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -64,11 +85,19 @@ class PeriodicError(Effect):
     "Vibration Problems in Engineering" (1928); the nut goes to and fro by its slope, most at both ends.
     `universal_joint`: the motor turns the screw through a bent universal joint, tan(out) = cos(bend) tan(in), that errs
     twice a turn: J. E. Shigley, J. J. Uicker, "Theory of Machines and Mechanisms" (1980).
+    `slipping_balls`: unequal balls also creep in their track, further with every way, so that their part of the error
+    does not come back with the place: E. P. Kingsbury, "Torque Variations in Instrument Ball Bearings" (1965).
     """
 
     def setup(self) -> None:
         """Phase of the turn."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self._ways = LegMemory(ways_m)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the balls of this drive creep."""
+        if self.variant == "slipping_balls" and drive == self.place:
+            self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -79,6 +108,9 @@ class PeriodicError(Effect):
             y = 0.85 * y + 0.4 * np.sin(2.0 * turn + 1.0)
         elif self.variant == "ball_orbit":
             y = 0.9 * y + 0.6 * np.sin(BALL_ORBIT * turn + 2.0)
+        elif self.variant == "slipping_balls":
+            slipped = 2.0 * np.pi * self._ways.at(state, self.place)[:, 0] / SLIP_M
+            y = 0.7 * y + 0.7 * np.sin(BALL_ORBIT * turn - slipped)
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
@@ -105,6 +137,9 @@ class Interpolation(Effect):
     period, the third four times.
     `shadow_gratings`: two gratings that cast shadows give triangles, not sines, whose arc tangent errs four times a
     period: J. Guild, "Diffraction Gratings as Measuring Scales" (1960).
+    `coarse_count`: whole periods are counted and nothing between them, a sawtooth as in W. R. Bennett, "Spectra of
+    Quantized Signals" (1948); the counter switches late on either side, as the trigger of O. H. Schmitt, "A Thermionic
+    Trigger" (1938).
     """
 
     def setup(self) -> None:
@@ -125,6 +160,8 @@ class Interpolation(Effect):
         elif self.variant == "shadow_gratings":
             error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
             y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
+        elif self.variant == "coarse_count":
+            y = 2.0 * ((phase / (2.0 * np.pi) - HELD * state.direction[:, self.place]) % 1.0) - 1.0
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
@@ -153,8 +190,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
-        variants=("parabola", "cubic", "irregular", "two_pieces", "glued_scale", "worn_stretch"),
-        final="worn_stretch",
+        variants=("parabola", "cubic", "irregular", "two_pieces", "glued_scale", "worn_stretch", "pitch_walk"),
+        final="pitch_walk",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -172,8 +209,9 @@ EFFECTS = (
             "ball_orbit",
             "bowed_screw",
             "universal_joint",
+            "slipping_balls",
         ),
-        final="universal_joint",
+        final="slipping_balls",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
@@ -183,8 +221,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
-        variants=("amplitude", "offset", "both", "dirty_scale", "ellipse", "harmonics", "shadow_gratings"),
-        final="shadow_gratings",
+        variants=(
+            "amplitude",
+            "offset",
+            "both",
+            "dirty_scale",
+            "ellipse",
+            "harmonics",
+            "shadow_gratings",
+            "coarse_count",
+        ),
+        final="coarse_count",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

@@ -6,7 +6,17 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState, smooth_curve
+from mock_devices.effects.base import (
+    Array,
+    Deviation,
+    Effect,
+    EffectParameter,
+    EffectSpec,
+    Leg,
+    MotionState,
+    smooth_curve,
+)
+from mock_devices.effects.leg_memory import LegMemory
 
 FULL_PAYLOAD_KG = 400.0
 FOOT_M = -1.2
@@ -16,6 +26,8 @@ BLOCKS_M = 0.2  # from one runner block of a carriage to the other
 WAVES = 40
 CONCRETE = 0.6
 SUPPORTS = 6  # of a rail, from one end of the travel to the other
+GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at the ends over the widest; half width of the worn part
+SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # squares of speeds: scale of the logarithm; how often until the size is reached
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -31,6 +43,9 @@ class _Guide(Effect):
     `uneven_supports`: a rail is bent over supports of unequal heights by the theorem of three moments of B. P. E.
     Clapeyron, "Calcul d'une poutre élastique reposant librement sur des appuis inégalement espacés" (1857); the guide's
     angle is the slope of that line.
+    `gib_play`: a carriage lies on one side of a worn gib going up and on the other going down, by the gap where it
+    stands: guides that are pressed by eccentric forces in D. N. Reshetov, V. T. Portman, "Accuracy of Machine Tools"
+    (1988). The gap is widest where the carriage runs most.
     """
 
     slope = False
@@ -102,6 +117,9 @@ class _Guide(Effect):
             y = 0.7 * (self._over_blocks(q - middle) - np.polyval(self.line, q - middle)) / self.rms
         elif self.variant == "uneven_supports":
             y = 0.7 * (self._over_supports(q - middle) - np.polyval(self.level, q - middle)) / self.bent_rms
+        elif self.variant == "gib_play":
+            worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
+            y = state.direction[:, self.place] * (GIB_LEFT + (1.0 - GIB_LEFT) * worn)
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -136,12 +154,24 @@ class FoundationSettling(Effect):
     Concrete Properties Related to Design" (1971); after tau_s half of it is over.
     `lead_pads`: pads of lead creep with the cube root of time and then evenly: E. N. da C. Andrade, "On the Viscous
     Flow in Metals, and Allied Phenomena" (1910); the size is reached after four times tau_s.
+    `shaken_sand`: sand under the foot is packed by what both drives shake it with, in all by the logarithm of the
+    squares of speeds since the onset: vibration of sand in D. D. Barkan, "Dynamics of Bases and Foundations" (1962).
     """
 
     def setup(self) -> None:
         """MotionState and shares of the steps of variant `stick_slip`."""
         self.steps = np.sort(self.rng.uniform(0.0, 4.0, 5))
         self.shares = self.rng.dirichlet(np.full(5, 2.0))
+        onset_s = self.site.start_s + self.values["onset_s"]
+        self._shaken = [
+            LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
+            for _ in self.site.machine.sliders
+        ]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let every motion shake the sand."""
+        if self.variant == "shaken_sand":
+            self._shaken[drive].record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lower and lean the column."""
@@ -162,6 +192,9 @@ class FoundationSettling(Effect):
             share = power / (1.0 + power)
         elif self.variant == "lead_pads":
             share = (1.0 - FLOW) * np.cbrt(after / (4.0 * tau)) + FLOW * after / (4.0 * tau)
+        elif self.variant == "shaken_sand":
+            shaken = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._shaken))
+            share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "stick_slip":
             share = (t[:, None] >= self.steps * tau) @ self.shares
         else:
@@ -185,6 +218,7 @@ _VARIANTS = (
     "loose_bolt_of_rail",
     "random_surface",
     "uneven_supports",
+    "gib_play",
 )
 
 EFFECTS = (
@@ -194,7 +228,7 @@ EFFECTS = (
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
         variants=_VARIANTS,
-        final="uneven_supports",
+        final="gib_play",
         reveals="drive coordinate, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
@@ -205,7 +239,7 @@ EFFECTS = (
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
         variants=_VARIANTS,
-        final="uneven_supports",
+        final="gib_play",
         reveals="drive coordinate, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
@@ -224,8 +258,9 @@ EFFECTS = (
             "consolidation",
             "concrete",
             "lead_pads",
+            "shaken_sand",
         ),
-        final="lead_pads",
+        final="shaken_sand",
         reveals="time, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(

@@ -12,10 +12,12 @@ from mock_devices.effects.base import (
     Effect,
     EffectParameter,
     EffectSpec,
+    Leg,
     MotionState,
     StationSight,
     names_of,
 )
+from mock_devices.effects.leg_memory import LegMemory
 
 HOUR_S = 3600.0
 LEVER_M = 3.2
@@ -31,6 +33,10 @@ RETURN_S = 900.0
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
 EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
+PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # somebody goes by, in the mean; how many; floor comes back
+JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: where on the line, how wide, half its height
+JET_M = (-0.25, 0.05)  # its middle above the station
+BALL_TURN_M = 80.0  # ways of all drives in which a ball turns once in its seat
 RELAXES_S = (60.0, 240.0, 960.0, 3840.0, 15360.0)
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 _GRID_S = 60.0
@@ -122,6 +128,8 @@ class StationDrift(Effect):
     Theory of the Brownian Motion" (1930). The size is its standard deviation once it has forgotten where it began.
     `flicker`: many things in it relax in times from short to long, which together drift as 1/f: M. S. Keshner, "1/f
     Noise" (1982). The size is the standard deviation over long times.
+    `passers_by`: the floor gives way where somebody goes by with a load, at random times, and comes back slowly, like
+    the shots of N. Campbell, "The Study of Discontinuous Phenomena" (1909). The size is the standard deviation.
     """
 
     def setup(self) -> None:
@@ -134,12 +142,22 @@ class StationDrift(Effect):
         elif self.variant == "held_back":
             self.walk = HeldWalk(self.rng, 6)
         self.onset_s = float(self.rng.uniform(900.0, 3600.0))
+        if self.variant == "passers_by":
+            self.passed_s = np.cumsum(self.rng.exponential(PASSERS_S, PASSERS))
+            self.pushes = self.rng.standard_normal((PASSERS, 6)) * math.sqrt(2.0 * PASSERS_S / FORGETS_S)
+
+    def _passed(self, elapsed_s: Array) -> Array:
+        """Sum of what is left of all shots (n, 6)."""
+        ago = elapsed_s[:, None] - self.passed_s
+        return np.asarray(np.where(ago >= 0.0, np.exp(-np.maximum(ago, 0.0) / FORGETS_S), 0.0) @ self.pushes)
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Move the frame."""
         t = self.elapsed_s(state)
         if self.variant in ("random_walk", "held_back", "flicker"):
             y = self.walk.at(t)
+        elif self.variant == "passers_by":
+            y = self._passed(t)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant == "with_air":
@@ -166,11 +184,15 @@ class Refraction(Effect):
     `cold_floor`: cold air has come in over the floor at the campaign's begin, and eddies carry the cold upwards as
     conduction would, so that the gradient is a bell over the floor that widens with the root of time: G. I. Taylor,
     "Eddy Motion in the Atmosphere" (1915). The cold is that of the gradient over the station's height.
+    `warm_jet`: a heater blows warm air across the lines of sight half way, with the bell over its height that jets have
+    in G. N. Abramovich, "The Theory of Turbulent Jets" (1963): lines are bent away from its middle on either side. The
+    gradient is the largest one.
     """
 
     def setup(self) -> None:
-        """How fast the cold of variant `cold_floor` comes up."""
+        """How fast the cold of variant `cold_floor` comes up, and how high the jet blows."""
         self.eddies = float(np.exp(self.rng.uniform(*np.log(EDDIES_M2_PER_S))))
+        self.jet_m = float(self.rng.uniform(*JET_M))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Bend the line of sight, or stretch it."""
@@ -185,6 +207,10 @@ class Refraction(Effect):
         height = sight.points_m[..., 2]
         if self.variant == "cold_floor":
             sight.v_rad += bend * self._cold_gradient(state, height) * np.sin(sight.v_rad)
+        elif self.variant == "warm_jet":
+            off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
+            slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
+            sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
         elif self.variant == "two_layers":
             sight.v_rad += bend * self._mean_gradient(height) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -250,6 +276,9 @@ class Reseat(Effect):
     Characteristics of Plastics" (1944); the size is reached after an hour.
     `chip_in_seat`: put on again upon a chip, it sits in one of two places and jumps by chance: the random telegraph
     signal of S. O. Rice, "Mathematical Analysis of Random Noise" (1944).
+    `turning_ball`: the machine's motions turn the ball in its seat, and the corner of its mirrors, which is beside the
+    ball's centre, goes round: the test of centring in ASME B89.4.19, "Performance Evaluation of Laser-Based Spherical
+    Coordinate Measurement Systems" (2006). The size is the circle's diameter.
     """
 
     def setup(self) -> None:
@@ -258,6 +287,16 @@ class Reseat(Effect):
         lengths = np.concatenate([[1.0], self.rng.uniform(0.3, 1.2, 63)])
         self.shifts = np.stack([lengths * np.cos(angles), lengths * np.sin(angles)], axis=1)
         self.jumps_s = np.cumsum(self.rng.exponential(SEATS_S, 256))
+        onset_s = self.site.start_s + self.values["onset_s"]
+        self._ways = [
+            LegMemory(lambda way, _speed, start_s: np.abs(way) * (start_s >= onset_s))
+            for _ in self.site.machine.sliders
+        ]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let every way after the onset turn the ball."""
+        if self.variant == "turning_ball":
+            self._ways[drive].record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
@@ -277,6 +316,10 @@ class Reseat(Effect):
         elif self.variant == "adhesive_tape":
             crept = GIVES + (1.0 - GIVES) * (np.maximum(t, 0.0) / HOUR_S) ** CREEPS
             y = np.where(after[:, None], np.outer(crept, self.shifts[0]), 0.0)
+        elif self.variant == "turning_ball":
+            way_m = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._ways))
+            corner = complex(*self.shifts[0]) * 0.5 * np.expm1(2j * np.pi * way_m / BALL_TURN_M)
+            y = np.stack([corner.real, corner.imag], axis=1)
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -292,8 +335,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
-        variants=("linear", "random_walk", "warm_up", "with_air", "knocked", "held_back", "flicker"),
-        final="flicker",
+        variants=("linear", "random_walk", "warm_up", "with_air", "knocked", "held_back", "flicker", "passers_by"),
+        final="passers_by",
         reveals="time, floor nests",
         make=StationDrift,
     ),
@@ -314,8 +357,9 @@ EFFECTS = (
             "power_law",
             "two_layers",
             "cold_floor",
+            "warm_jet",
         ),
-        final="cold_floor",
+        final="warm_jet",
         reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
         make=Refraction,
     ),
@@ -324,9 +368,18 @@ EFFECTS = (
         kind="catalogue",
         place="smr",
         size=EffectParameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
-        variants=("step", "each_exchange", "glue", "loose", "put_back", "adhesive_tape", "chip_in_seat"),
-        final="chip_in_seat",
-        reveals="time, one SMR against the others",
+        variants=(
+            "step",
+            "each_exchange",
+            "glue",
+            "loose",
+            "put_back",
+            "adhesive_tape",
+            "chip_in_seat",
+            "turning_ball",
+        ),
+        final="turning_ball",
+        reveals="time or ways moved, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),

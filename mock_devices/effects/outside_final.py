@@ -11,133 +11,131 @@ from mock_devices.effects.base import (
     Array,
     Deviation,
     EffectParameter,
+    Leg,
     MotionState,
-    StationSight,
-    names_of,
 )
-from mock_devices.effects.instrument import move_points, move_station
-from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
+from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 
-GLASS = 1.515  # refractive index of a cover
-BRAKE_S, RAMP_S = 6.0, 5.0  # rest until the brake is closed; in which the controller then lets go
-SPINDLE_S = 1200.0
+HOLDS_M_PER_S = 0.2  # a stop from this speed does not yet move a foot
+BACK = 0.5  # how far it slips the other way, where a cable holds it
+STOPS = 60.0
+TRACK_M = 0.21  # way over which the wrong bit is the same
 
 
-class CoverGlass(OutsideEffect):
-    """A pane in front of a reflector, across the station's second axis: seen askew, it seems to lie further off.
+class BeddingIn(OutsideEffect):
+    """A strut's seat on its slider beds in: every new load presses it down half as far as the one before.
 
-    Parallel shift by a plane plate, in M. Born, E. Wolf, "Principles of Optics" (1959).
+    Shakedown: repeated loads deform a contact plastically less and less, until it answers elastically alone: K. L.
+    Johnson, "Contact Mechanics" (1985).
     """
 
-    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Shift what is seen away from the pane's normal."""
-        i = [smr.name for smr in self.site.machine.smrs].index(names_of(self.site.machine, "smr")[self.place])
-        line = sight.points_m[:, i] / np.linalg.norm(sight.points_m[:, i], axis=1)[:, None]
-        cosine = line[:, 1]
-        sine = np.sqrt(np.maximum(1.0 - cosine**2, 1.0e-18))
-        shifted = sine * (1.0 - cosine / np.sqrt(GLASS**2 - sine**2))  # over the pane's thickness
-        size = self.size * apply_variant(shifted, self.variant, state.payload_kg) / sine
-        moved = np.zeros_like(sight.points_m)
-        moved[:, i] = size[:, None] * (cosine[:, None] * line - np.array([0.0, 1.0, 0.0]))
-        move_points(sight, moved)
+    def _unit(self, state: MotionState) -> Array:
+        return np.asarray(1.0 - 0.5**state.exchanges)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Lower the joint on the slider."""
+        deviation.base_joint_m[:, self.place] -= 1j * self.signal(state)
 
 
-class LeaningBlock(OutsideEffect):
-    """Machine, nests and station stand on one block that leans under what moves; the station's own axis stays plumb.
+class WalkingFeet(OutsideEffect):
+    """Hard stops push the machine over its floor, further to one side than to the other: it walks away from the nests.
 
-    A rigid block on soil turns by the moment over its rocking stiffness: G. Gazetas, "Formulas and Charts for
-    Impedances of Surface and Embedded Foundations" (1991).
+    Friction holds a foot until the force of inertia is larger: D. C. Conrad, W. Soedel, "On the Problem of Oscillatory
+    Walk of Automatic Washing Machines" (1995). What a stop has beyond what friction holds goes with the square of the
+    speed. The first drive pushes to the right on its way up, the second on its way down.
+    """
+
+    def setup(self) -> None:
+        """Where the feet are by the stops of each drive."""
+        super().setup()
+        self._walked = [LegMemory(self._slip), LegMemory(self._slip_of_second)]
+
+    def _slip(self, way_m: Array, speed: Array, _start_s: Array) -> Array:
+        slip = np.maximum((speed / HOLDS_M_PER_S) ** 2 - 1.0, 0.0) / STOPS
+        return np.asarray(np.where(way_m > 0.0, slip, -BACK * slip) * (way_m != 0.0))
+
+    def _slip_of_second(self, way_m: Array, speed: Array, start_s: Array) -> Array:
+        return self._slip(-way_m, speed, start_s)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the stops of the first two drives push."""
+        if drive < len(self._walked):
+            self._walked[drive].record(leg)
+
+    def _unit(self, state: MotionState) -> Array:
+        return np.asarray(sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._walked)))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Move the machine; nests and station stand."""
+        deviation.frame_shift_m += self.signal(state)
+
+
+class JointFriction(OutsideEffect):
+    """Dry friction in the joints hands a moment from every strut to the platform, by the way that it last swung.
+
+    Coulomb friction in the joints of a parallel machine: N. Farhat, V. Mata, A. Page, M. Díaz-Rodríguez, "Dynamic
+    Simulation of a Parallel Robot: Coulomb Friction and Stick-Slip in Robot Joints" (2010). Friction goes with what the
+    joints carry. A strut swings with its own slider, and a little the other way with the other one.
     """
 
     def _unit(self, state: MotionState) -> Array:
         own_kg = self.site.machine.moving_mass_kg
-        return np.asarray(self.platform_x(state) * (own_kg + state.payload_kg) / own_kg)
-
-    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Turn all that the station sees about its own second axis."""
-        turn = np.outer(self.signal(state), [0.0, 1.0, 0.0])
-        move_station(sight, turn, np.zeros_like(turn))
-
-
-class SpindleHeat(OutsideEffect):
-    """A spindle that runs now and then warms the platform, which grows with its joints and reflectors.
-
-    Heat of a motor in a housing, that goes to what is around it: B. Bossmanns, J. F. Tu, "A Thermal Model for High
-    Speed Motorized Spindles" (1999). The size is where the platform would end if it ran on.
-    """
-
-    def setup(self) -> None:
-        """The warmth at every moment at which the spindle is switched, first on."""
-        super().setup()
-        self.switched_s = np.concatenate([[0.0], self.moments_s])
-        warm = [0.0]
-        for k, lasts_s in enumerate(np.diff(self.switched_s).tolist()):
-            aim = float(k % 2 == 0)
-            warm.append(aim + (warm[-1] - aim) * float(np.exp(-lasts_s / SPINDLE_S)))
-        self.warm = np.array(warm)
-
-    def _unit(self, state: MotionState) -> Array:
-        t = self.elapsed_s(state)
-        k = np.searchsorted(self.switched_s, t, side="right") - 1
-        aim = (k % 2 == 0).astype(np.float64)
-        return np.asarray(aim + (self.warm[k] - aim) * np.exp(-(t - self.switched_s[k]) / SPINDLE_S))
+        one, two = state.direction[:, 0], state.direction[:, 1]
+        return np.asarray(0.5 * (two - one) * (own_kg + state.payload_kg) / own_kg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Grow from the platform's origin."""
-        machine = self.site.machine
-        strain = machine.expansion["platform"].coefficient_per_k * self.signal(state)
-        for i, strut in enumerate(machine.struts):
-            deviation.platform_joint_m[:, i] += strain * strut.platform_joint
-        for i, smr in enumerate(machine.smrs):
-            if smr.on == "platform":
-                deviation.smr_m[:, i] += np.outer(strain, smr.position_m)
+        """Turn the platform."""
+        deviation.moment_nm += self.signal(state)
 
 
-class BrakeDrop(OutsideEffect):
-    """A holding brake closes at rest, the controller lets go, and the axis drops through the brake's play.
+class StuckBit(OutsideEffect):
+    """One track of an encoder with a code is read as if it were always dark: a step wherever its bit is one.
 
-    Holding brakes of hanging axes in H. Gross, J. Hamann, G. Wiegärtner, "Electrical Feed Drives in Automation" (2001).
+    Tracks of a binary reflected code, each line of which is two of the next finer ones wide: F. Gray, "Pulse Code
+    Communication" (1953).
     """
 
     def _unit(self, state: MotionState) -> Array:
-        return np.asarray(-np.clip((state.since_s[:, self.place] - BRAKE_S) / RAMP_S, 0.0, 1.0))
+        track = (state.q_m[:, self.place] / TRACK_M + self.phase / (2.0 * np.pi)) % 2.0
+        return np.asarray((track >= 1.0).astype(np.float64))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lower the slider."""
+        """Move the slider: the drive runs on until the count is right."""
         deviation.travel_m[:, self.place] += self.signal(state)
 
 
 EFFECTS = (
     outside_effect(
-        "cover_glass",
-        "smr",
-        CoverGlass,
-        EffectParameter("thickness_m", 1e-4, 2e-3, 2e-2, "of the pane"),
-        "place in the workspace, one SMR against the others",
+        "bedding_in",
+        "strut",
+        BeddingIn,
+        EffectParameter("sinks_m", 1e-6, 3e-5, 1e-3, "in the end"),
+        "number of exchanges of payload",
         final_only=True,
     ),
     outside_effect(
-        "leaning_block",
+        "walking_feet",
         "rig",
-        LeaningBlock,
-        EffectParameter("tilt_rad", 1e-6, 2e-5, 1e-3, "at the edge, without payload"),
-        "x and payload, all SMRs and nests alike",
+        WalkingFeet,
+        EffectParameter("slip_m", 1e-6, 3e-5, 2e-3, "after 60 stops from 0.28 m/s to one side"),
+        "speed of former motions, nests stand still",
         final_only=True,
     ),
     outside_effect(
-        "spindle_heat",
+        "joint_friction",
         "rig",
-        SpindleHeat,
-        EffectParameter("rise_k", 0.1, 5.0, 100.0, "of the platform, if it ran on"),
-        "time, distances between SMRs of the platform",
+        JointFriction,
+        EffectParameter("moment_nm", 1.0, 60.0, 6000.0, "without payload"),
+        "direction of both drives, payload, rotation",
         final_only=True,
     ),
     outside_effect(
-        "brake_drop",
+        "stuck_bit",
         "drive",
-        BrakeDrop,
-        EffectParameter("drop_m", 1e-6, 3e-5, 1e-3, "play of the brake"),
-        "dwell, one way from either side",
+        StuckBit,
+        EffectParameter("step_m", 1e-6, 3e-5, 1e-3, "of the bit"),
+        "drive coordinate, in stretches",
         final_only=True,
     ),
 )

@@ -12,13 +12,18 @@ from mock_devices.effects.base import (
     MotionState,
     StatefulEffect,
     StationSight,
+    names_of,
 )
+from mock_devices.effects.instrument import move_points, move_station
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
 
 LOBES = 5
 HEADS, ORDERS = 4, 4  # of a circle of the station
 STROKE, POLYTROPIC = 0.4, 1.3  # share of the gas that the whole stroke takes up; exponent
 WEAR_M = 100.0
+GLASS = 1.515  # refractive index of a cover
+BRAKE_S, RAMP_S = 6.0, 5.0  # rest until the brake is closed; in which the controller then lets go
+SPINDLE_S = 1200.0
 
 
 class CircleError(OutsideEffect):
@@ -101,6 +106,90 @@ class GasSpring(OutsideEffect):
         deviation.loads.append((np.zeros(len(state), dtype=np.complex128), np.asarray(self.signal(state) * up)))
 
 
+class CoverGlass(OutsideEffect):
+    """A pane in front of a reflector, across the station's second axis: seen askew, it seems to lie further off.
+
+    Parallel shift by a plane plate, in M. Born, E. Wolf, "Principles of Optics" (1959).
+    """
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Shift what is seen away from the pane's normal."""
+        i = [smr.name for smr in self.site.machine.smrs].index(names_of(self.site.machine, "smr")[self.place])
+        line = sight.points_m[:, i] / np.linalg.norm(sight.points_m[:, i], axis=1)[:, None]
+        cosine = line[:, 1]
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 1.0e-18))
+        shifted = sine * (1.0 - cosine / np.sqrt(GLASS**2 - sine**2))  # over the pane's thickness
+        size = self.size * apply_variant(shifted, self.variant, state.payload_kg) / sine
+        moved = np.zeros_like(sight.points_m)
+        moved[:, i] = size[:, None] * (cosine[:, None] * line - np.array([0.0, 1.0, 0.0]))
+        move_points(sight, moved)
+
+
+class LeaningBlock(OutsideEffect):
+    """Machine, nests and station stand on one block that leans under what moves; the station's own axis stays plumb.
+
+    A rigid block on soil turns by the moment over its rocking stiffness: G. Gazetas, "Formulas and Charts for
+    Impedances of Surface and Embedded Foundations" (1991).
+    """
+
+    def _unit(self, state: MotionState) -> Array:
+        own_kg = self.site.machine.moving_mass_kg
+        return np.asarray(self.platform_x(state) * (own_kg + state.payload_kg) / own_kg)
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Turn all that the station sees about its own second axis."""
+        turn = np.outer(self.signal(state), [0.0, 1.0, 0.0])
+        move_station(sight, turn, np.zeros_like(turn))
+
+
+class SpindleHeat(OutsideEffect):
+    """A spindle that runs now and then warms the platform, which grows with its joints and reflectors.
+
+    Heat of a motor in a housing, that goes to what is around it: B. Bossmanns, J. F. Tu, "A Thermal Model for High
+    Speed Motorized Spindles" (1999). The size is where the platform would end if it ran on.
+    """
+
+    def setup(self) -> None:
+        """The warmth at every moment at which the spindle is switched, first on."""
+        super().setup()
+        self.switched_s = np.concatenate([[0.0], self.moments_s])
+        warm = [0.0]
+        for k, lasts_s in enumerate(np.diff(self.switched_s).tolist()):
+            aim = float(k % 2 == 0)
+            warm.append(aim + (warm[-1] - aim) * float(np.exp(-lasts_s / SPINDLE_S)))
+        self.warm = np.array(warm)
+
+    def _unit(self, state: MotionState) -> Array:
+        t = self.elapsed_s(state)
+        k = np.searchsorted(self.switched_s, t, side="right") - 1
+        aim = (k % 2 == 0).astype(np.float64)
+        return np.asarray(aim + (self.warm[k] - aim) * np.exp(-(t - self.switched_s[k]) / SPINDLE_S))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Grow from the platform's origin."""
+        machine = self.site.machine
+        strain = machine.expansion["platform"].coefficient_per_k * self.signal(state)
+        for i, strut in enumerate(machine.struts):
+            deviation.platform_joint_m[:, i] += strain * strut.platform_joint
+        for i, smr in enumerate(machine.smrs):
+            if smr.on == "platform":
+                deviation.smr_m[:, i] += np.outer(strain, smr.position_m)
+
+
+class BrakeDrop(OutsideEffect):
+    """A holding brake closes at rest, the controller lets go, and the axis drops through the brake's play.
+
+    Holding brakes of hanging axes in H. Gross, J. Hamann, G. Wiegärtner, "Electrical Feed Drives in Automation" (2001).
+    """
+
+    def _unit(self, state: MotionState) -> Array:
+        return np.asarray(-np.clip((state.since_s[:, self.place] - BRAKE_S) / RAMP_S, 0.0, 1.0))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Lower the slider."""
+        deviation.travel_m[:, self.place] += self.signal(state)
+
+
 EFFECTS = (
     outside_effect(
         "circle_error",
@@ -129,5 +218,33 @@ EFFECTS = (
         GasSpring,
         EffectParameter("force_n", 50.0, 1500.0, 6e4, "of the extended spring"),
         "height",
+    ),
+    outside_effect(
+        "cover_glass",
+        "smr",
+        CoverGlass,
+        EffectParameter("thickness_m", 1e-4, 2e-3, 2e-2, "of the pane"),
+        "place in the workspace, one SMR against the others",
+    ),
+    outside_effect(
+        "leaning_block",
+        "rig",
+        LeaningBlock,
+        EffectParameter("tilt_rad", 1e-6, 2e-5, 1e-3, "at the edge, without payload"),
+        "x and payload, all SMRs and nests alike",
+    ),
+    outside_effect(
+        "spindle_heat",
+        "rig",
+        SpindleHeat,
+        EffectParameter("rise_k", 0.1, 5.0, 100.0, "of the platform, if it ran on"),
+        "time, distances between SMRs of the platform",
+    ),
+    outside_effect(
+        "brake_drop",
+        "drive",
+        BrakeDrop,
+        EffectParameter("drop_m", 1e-6, 3e-5, 1e-3, "play of the brake"),
+        "dwell, one way from either side",
     ),
 )

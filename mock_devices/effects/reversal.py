@@ -16,12 +16,15 @@ from mock_devices.effects.base import (
     MotionState,
     StatefulEffect,
 )
+from mock_devices.effects.leg_memory import LegMemory, ways_m
 
 FULL_PAYLOAD_KG = 400.0
 PRESLIDING_M = 2.0e-5
 RISE_M = (1.0e-3, 1.0e-2)
 LEAD_ANGLE_RAD = math.radians(5.0)
 REFERENCE_SPEED_M_PER_S = 0.5
+NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # warmth of a nut: fades; how fast it runs in the mean; play gone
+REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, way; share of friction that needs no structure
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
 
@@ -52,6 +55,8 @@ class Backlash(_Play):
     `squeeze_film`: oil between the flanks keeps them apart on arrival and is pressed out by what the drive carries, the
     slower the thinner it is: its thickness in J. Stefan, "Versuche über die scheinbare Adhäsion" (1874), falls with one
     over the root of time.
+    `warm_nut`: a nut that its balls warm has less play, as the clearance of bearings whose rings are unequally warm in
+    T. A. Harris, "Rolling Bearing Analysis" (1966). Its warmth follows from the ways of the last NUT_S.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -60,6 +65,8 @@ class Backlash(_Play):
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let every play of the variant `nested_plays` remember for itself."""
         super().record_leg(drive, leg)
+        if self.variant == "warm_nut" and drive == self.place:
+            self._nut.record(leg)
         if self.variant == "nested_plays":
             states = self._nested[drive]
             moved = states[-1] - (leg.to_m - leg.from_m)
@@ -90,6 +97,7 @@ class Backlash(_Play):
     def setup(self) -> None:
         """The play that is used up on a reversal; the variants change what is seen of it."""
         self.half_m = max(0.5 * self.size, 1e-12)
+        self._nut = LegMemory(ways_m, NUT_S)
         self._nested = [[np.zeros(len(self.nested_half_m))] for _ in self.site.machine.sliders]
         if self.variant == "soft":  # balls and grooves give way: a gradual loop, wider than the usual approach
             self.half_m += 8.0e-3
@@ -111,6 +119,9 @@ class Backlash(_Play):
             own_kg = self.site.machine.moving_mass_kg
             pressed = state.since_s[:, a] / self.values["tau_s"] * (own_kg + state.payload_kg) / own_kg
             offset = offset / np.sqrt(1.0 + pressed)
+        elif self.variant == "warm_nut":
+            warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
+            offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
         elif self.variant == "nested_plays":
             offset = 0.5 * self.size * self._nested_side(state, a)
         elif self.variant == "bouc_wen":
@@ -131,11 +142,21 @@ class FrictionWindup(_Play):
     Design" (1963). `friction_n` is that upwards without payload.
     `warming_grease`: friction of a grease that grows warm after the campaign's begin, whose viscosity falls
     exponentially with its temperature: O. Reynolds, "On the Theory of Lubrication" (1886).
+    `thixotropic`: a grease whose structure every way breaks down and rest builds up again, by the rates of F. Moore,
+    "The Rheology of Ceramic Slips and Bodies" (1959): friction is what the ways and rests before have left.
     """
 
     def setup(self) -> None:
-        """Phase of friction along the screw."""
+        """Phase of friction along the screw; structure of the grease before every leg, whole at first."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self._structure = [[1.0] for _ in self.site.machine.sliders]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the grease remember, too."""
+        super().record_leg(drive, leg)
+        if self.variant == "thixotropic":
+            left = self._structure[drive][-1] * math.exp(-abs(leg.to_m - leg.from_m) / SHEARED_M)
+            self._structure[drive].append(1.0 - (1.0 - left) * math.exp(-(leg.until_s - leg.end_s) / REBUILT_S))
 
     def load_n(self, state: MotionState) -> Array:
         """What the drive carries (n,)."""
@@ -166,6 +187,10 @@ class FrictionWindup(_Play):
         elif self.variant == "warming_grease":
             warmer_k = GREASE_K * (1.0 - np.exp(-self.elapsed_s(state) / GREASE_S))
             friction = friction * np.exp(-GREASE_PER_K * warmer_k)
+        elif self.variant == "thixotropic":
+            before = np.array([self._structure[a][k] for k in state.leg[:, a].tolist()])
+            left = before * np.exp(-np.abs(state.q_m[:, a] - state.from_m[:, a]) / SHEARED_M)
+            friction = friction * (LEAST + (1.0 - LEAST) * left)
         elif self.variant == "palmgren":
             viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
             friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
@@ -203,9 +228,10 @@ EFFECTS = (
             "nested_plays",
             "bouc_wen",
             "squeeze_film",
+            "warm_nut",
         ),
-        final="squeeze_film",
-        reveals="both directions of approach; by variant drive coordinate, payload, dwell",
+        final="warm_nut",
+        reveals="both directions of approach; by variant drive coordinate, payload, dwell, ways before",
         make=Backlash,
         others=(_TAU,),
     ),
@@ -214,9 +240,9 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=(*FRICTION_VARIANTS, "palmgren", "flanks", "warming_grease"),
-        final="warming_grease",
-        reveals="torque: both directions and payloads; by variant speed, dwell",
+        variants=(*FRICTION_VARIANTS, "palmgren", "flanks", "warming_grease", "thixotropic"),
+        final="thixotropic",
+        reveals="torque: both directions and payloads; by variant speed, dwell, ways before",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,
     ),

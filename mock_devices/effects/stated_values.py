@@ -19,6 +19,8 @@ from mock_devices.effects.base import (
     StatefulEffect,
 )
 from mock_devices.effects.instrument import weather_k
+from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.thermal import lag_behind
 from mock_devices.known_tables import KnownTable, draw_known_tables
 
 FULL_PAYLOAD_KG = 400.0
@@ -26,7 +28,10 @@ LEVER_M = 0.5
 SLIP_K = 0.4
 NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature is as large as the straight one
 TABLES_K = 2.0
+LATE_S = 2400.0
 CREEP_WAY_M = 100.0
+SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: a swing, until it is calm, speed before
+STEPS_M_PER_S, STEPS = 0.3, 40.0  # at which a stepping motor loses its field; how often until the size is reached
 _GRID_S = 30.0
 
 
@@ -39,6 +44,9 @@ class ExpansionCoefficient(Effect):
     Schapery, "Thermal Expansion Coefficients of Composite Materials Based on Energy Principles" (1968).
     `nickel_steel`: the struts are of another steel, which has a part with the square of the temperature, as Ch. É.
     Guillaume found in alloys with nickel: "Invar and Elinvar" (1920).
+    `late_growth`: the struts grow as stated and then creep on, as glassy materials do after a change of temperature in
+    S. F. Jacobs, "Dimensional Stability of Materials Useful in Optical Engineering" (1986): they follow the temperature
+    by the size once more with the time constant LATE_S, all changes counted from the campaign's begin.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -58,6 +66,10 @@ class ExpansionCoefficient(Effect):
         if self.variant == "nickel_steel":
             warmer_k = self.warmth_k(state, "struts")
             strain = self.size * warmer_k * (1.0 + warmer_k / NICKEL_K)
+            deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
+            return
+        if self.variant == "late_growth":
+            strain = self.size * self._late_k(state)
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
             return
         if self.variant == "bimetal":
@@ -99,6 +111,13 @@ class ExpansionCoefficient(Effect):
                     deviation.smr_m[:, i, 0] += arm.real
                     deviation.smr_m[:, i, 1] += arm.imag
 
+    def _late_k(self, state: MotionState) -> Array:
+        """By how many kelvin of the change since the begin the struts have crept (n,)."""
+        sensor = self.site.machine.expansion["struts"].sensor
+        ends_s = np.concatenate([[self.site.start_s], state.t_s])
+        sensed = state.thermal.part_series_c(sensor, ends_s)
+        return lag_behind(state, sensor, self.site.start_s, LATE_S) + sensed[1:] - sensed[0]
+
     def _bend(self, state: MotionState, deviation: Deviation) -> None:
         curvature = 1.5 * self.size * self.warmth_k(state, "drives") / self.thickness_m
         for a, slider in enumerate(self.site.machine.sliders):
@@ -119,6 +138,9 @@ class Payload(Effect):
     `hourglass`: shot trickles from one chamber of the block into another, evenly however much is left: W. A. Beverloo,
     H. A. Leniger, J. van de Velde, "The Flow of Granular Solids Through Orifices" (1961). The mass is right, and the
     centre is off by the whole size once all has run through.
+    `sloshing`: a flat pan of liquid on the block swings to and fro after every motion sideways and grows calm at rest:
+    H. N. Abramson, "The Dynamic Behavior of Liquids in Moving Containers" (1966). The mass is right, and the centre is
+    off by the whole size on arrival from SLOSH_M_PER_S.
     """
 
     def setup(self) -> None:
@@ -136,6 +158,9 @@ class Payload(Effect):
         elif self.variant == "hourglass":
             through = np.minimum(self.elapsed_s(state) / self.empty_s, 1.0)
             deviation.payload_shift_m += mounted * through * self.turn * self.size * LEVER_M / FULL_PAYLOAD_KG
+        elif self.variant == "sloshing":
+            off_m = self.size * LEVER_M / FULL_PAYLOAD_KG * _sloshed(state)
+            deviation.payload_shift_m += mounted * off_m
         elif self.variant == "swapped":
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
         elif self.variant == "draining":
@@ -150,6 +175,13 @@ class Payload(Effect):
         deviation.force_n += extra_kg[:, None] * GRAVITY_M_PER_S2 / len(self.site.machine.sliders)
 
 
+def _sloshed(state: MotionState) -> Array:
+    """Where the liquid is (n,): towards where the platform went when the last of its first two drives stops."""
+    sideways = 0.5 * (state.direction[:, :2] * state.speed_m_per_s[:, :2]) @ np.array([1.0, -1.0]) / SLOSH_M_PER_S
+    rested_s = state.since_s[:, :2].min(axis=1)
+    return np.asarray(sideways * np.exp(-rested_s / CALMS_S) * np.cos(2.0 * np.pi * rested_s / SLOSHES_S))
+
+
 class TablesLeftOn(Effect):
     """Tables of one generation are active though the drives say that they are off; `weight_ratio` 1 is the whole table.
 
@@ -160,6 +192,8 @@ class TablesLeftOn(Effect):
     `by_temperature`: tables for a warm machine, weighted by how much warmer than the reference the columns are: errors
     over place and temperature in M. A. Donmez, D. S. Blomquist, R. J. Hocken, C. R. Liu, M. M. Barash, "A General
     Methodology for Machine Tool Accuracy Enhancement by Error Compensation" (1986). The size is that of TABLES_K.
+    `multiplied`: tables against sag, weighted by a table over the other axis, from nothing at its lower end to twice
+    the size at its upper one: Siemens, "SINUMERIK 840D sl/840Di sl/840D/840Di/810D: Extended Functions" (2006).
     """
 
     def setup(self) -> None:
@@ -190,6 +224,10 @@ class TablesLeftOn(Effect):
             if self.variant == "bidirectional":
                 backward = self._correction_m(self.backward, state, a)
                 correction_m = np.where(state.direction[:, a] < 0.0, backward, correction_m)
+            if self.variant == "multiplied":
+                b = (a + 1) % len(self.site.machine.sliders)
+                middle, half = self.site.drive_range_m(b)
+                correction_m = correction_m * (1.0 + (state.q_m[:, b] - middle) / half)
             deviation.travel_m[:, a] += on * correction_m
 
     def _correction_m(self, tables: dict[str, KnownTable], state: MotionState, a: int) -> Array:
@@ -224,6 +262,9 @@ class DriveScale(StatefulEffect):
     `belt_creep`: a belt that carries weight is longer on its tight side, and creeps on its wheel downwards whichever
     way it runs, so that the zero sinks with the way: O. Reynolds, "On the Efficiency of Belts or Straps as
     Communicators of Work" (1874). The size is that of CREEP_WAY_M.
+    `lost_steps`: a stepping motor falls out of its field where it lifts its load faster than STEPS_M_PER_S, and loses
+    the same few steps each time: pull-out in T. Kenjo, "Stepping Motors and Their Microprocessor Controls" (1984). The
+    size is that of STEPS such motions.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -235,6 +276,13 @@ class DriveScale(StatefulEffect):
         rest = self.rng.standard_normal(31)
         self.offsets = np.concatenate([[0.0, float(np.sign(self.rng.standard_normal()))], rest])[:32]
         self.sign = float(self.offsets[1])
+        self._lost = LegMemory(lambda way, speed, _: ((way > 0.0) & (speed > STEPS_M_PER_S)).astype(np.float64))
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let fast motions upwards lose steps."""
+        super().record_leg(drive, leg)
+        if self.variant == "lost_steps" and drive == self.place:
+            self._lost.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -252,6 +300,8 @@ class DriveScale(StatefulEffect):
         elif self.variant == "belt_creep":
             way = self.state_before(state, a) + np.abs(state.q_m[:, a] - state.from_m[:, a])
             y = -way / CREEP_WAY_M
+        elif self.variant == "lost_steps":
+            y = -self._lost.at(state, a)[:, 0] / STEPS
         elif self.variant == "thermal_slip":
             y = self._slipped(state) * (from_middle + 1.0) / 2.0
         else:
@@ -279,8 +329,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("coefficient_per_k", 1e-7, 5e-6, 3e-4, "beyond the stated coefficient of expansion"),
-        variants=("frame", "mean_of_sensors", "screws", "bimetal", "fibres", "nickel_steel"),
-        final="nickel_steel",
+        variants=("frame", "mean_of_sensors", "screws", "bimetal", "fibres", "nickel_steel", "late_growth"),
+        final="late_growth",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -289,9 +339,9 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("mass_kg", 0.5, 20.0, 8000.0, "beyond the stated one, or 0.5 m beside it"),
-        variants=("mass", "centre", "swapped", "tool_left_on", "draining", "hourglass"),
-        final="hourglass",
-        reveals="payloads, torque",
+        variants=("mass", "centre", "swapped", "tool_left_on", "draining", "hourglass", "sloshing"),
+        final="sloshing",
+        reveals="payloads, torque; by variant time, dwell",
         make=Payload,
     ),
     EffectSpec(
@@ -299,8 +349,8 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("weight_ratio", 0.02, 1.0, 10.0, "weight of the tables, 1 is the whole correction"),
-        variants=("whole", "one_drive", "switched", "bidirectional", "pulses", "by_temperature"),
-        final="by_temperature",
+        variants=("whole", "one_drive", "switched", "bidirectional", "pulses", "by_temperature", "multiplied"),
+        final="multiplied",
         reveals="both drives' coordinates, known tables, SMRs on the sliders",
         make=TablesLeftOn,
         others=(_ONSET,),
@@ -310,9 +360,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("shift_m", 1e-6, 2e-5, 1e-3, "of the zero, or of the scale at the end of the travel"),
-        variants=("homed_anew", "scale_step", "homed_at_exchanges", "thermal_slip", "wavelength", "belt_creep"),
-        final="belt_creep",
-        reveals="time, drive coordinate, SMRs on the sliders",
+        variants=(
+            "homed_anew",
+            "scale_step",
+            "homed_at_exchanges",
+            "thermal_slip",
+            "wavelength",
+            "belt_creep",
+            "lost_steps",
+        ),
+        final="lost_steps",
+        reveals="time or motions made, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(_ONSET,),
     ),

@@ -14,9 +14,11 @@ from mock_devices.effects.base import (
     Effect,
     EffectParameter,
     EffectSpec,
+    Leg,
     MotionState,
     names_of,
 )
+from mock_devices.effects.leg_memory import LegMemory, motions
 from mock_devices.effects.strut_laws import (
     CONTACT_M,
     ball_bearing,
@@ -29,10 +31,14 @@ from mock_devices.effects.strut_laws import (
     spring_seated,
     yielding,
 )
+from mock_devices.machine_file import MachineFile
 
 LEVER_M = 0.25
 PORTAL_M = 0.3
 LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
+BOLTS_M, AT_BOLTS = 0.24, 0.2  # of a rail; its compliance over a bolt, over that between two
+LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
+OIL_S = (12.0, 30.0)  # in which a pin sinks through its oil
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
@@ -49,7 +55,14 @@ class ColumnCompliance(Effect):
     `ball_nut`: the balls of a nut, pressed by what the drive carries, give way the less the more it is: the stiffness
     goes with the cube root of the load in ISO 3408-4, "Ball Screws: Static Axial Rigidity" (2006). The size is that
     without payload.
+    `rail_between_bolts`: a rail that only its bolts hold gives way most between two of them, by the square of the
+    distances to both as a beam on two supports: C. L. Navier, "Résumé des leçons données à l'École des ponts et
+    chaussées" (1826).
     """
+
+    def setup(self) -> None:
+        """Where the bolts are."""
+        self.first_m = float(self.rng.uniform(0.0, BOLTS_M))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -71,6 +84,10 @@ class ColumnCompliance(Effect):
         elif self.variant == "ball_nut":
             own_kg = self.site.machine.moving_mass_kg
             deviation.carriage_compliance[:, a, _ALONG] += c * np.cbrt(own_kg / (own_kg + state.payload_kg))
+        elif self.variant == "rail_between_bolts":
+            span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
+            between = 16.0 * (span * (1.0 - span)) ** 2
+            deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
         elif self.variant == "portal":
             share = 0.5 + 0.5 * (state.q_m[:, a] - middle) / (half + PORTAL_M)
             deviation.carriage_compliance[:, a, _ACROSS] += c * (4.0 * share * (1.0 - share)) ** 3
@@ -92,11 +109,19 @@ class LinkStiffness(Effect):
     it is softer along than across, and the strut's angle decides how much of its force goes along: stiffness in T. C.
     Lim, R. Singh, "Vibration Transmission Through Rolling Element Bearings, Part I: Bearing Stiffness Formulation"
     (1990). The whole size is that of a strut along the bearing.
+    `loosening`: a screwed end that every swing to and fro loosens a little: G. H. Junker, "New Criteria for
+    Self-Loosening of Fasteners Under Vibration" (1969). The whole size is that without any hold left.
     """
 
     def setup(self) -> None:
         """How little the joint of variant `joint_separates` is preloaded."""
         self.preload_n = float(self.rng.uniform(*LOOSE_N))
+        self._swings = LegMemory(motions)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Count the motions of the strut's own drive."""
+        if self.variant == "loosening" and drive == self.site.machine.struts[self.place].drive:
+            self._swings.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the strut's stiffness or its law."""
@@ -117,30 +142,34 @@ class LinkStiffness(Effect):
             deviation.laws.setdefault(i, []).append(yielding(x / 1.0e-4))
         elif self.variant == "softens_with_load":
             deviation.ln_stiffness[:, i] -= x * (0.3 + 0.7 * state.payload_kg / FULL_PAYLOAD_KG)
+        elif self.variant == "loosening":
+            swings = self._swings.at(state, self.site.machine.struts[i].drive)[:, 0]
+            deviation.ln_stiffness[:, i] -= x * (1.0 - np.exp(-swings / LOOSENS))
         else:
             deviation.ln_stiffness[:, i] -= x
 
     def _swing_rad(self, state: MotionState) -> Array:
         """The strut's angle (n,) from that in the middle of all travels, where the nominal struts meet."""
         middle_m = np.array([[self.site.drive_range_m(a)[0] for a in range(state.q_m.shape[1])]])
-        return np.angle(self._way(state.q_m) * self._way(middle_m).conjugate())
+        now, then = (way_of_strut(self.site.machine, self.place, q_m) for q_m in (state.q_m, middle_m))
+        return np.angle(now * then.conjugate())
 
-    def _way(self, q_m: Array) -> Complex:
-        """From the strut's joint on the slider to that on the platform (n,), if the platform does not turn."""
-        machine = self.site.machine
-        mine = machine.struts[self.place]
-        other = next(strut for strut in machine.struts if strut.drive != mine.drive)
-        here, there = (
-            strut.base_joint - strut.platform_joint + machine.sliders[strut.drive].axis * q_m[:, strut.drive]
-            for strut in (mine, other)
-        )
-        apart = np.abs(there - here)
-        along = (apart**2 + mine.length_m**2 - other.length_m**2) / (2.0 * apart)
-        across = 1j * np.sqrt(np.maximum(mine.length_m**2 - along**2, 0.0))
-        slider = machine.sliders[mine.drive]
-        one, two = (np.asarray((along + side * across) * (there - here) / apart) for side in (1.0, -1.0))
-        above = slider.branch * ((one - two) * slider.axis.conjugate()).real > 0.0  # branch 1: it hangs below
-        return np.where(above, two, one)
+
+def way_of_strut(machine: MachineFile, place: int, q_m: Array) -> Complex:
+    """From a strut's joint on the slider to that on the platform (n,), if the platform does not turn."""
+    mine = machine.struts[place]
+    other = next(strut for strut in machine.struts if strut.drive != mine.drive)
+    here, there = (
+        strut.base_joint - strut.platform_joint + machine.sliders[strut.drive].axis * q_m[:, strut.drive]
+        for strut in (mine, other)
+    )
+    apart = np.abs(there - here)
+    along = (apart**2 + mine.length_m**2 - other.length_m**2) / (2.0 * apart)
+    across = 1j * np.sqrt(np.maximum(mine.length_m**2 - along**2, 0.0))
+    slider = machine.sliders[mine.drive]
+    one, two = (np.asarray((along + side * across) * (there - here) / apart) for side in (1.0, -1.0))
+    above = slider.branch * ((one - two) * slider.axis.conjugate()).real > 0.0  # branch 1: it hangs below
+    return np.where(above, two, one)
 
 
 class JointClearance(Effect):
@@ -152,11 +181,16 @@ class JointClearance(Effect):
     is pressed, the more of them the larger it is: R. Stribeck, "Kugellager für beliebige Belastungen" (1901).
     `spring_seated`: a spring presses the joint into its seat, and no play is felt until a force overcomes the spring,
     to one side only: preload in A. H. Slocum, "Precision Machine Design" (1992).
+    `oil_journal`: motion centres the hole on its pin in oil, through which the strut sinks at rest by its weight, so
+    that it hangs longer the steeper it stands and the longer it has rested: eccentricity of a short bearing without
+    rotation in G. B. DuBois, F. W. Ocvirk, "Analytical Derivation and Experimental Evaluation of Short-Bearing
+    Approximation for Full Journal Bearings" (1953).
     """
 
     def setup(self) -> None:
-        """The spring of variant `spring_seated`, and to which side it gives way."""
+        """The spring of variant `spring_seated`, to which side it gives way, and how fast a pin sinks."""
         self.spring_n = float(self.rng.uniform(*SPRING_N)) * float(self.rng.choice([-1.0, 1.0]))
+        self.sinks_s = float(self.rng.uniform(*OIL_S))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Put a dead zone into the strut's law, or seat the pin."""
@@ -165,6 +199,13 @@ class JointClearance(Effect):
             strut = self.site.machine.struts[i]
             drop = state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]
             deviation.length_m[:, i] += c * np.sin(4.0 * drop / strut.length_m)
+            return
+        if self.variant == "oil_journal":
+            machine = self.site.machine
+            down = machine.gravity / abs(machine.gravity) if machine.gravity else -1j
+            steep = (way_of_strut(machine, i, state.q_m) * down.conjugate()).real / machine.struts[i].length_m
+            rested_s = state.since_s[:, machine.struts[i].drive]
+            deviation.length_m[:, i] += c * steep * _sunk(rested_s / self.sinks_s)
             return
         if self.variant == "soft_contact":
             law = dead_zone(c, 0.5 * c)
@@ -182,6 +223,12 @@ class JointClearance(Effect):
             law = dead_zone(c, 0.1 * c)
         if c > 0.0:
             deviation.laws.setdefault(i, []).append(law)
+
+
+def _sunk(rested: Array) -> Array:
+    """Eccentricity e over the clearance (n,): e / (1 - e^2)^(3/2) is the time of rest over the time constant."""
+    s = 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * rested) / 3.0)  # solves s + s^3 = rested
+    return np.asarray(s / np.sqrt(1.0 + s**2))
 
 
 class SmrOffset(Effect):
@@ -257,8 +304,9 @@ EFFECTS = (
             "held_at_both_ends",
             "portal",
             "ball_nut",
+            "rail_between_bolts",
         ),
-        final="ball_nut",
+        final="rail_between_bolts",
         reveals="payload, SMRs on the sliders, height",
         make=ColumnCompliance,
     ),
@@ -276,9 +324,10 @@ EFFECTS = (
             "hertz",
             "joint_separates",
             "fork_bearing",
+            "loosening",
         ),
-        final="fork_bearing",
-        reveals="payload, pose",
+        final="loosening",
+        reveals="payload, pose; by variant the number of motions",
         make=LinkStiffness,
     ),
     EffectSpec(
@@ -295,9 +344,10 @@ EFFECTS = (
             "contact_force",
             "ball_bearing",
             "spring_seated",
+            "oil_journal",
         ),
-        final="spring_seated",
-        reveals="poses where the strut's force changes its sign, payload",
+        final="oil_journal",
+        reveals="poses where the strut's force changes its sign, payload; by variant dwell",
         make=JointClearance,
     ),
     EffectSpec(

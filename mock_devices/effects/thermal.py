@@ -17,6 +17,7 @@ from mock_devices.effects.base import (
     Place,
     StatefulEffect,
 )
+from mock_devices.effects.leg_memory import LegMemory
 
 DUTY_M_PER_S = 0.01
 FOOT_M = -1.2
@@ -26,6 +27,9 @@ BEARING_M_PER_S = 0.5
 CYCLES_S = (1200.0, 3600.0)  # of air that is switched
 FRONT_M, HEAD_M = 0.5, 0.2  # how deep heat has gone after tau_s; from the end of the travel to the column's head
 CELLS = 46  # of a screw
+JOINT, PLATE = 0.2, 0.1  # time constants of a strut's joint and of a column's depth over that of the whole part
+JOINT_M_PER_S = 0.5
+START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
 _GRID_S = 30.0
 _TERMS = 60
 
@@ -137,7 +141,31 @@ class _Warming(Effect):
 
 
 class LinkGrowth(_Warming):
-    """A strut grows by alpha l dT."""
+    """A strut grows by alpha l dT.
+
+    `joint_heat`: oil between the faces of its joint warms the joint, which warms the strut: friction with speed, and so
+    heat with way times speed, in N. P. Petrov, "Friction in Machines and the Effect of the Lubricant" (1883). `rise_k`
+    is where it ends if its drive runs at JOINT_M_PER_S, at rests in between 0.01 m/s in the mean.
+    """
+
+    def setup(self) -> None:
+        """The heat of the joint: at first in it alone, then in the strut."""
+        super().setup()
+        tau = self.values["tau_s"]
+        per_m = 1.0 / (DUTY_M_PER_S * JOINT_M_PER_S * tau)
+        self._heat = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed, tau, JOINT * tau)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the joint be warmed by its own drive."""
+        if self.variant == "joint_heat" and drive == self.site.machine.struts[self.place].drive:
+            self._heat.record(leg)
+
+    def rise_k(self, state: MotionState) -> Array:
+        """The temperature above the sensor (n,)."""
+        if self.variant != "joint_heat":
+            return super().rise_k(state)
+        whole, joint = self._heat.at(state, self.site.machine.struts[self.place].drive).T
+        return np.asarray(self.size * (whole - joint) / (1.0 - JOINT))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lengthen the strut."""
@@ -152,10 +180,25 @@ class ColumnGrowth(_Warming):
     `fin`: warmed at its foot, it is the long fin of J. Fourier, "Théorie analytique de la chaleur" (1822), whose warmth
     falls off exponentially, by e in FIN_M. `soaking`: warmed on one side, it bends first and has only grown in the end.
     `motor_above`: the motor at its head warms it from there, and the heat goes down it as into a long bar.
+    `rail_heat`: the carriage's friction warms the face that the rail is on, so that the column bends with every motion
+    until the heat has gone through it: heat of guides among the sources in R. Venugopal, M. Barash, "Thermal Effects
+    on the Accuracy of Numerically Controlled Machine Tools" (1986). Two terms of the plate's series.
     """
 
     sensor = "columns"
     width_m = 0.4
+
+    def setup(self) -> None:
+        """The heat of the rail: in the mean of the column, and in what bends it."""
+        super().setup()
+        tau = self.values["tau_s"]
+        fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
+        self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the carriage warm its rail."""
+        if self.variant == "rail_heat" and drive == self.place:
+            self._heat.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with the column."""
@@ -170,6 +213,12 @@ class ColumnGrowth(_Warming):
             t, tau = self.elapsed_s(state), self.values["tau_s"]
             mean, slope = (alpha * self.size * share for share in soaked(t, tau))
             deviation.travel_m[:, self.place] += mean * height
+            deviation.sideways_m[:, self.place] += 0.5 * slope / self.width_m * height**2
+            deviation.yaw_rad[:, self.place] += slope / self.width_m * height
+        elif self.variant == "rail_heat":
+            left = alpha * self.size * self._heat.at(state, self.place)
+            slope = 48.0 / np.pi**2 * (left[:, 1] + left[:, 2] / 9.0)
+            deviation.travel_m[:, self.place] += left[:, 0] * height
             deviation.sideways_m[:, self.place] += 0.5 * slope / self.width_m * height**2
             deviation.yaw_rad[:, self.place] += slope / self.width_m * height
         elif self.variant == "motor_above":
@@ -196,6 +245,9 @@ class ScrewGrowth(StatefulEffect):
     `where_it_ran`: the nut warms the screw where it runs, so that its profile follows from all ways: U. Heisel, G.
     Koscsák, T. Stehle, "Thermography-Based Investigation into Thermally Induced Positioning Errors of Feed Drives by
     Example of a Ball Screw" (2006). Remembered is the warmth of every cell.
+    `motor_starts`: the motor above, where the screw is held, is warmed by the current of every start, for which losses
+    go with the speed and not with the way: W. Leonhard, "Control of Electrical Drives" (1985). The size is reached with
+    a start to START_M_PER_S every START_S.
     """
 
     def setup(self) -> None:
@@ -203,6 +255,8 @@ class ScrewGrowth(StatefulEffect):
         low, high = self.site.machine.sliders[self.place].travel_m
         self._edges = np.linspace(low, high, CELLS + 1)
         self._cells = [np.zeros(CELLS)]
+        share = START_S / self.values["tau_s"] / START_M_PER_S
+        self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let every cell of the variant `where_it_ran` remember its warmth."""
@@ -210,6 +264,8 @@ class ScrewGrowth(StatefulEffect):
         if self.variant == "where_it_ran" and drive == self.place:
             ends = (np.array([x]) for x in (leg.start_s, leg.end_s, leg.until_s, leg.from_m, leg.to_m))
             self._cells.append(self._warmed(self._cells[-1][None], *ends)[0])
+        if self.variant == "motor_starts" and drive == self.place:
+            self._starts.record(leg)
 
     def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
         """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
@@ -253,6 +309,11 @@ class ScrewGrowth(StatefulEffect):
         if self.variant == "where_it_ran":
             deviation.travel_m[:, a] += alpha * self._warm_m(state)
             return
+        if self.variant == "motor_starts":
+            up_m = self.site.machine.sliders[a].travel_m[1] - state.q_m[:, a]
+            warm = self.size * self._starts.at(state, a)[:, 0]
+            deviation.travel_m[:, a] -= alpha * warm * MOTOR_FIN_M * (1.0 - np.exp(-up_m / MOTOR_FIN_M))
+            return
         way = np.abs(state.q_m[:, a] - state.from_m[:, a]) * self._friction(state.speed_m_per_s[:, a])
         age = state.t_s - state.leg_start_s[:, a]
         middle = np.maximum(state.t_s - 0.5 * (state.leg_start_s[:, a] + state.leg_end_s[:, a]), 0.0)
@@ -295,24 +356,24 @@ EFFECTS = (
     _spec(
         "link_thermal_growth",
         "strut",
-        ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air", "cycling_air"),
-        "cycling_air",
+        ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air", "cycling_air", "joint_heat"),
+        "joint_heat",
         "time, a temperature swing",
         LinkGrowth,
     ),
     _spec(
         "column_thermal_growth",
         "drive",
-        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above"),
-        "motor_above",
+        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above", "rail_heat"),
+        "rail_heat",
         "time, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
         "screw_thermal_growth",
         "drive",
-        ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing", "where_it_ran"),
-        "where_it_ran",
+        ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing", "where_it_ran", "motor_starts"),
+        "motor_starts",
         "time and the way moved, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

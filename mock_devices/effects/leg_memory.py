@@ -1,0 +1,53 @@
+"""What the legs of a drive leave behind: heat, wear, counts of motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mock_devices.effects.state import Array, Leg, MotionState
+
+FOR_EVER = float("inf")
+Leaves = Callable[[Array, Array, Array], Array]
+
+
+class LegMemory:
+    """Sum over the legs of one drive of what each leaves, in parts that fade with time constants of their own.
+
+    `leaves` gives it (n,) from ways with their sign, speeds and times of beginning. It is left in a leg's middle.
+    """
+
+    def __init__(self, leaves: Leaves, *fade_s: float) -> None:
+        self._leaves = leaves
+        self._fade_s = np.array(fade_s or (FOR_EVER,))
+        self._before = [np.zeros(len(self._fade_s))]
+
+    def record(self, leg: Leg) -> None:
+        """A leg and the rest after it have ended."""
+        way, speed, start, end, until = (
+            np.array([x]) for x in (leg.to_m - leg.from_m, leg.speed_m_per_s, leg.start_s, leg.end_s, leg.until_s)
+        )
+        self._before.append(self._after(self._before[-1][None], way, speed, start, end, until)[0])
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """The sums (n, parts) at the moments of a state, with the leg that is under way or the last one."""
+        before = np.stack([self._before[k] for k in state.leg[:, drive].tolist()])
+        way = state.q_m[:, drive] - state.from_m[:, drive]
+        start, end = state.leg_start_s[:, drive], state.leg_end_s[:, drive]
+        return self._after(before, way, state.speed_m_per_s[:, drive], start, end, state.t_s)
+
+    def _after(self, before: Array, way_m: Array, speed: Array, start_s: Array, end_s: Array, t_s: Array) -> Array:
+        since_s = t_s - np.minimum(0.5 * (start_s + end_s), t_s)
+        kept, left = (np.exp(-age[:, None] / self._fade_s) for age in (t_s - start_s, since_s))
+        return np.asarray(before * kept + self._leaves(way_m, speed, start_s)[:, None] * left)
+
+
+def ways_m(way_m: Array, _speed: Array, _start_s: Array) -> Array:
+    """Metres, whichever way."""
+    return np.abs(way_m)
+
+
+def motions(way_m: Array, _speed: Array, _start_s: Array) -> Array:
+    """One for each motion."""
+    return (way_m != 0.0).astype(np.float64)

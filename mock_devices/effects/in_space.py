@@ -17,16 +17,19 @@ from mock_devices.spatial_file import GROUND, SpatialMachine
 ALL: tuple[str, ...] = ()  # every variant of an effect
 # Their floor lies across the second axis of the frame, which points up in planar machines only.
 NOT_OF_SPACE = ("power_law", "cold_floor")
+# A platform that two sliders in a plane move sideways.
+OF_PLANE = ("sloshing",)
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
     "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
+    "bedding_in",
 )  # fmt: skip
 TURNING = ("guide_angular", "loose_bolt")  # of a carriage about the middle of its joints
 OUTSIDE = (
     "cable_drag", "dry_cable_drag", "payload_shift", "spindle_vibration", "crane_tilt", "humidity_swelling",
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
     "hunting", "circle_error", "lobed_joint", "guide_wear",
-    "leaning_block", "brake_drop",
+    "leaning_block", "brake_drop", "bedding_in", "dark_tracks",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -42,12 +45,12 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "guide_angular": ALL,
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
-    "expansion_coefficient": ("screws", "nickel_steel"),
-    "link_stiffness": ("softer", "softens_with_load"),
+    "expansion_coefficient": ("screws", "nickel_steel", "late_growth"),
+    "link_stiffness": ("softer", "softens_with_load", "loosening"),
     "joint_clearance": ("gravity_seated",),
     "joint_spacing": ALL,
     "link_self_weight": ALL,
-    "payload": ALL,
+    "payload": tuple(v for v in spec_of("payload").variants if v not in OF_PLANE),
     "tracker_drift": ALL,
     "refraction": tuple(v for v in spec_of("refraction").variants if v not in NOT_OF_SPACE),
     "smr_reseat": ALL,

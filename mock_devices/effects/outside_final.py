@@ -20,7 +20,7 @@ from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 HOLDS_M_PER_S = 0.2  # a stop from this speed does not yet move a foot
 BACK = 0.5  # how far it slips the other way, where a cable holds it
 STOPS = 60.0
-TRACK_M = 0.21  # way over which the wrong bit is the same
+TRACK_M = 0.105  # way that the finer bit stands for
 
 
 class BeddingIn(OutsideEffect):
@@ -34,8 +34,9 @@ class BeddingIn(OutsideEffect):
         return np.asarray(1.0 - 0.5**state.exchanges)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lower the joint on the slider."""
-        deviation.base_joint_m[:, self.place] -= 1j * self.signal(state)
+        """Lower the joint on its slider, along the axis."""
+        axis = self.site.machine.sliders[self.site.machine.struts[self.place].drive].axis
+        deviation.base_joint_m[:, self.place] -= axis * self.signal(state)
 
 
 class WalkingFeet(OutsideEffect):
@@ -89,16 +90,16 @@ class JointFriction(OutsideEffect):
         deviation.moment_nm += self.signal(state)
 
 
-class StuckBit(OutsideEffect):
-    """One track of an encoder with a code is read as if it were always dark: a step wherever its bit is one.
+class DarkTracks(OutsideEffect):
+    """Two neighbouring tracks of an encoder with a binary code are read dark: what their bits stand for is missing.
 
-    Tracks of a binary reflected code, each line of which is two of the next finer ones wide: F. Gray, "Pulse Code
-    Communication" (1953).
+    Position encoders in A. K. Susskind, "Notes on Analog-Digital Conversion Techniques" (1957). Finer and coarser
+    tracks are right, so that the error is a stair that begins anew with the next coarser bit.
     """
 
     def _unit(self, state: MotionState) -> Array:
-        track = (state.q_m[:, self.place] / TRACK_M + self.phase / (2.0 * np.pi)) % 2.0
-        return np.asarray((track >= 1.0).astype(np.float64))
+        track = (state.q_m[:, self.place] / TRACK_M + 2.0 * self.phase / np.pi) % 4.0
+        return np.asarray(np.floor(track) / 3.0)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider: the drive runs on until the count is right."""
@@ -131,11 +132,11 @@ EFFECTS = (
         final_only=True,
     ),
     outside_effect(
-        "stuck_bit",
+        "dark_tracks",
         "drive",
-        StuckBit,
-        EffectParameter("step_m", 1e-6, 3e-5, 1e-3, "of the bit"),
-        "drive coordinate, in stretches",
+        DarkTracks,
+        EffectParameter("step_m", 1e-6, 3e-5, 1e-3, "of both bits together"),
+        "drive coordinate, in a stair",
         final_only=True,
     ),
 )

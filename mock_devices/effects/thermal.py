@@ -358,7 +358,7 @@ EFFECTS = (
         "strut",
         ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air", "cycling_air", "joint_heat"),
         "joint_heat",
-        "time, a temperature swing",
+        "time, a temperature swing; by variant way and speed",
         LinkGrowth,
     ),
     _spec(
@@ -366,7 +366,7 @@ EFFECTS = (
         "drive",
         ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above", "rail_heat"),
         "rail_heat",
-        "time, a temperature swing, SMRs on the sliders",
+        "time or the way moved, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(

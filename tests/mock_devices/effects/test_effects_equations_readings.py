@@ -1,4 +1,4 @@
-"""Final forms of station, controls and stated values against their publications, at points worked out by hand."""
+"""Forms of station, controls and stated values against their publications, at points worked out by hand."""
 
 from __future__ import annotations
 

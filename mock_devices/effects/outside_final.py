@@ -44,19 +44,19 @@ class WalkingFeet(OutsideEffect):
 
     Friction holds a foot until the force of inertia is larger: D. C. Conrad, W. Soedel, "On the Problem of Oscillatory
     Walk of Automatic Washing Machines" (1995). What a stop has beyond what friction holds goes with the square of the
-    speed. The first drive pushes to the right on its way up, the second on its way down.
+    speed. The platform, and so the push, goes to the right with the second drive upwards and with the first downwards.
     """
 
     def setup(self) -> None:
         """Where the feet are by the stops of each drive."""
         super().setup()
-        self._walked = [LegMemory(self._slip), LegMemory(self._slip_of_second)]
+        self._walked = [LegMemory(self._slip_of_first), LegMemory(self._slip)]
 
     def _slip(self, way_m: Array, speed: Array, _start_s: Array) -> Array:
         slip = np.maximum((speed / HOLDS_M_PER_S) ** 2 - 1.0, 0.0) / STOPS
         return np.asarray(np.where(way_m > 0.0, slip, -BACK * slip) * (way_m != 0.0))
 
-    def _slip_of_second(self, way_m: Array, speed: Array, start_s: Array) -> Array:
+    def _slip_of_first(self, way_m: Array, speed: Array, start_s: Array) -> Array:
         return self._slip(-way_m, speed, start_s)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -77,7 +77,7 @@ class JointFriction(OutsideEffect):
 
     Coulomb friction in the joints of a parallel machine: N. Farhat, V. Mata, A. Page, M. Díaz-Rodríguez, "Dynamic
     Simulation of a Parallel Robot: Coulomb Friction and Stick-Slip in Robot Joints" (2010). Friction goes with what the
-    joints carry. A strut swings with its own slider, and a little the other way with the other one.
+    joints carry. All struts swing clockwise when the first slider goes up, and back when the second one does.
     """
 
     def _unit(self, state: MotionState) -> Array:

@@ -177,7 +177,7 @@ class Payload(Effect):
 
 def _sloshed(state: MotionState) -> Array:
     """Where the liquid is (n,): towards where the platform went when the last of its first two drives stops."""
-    sideways = 0.5 * (state.direction[:, :2] * state.speed_m_per_s[:, :2]) @ np.array([1.0, -1.0]) / SLOSH_M_PER_S
+    sideways = 0.5 * (state.direction[:, :2] * state.speed_m_per_s[:, :2]) @ np.array([-1.0, 1.0]) / SLOSH_M_PER_S
     rested_s = state.since_s[:, :2].min(axis=1)
     return np.asarray(sideways * np.exp(-rested_s / CALMS_S) * np.cos(2.0 * np.pi * rested_s / SLOSHES_S))
 

@@ -150,9 +150,9 @@ def test_struts_that_grow_late_follow_a_change_since_the_begin():
 
 def test_liquid_swings_after_a_motion_sideways_and_grows_calm():
     one = Alone("payload", 40.0, variant="sloshing")
-    one.move(0, HOME_M + 0.2, speed=0.5, rest_s=0.0)
+    one.move(1, HOME_M + 0.2, speed=0.5, rest_s=0.0)
     one.t_s -= 0.4
-    one.move(1, HOME_M - 0.2, speed=0.5, rest_s=0.0)  # at once with the other: to the right at full speed
+    one.move(0, HOME_M - 0.2, speed=0.5, rest_s=0.0)  # at once with the other: to the right at full speed
     stopped_s = one.t_s
     t = stopped_s + np.linspace(0.0, 45.0, 4501)
     d = one.deviation(t_s=t, q=np.full((4501, 2), HOME_M), payload_kg=200.0)

@@ -30,11 +30,11 @@ def test_a_machine_walks_away_by_its_hard_stops():
     one.move(0, 1.3, speed=0.2)  # as fast as friction still holds
     one.move(1, 0.9, speed=0.1)
     assert one.deviation().frame_shift_m[0] == pytest.approx(0.0, abs=1e-15)
-    one.move(0, 1.1, speed=0.4)  # four times the energy: three times what friction holds, to the left
+    one.move(0, 1.5, speed=0.4)  # four times the energy: three times what friction holds, to the left
     assert one.deviation().frame_shift_m[0] == pytest.approx(-1.5e-6)
     one.move(0, 1.3, speed=0.4)
     assert one.deviation().frame_shift_m[0] == pytest.approx(1.5e-6)
-    one.move(1, 0.7, speed=0.4)  # the second drive pushes to the right on its way down
+    one.move(1, 1.1, speed=0.4)  # the second drive pushes to the right on its way up
     assert one.deviation().frame_shift_m[0] == pytest.approx(4.5e-6)
     one.t_s += 5000.0
     one.move(1, 0.8, speed=0.1)

@@ -202,6 +202,9 @@ def test_ordinary_disturbances_act_on_every_machine(name):
         ("rrr4", "screw_thermal_growth=2", "are cranks, which have no screws"),
         ("rrr3", "payload=20", "moves across gravity"),
         ("gough8", "link_stiffness=0.7,variant=hertz", "the mock has the variants softer"),
+        ("gough8", "payload=20,variant=sloshing", "the mock has the variants mass"),
+        ("delta6", "walking_feet=3e-5", "does not have it"),
+        ("stewart6", "bedding_in=3e-5", "are no sliders, which alone have guides"),
         ("delta6", "backlash=1e-5,place=nobody", "no drive 'nobody'"),
     ],
 )

@@ -38,7 +38,8 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
-    without_curves: whether its curves were not fitted, to save time.
+    without_curves: whether its curves were not fitted, to save time. of_departures: of the log evidence, what smooth
+    departures from its form add at `place`.
     """
 
     effect: Effect
@@ -49,11 +50,17 @@ class Cause:
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
     without_curves: bool = False
+    of_departures: float = 0.0
 
     @property
     def parts(self) -> tuple[Cause, ...]:
         """One cause for each place where it acts."""
         return (replace(self, further=()), *self.further)
+
+    @property
+    def differs_with(self) -> tuple[str, ...]:
+        """Coordinates with which its strength departs from the form at `place`, VISIT from visit to visit."""
+        return tuple(dict.fromkeys(departure.coordinate for departure in self.best.basis_set.departures))
 
     @property
     def prior_deviations(self) -> Array:
@@ -116,7 +123,7 @@ def refit_cause(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cau
 
 def differs_by_visit(cause: Cause) -> bool:
     """Whether the best basis set is another at each visit."""
-    return any(departure.coordinate == VISIT for departure in cause.best.basis_set.departures)
+    return VISIT in cause.differs_with
 
 
 def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cause, *, by_visit: bool) -> Cause:
@@ -148,12 +155,14 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
 
 @dataclass(frozen=True)
 class _PlaceEvidence:
-    """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns."""
+    """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns, and what of
+    the log evidence smooth departures from the form add."""
 
     place: str
     log_evidence: float
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
+    of_departures: float = 0.0
 
 
 def _evidence_by_place(
@@ -223,7 +232,9 @@ def _refine(
         )
         # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
         log_evidence = near.log_evidence + departing.gain
-        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions)
+        smooth = all(departure.coordinate != VISIT for departure in departing.best.basis_set.departures)
+        of_departures = max(departing.gain, 0.0) if smooth else 0.0
+        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, of_departures)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]
@@ -232,7 +243,15 @@ def _refine(
 def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:
     total, best = _total_log_evidence(places), max(places, key=lambda place: place.log_evidence)
     probabilities = {place.place: float(np.exp(place.log_evidence - total)) for place in places}
-    return Cause(effect, total, probabilities, best.place, best.best, best.contributions)
+    return Cause(
+        effect,
+        total,
+        probabilities,
+        best.place,
+        best.best,
+        best.contributions,
+        of_departures=best.of_departures,
+    )
 
 
 def _total_log_evidence(places: list[_PlaceEvidence]) -> float:

@@ -186,13 +186,15 @@ class KeptEvidence:
     """What the probabilities of a verdict are computed from (`verdict.verdict_probabilities`).
 
     log_evidence: of each effect alone; explained: of the causes together; excess: what non-parametric alternatives have
-    more; none_elsewhere: of `none` at other levels of the disturbances.
+    more; none_elsewhere: of `none` at other levels of the disturbances; of_departures: of `explained`, what smooth
+    departures of the causes from their forms add.
     """
 
     log_evidence: Mapping[str, float]
     explained: float
     excess: float
     none_elsewhere: float
+    of_departures: float = 0.0
 
 
 @dataclass(frozen=True)

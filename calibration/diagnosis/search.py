@@ -51,6 +51,11 @@ class SearchResult:
     non_parametric: tuple[NonParametricEffect, ...]
     non_parametric_alone: tuple[NonParametricEffect, ...]
 
+    @property
+    def of_departures(self) -> float:
+        """Of the causes' log evidence, what smooth departures from their forms add."""
+        return of_departures(self.causes)
+
 
 def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> SearchResult:
     """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives.
@@ -80,6 +85,11 @@ def include_effects(
         likelihood = include_cause(likelihood, ranked[0])
         left = [effect for effect in left if effect is not ranked[0].effect]
     return likelihood
+
+
+def of_departures(causes: Sequence[Cause]) -> float:
+    """Of the log evidence of causes at one place each, what smooth departures from their forms add."""
+    return sum(cause.of_departures for cause in causes)
 
 
 def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
@@ -134,15 +144,16 @@ def _search(
                 if other.log_evidence > best.log_evidence:
                     best = other
         ranking = _with_main_cause_first(ranking, best, best.log_evidence - found.log_evidence)
-    non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
-    non_parametric_alone: tuple[NonParametricEffect, ...] = ()
-    if best_log_evidence - best.log_evidence > VERDICT.residual_search_threshold or not best.causes:
-        non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))
-        best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)
-        non_parametric = non_parametric or non_parametric_alone
     parts, likelihoods = [part for cause in best.causes for part in cause.parts], list(best.likelihoods)
     if len(parts) > 1:
         parts, likelihoods = _refit_causes(likelihood, inputs, parts)
+    non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
+    non_parametric_alone: tuple[NonParametricEffect, ...] = ()
+    left_over = best_log_evidence - best.log_evidence + VERDICT.departing_share * of_departures(parts)
+    if left_over > VERDICT.residual_search_threshold or not best.causes:
+        non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))
+        best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)
+        non_parametric = non_parametric or non_parametric_alone
     return SearchResult(
         ranking=tuple(ranking),
         causes=tuple(parts),

@@ -62,6 +62,8 @@ class VerdictSettings:
     """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""
     excess_width_share: float = 0.008
     """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
+    departing_share: float = 0.12
+    """Of the log evidence that departures from forms add, what counts as excess. Source: tuned."""
     temperature_share: float = 0.003
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
     no basis set is exact. Source: tuned to calibrated probabilities."""
@@ -98,12 +100,13 @@ FITTED = (
     "excess_share",
     "excess_width",
     "excess_width_share",
+    "departing_share",
     "temperature_share",
     "smooth_departures",
     "departures_by_visit",
     "u_of_form",
     "u_of_absorbed",
 )
-"""What `make fit-verdict` fits: at most ten constants, none of which belongs to one effect. Of the departures, whose
-two sizes keep their ratio, one factor each; those of sizes follow from sizes that were stated, all others from the
-evidence that a diagnosis keeps."""
+"""What `make fit-verdict` fits: sizes of departures and at most ten constants, none of which belongs to one effect. Of
+the departures, whose two sizes keep their ratio, one factor each; those of sizes follow from sizes that were stated,
+all others from the evidence that a diagnosis keeps."""

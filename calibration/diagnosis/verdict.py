@@ -26,13 +26,20 @@ def probabilities(search_result: SearchResult, none_elsewhere: float = 0.0) -> d
     evidence at these.
     """
     kept = kept_evidence(search_result, none_elsewhere)
-    return verdict_probabilities(kept.log_evidence, kept.explained, kept.excess, none_elsewhere=kept.none_elsewhere)
+    return verdict_probabilities(
+        kept.log_evidence,
+        kept.explained,
+        kept.excess,
+        none_elsewhere=kept.none_elsewhere,
+        of_departures=kept.of_departures,
+    )
 
 
 def kept_evidence(search_result: SearchResult, none_elsewhere: float = 0.0) -> KeptEvidence:
     """What the probabilities follow from."""
     logs = {cause.effect.name: cause.log_evidence for cause in search_result.ranking}
-    return KeptEvidence(logs, search_result.log_evidence, search_result.excess_log_evidence, none_elsewhere)
+    excess = search_result.excess_log_evidence
+    return KeptEvidence(logs, search_result.log_evidence, excess, none_elsewhere, search_result.of_departures)
 
 
 def verdict_probabilities(
@@ -42,14 +49,20 @@ def verdict_probabilities(
     settings: VerdictSettings = VERDICT,
     *,
     none_elsewhere: float = 0.0,
+    of_departures: float = 0.0,
 ) -> dict[str, float]:
-    """The same from the log evidence of each effect alone, of the causes together, and what alternatives have more."""
+    """The same from the log evidence of each effect alone, of the causes together, and what alternatives have more.
+
+    of_departures: of the causes' log evidence, what departures from their forms add. A form that has to bend far to fit
+    is as good as an arbitrary function: a share of it counts as excess.
+    """
     logs = np.array(list(log_evidence.values()))
     strongest = float(logs.max()) if logs.size else 0.0
     explained = max(explained, 0.0)
     any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
     width = settings.excess_width + settings.excess_width_share * explained
-    unknown = float(expit((excess - excess_threshold(explained, settings)) / width))
+    left_over = excess + settings.departing_share * of_departures
+    unknown = float(expit((left_over - excess_threshold(explained, settings)) / width))
     tempered = np.empty(0)
     if logs.size:
         tempered_logs = logs / temperature(strongest, settings)

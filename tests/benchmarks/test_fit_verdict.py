@@ -27,6 +27,7 @@ def drawn(rng: np.random.Generator, right: tuple[str, ...] = ("backlash",)) -> d
         "explained": float(rng.normal(25.0, 15.0)),
         "excess": float(rng.exponential(12.0)),
         "none_elsewhere": float(rng.exponential(1.0)),
+        "of_departures": float(rng.exponential(80.0)),
     }
     return {"evidence": kept, "right": list(right), "size": None}
 
@@ -43,7 +44,9 @@ def drawn_sizes(rng: np.random.Generator, settings: VerdictSettings, count: int)
 
 
 def test_at_most_ten_constants_are_fitted_each_of_the_settings():
-    assert len(FITTED) == len(set(FITTED)) <= 10
+    assert len(FITTED) == len(set(FITTED))
+    assert len([*BY_EVIDENCE, *BY_SIZE]) <= 10
+    assert BY_SEARCH == ("smooth_departures", "departures_by_visit")
     assert sorted([*BY_EVIDENCE, *BY_SEARCH, *BY_SIZE]) == sorted(FITTED)
     assert all(hasattr(VERDICT, name) for name in FITTED)
 
@@ -56,7 +59,12 @@ def test_all_cases_at_once_have_the_probabilities_of_the_diagnosis():
     for row, found in zip(rows, kept.probabilities(settings), strict=True):
         e = row["evidence"]
         expected = verdict_probabilities(
-            e["log_evidence"], e["explained"], e["excess"], settings, none_elsewhere=e["none_elsewhere"]
+            e["log_evidence"],
+            e["explained"],
+            e["excess"],
+            settings,
+            none_elsewhere=e["none_elsewhere"],
+            of_departures=e["of_departures"],
         )
         assert dict(zip((*kept.names, "none", "unknown"), found, strict=True)) == pytest.approx(
             {**dict.fromkeys(kept.names, 0.0), **expected}, abs=1e-12
@@ -77,7 +85,12 @@ def from_constants(rng: np.random.Generator, settings, count: int) -> list[dict]
         row = drawn(rng)
         e = row["evidence"]
         stated = verdict_probabilities(
-            e["log_evidence"], e["explained"], e["excess"], settings, none_elsewhere=e["none_elsewhere"]
+            e["log_evidence"],
+            e["explained"],
+            e["excess"],
+            settings,
+            none_elsewhere=e["none_elsewhere"],
+            of_departures=e["of_departures"],
         )
         row["right"] = [str(rng.choice(list(stated), p=np.array(list(stated.values())) / sum(stated.values())))]
         rows.append(row)
@@ -133,7 +146,13 @@ def test_of_a_size_are_kept_its_deviation_and_the_parts_of_its_uncertainty():
 def test_without_evidence_the_prior_alone_gives_the_range():
     """A case that no constant can change: an effect far beyond any threshold."""
     row = drawn(np.random.default_rng(5))
-    row["evidence"] = {"log_evidence": {"backlash": 500.0}, "explained": 500.0, "excess": 0.0, "none_elsewhere": 0.0}
+    row["evidence"] = row["evidence"] | {
+        "log_evidence": {"backlash": 500.0},
+        "explained": 500.0,
+        "excess": 0.0,
+        "none_elsewhere": 0.0,
+        "of_departures": 0.0,
+    }
     found = fit([Kept.of([row])])
     for name in BY_EVIDENCE:
         low, high = found.ranges[name]

@@ -113,7 +113,7 @@ def _summarise_place(
             for parameter in effect.others
             if parameter.name in parameters
         ),
-        differs_with=tuple(dict.fromkeys(d.coordinate for d in cause.best.basis_set.departures)),
+        differs_with=cause.differs_with,
         aliases=tuple(
             value
             for parameter in effect.others

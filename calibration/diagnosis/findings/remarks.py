@@ -69,16 +69,32 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
             f"{search_result.log_evidence:.0f} explained)"
         )
     if verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
-        most_alike, strongest = search_result.ranking[0], search_result.non_parametric[0]
+        most_alike = search_result.ranking[0]
         at = f" at {most_alike.place}" if most_alike.place else ""
         out.append(
             f"most like {most_alike.effect.name}{at} ({most_alike.log_evidence:.0f} of log evidence alone), but "
-            f"something at {strongest.channel} that depends on {strongest.coordinate} remains "
-            f"({search_result.excess_log_evidence:.0f} more)"
+            f"{_why_not(search_result)}"
         )
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
     return tuple(out)
+
+
+def _why_not(search_result: SearchResult) -> str:
+    """What speaks against the causes that were found: what remains, or how far one has to depart from its form."""
+    departing = VERDICT.departing_share * search_result.of_departures
+    if departing <= search_result.excess_log_evidence:
+        strongest = search_result.non_parametric[0]
+        return (
+            f"something at {strongest.channel} that depends on {strongest.coordinate} remains "
+            f"({search_result.excess_log_evidence:.0f} more)"
+        )
+    farthest = max(search_result.causes, key=lambda cause: cause.of_departures)
+    at, coordinates = f" at {farthest.place}" if farthest.place else "", " and ".join(farthest.differs_with)
+    return (
+        f"{farthest.effect.name}{at} would have to depart far from its form, with {coordinates} "
+        f"({farthest.of_departures:.0f} of {search_result.log_evidence:.0f} that are explained)"
+    )
 
 
 def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:

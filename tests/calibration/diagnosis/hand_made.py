@@ -26,6 +26,7 @@ class Evidence:
     place: str = "left"
     left_of_signal: float = 0.0
     channel: str = "travel.left"
+    of_departures: float = 0.0
 
     @property
     def contributions(self):
@@ -48,7 +49,15 @@ class Evidence:
         return (self,)
 
 
-def found(*causes: Evidence, explained: float | None = None, excess: float = 0.0) -> SimpleNamespace:
-    """The result of a search: all evidence, and how much is explained."""
+def found(
+    *causes: Evidence, explained: float | None = None, excess: float = 0.0, of_departures: float = 0.0
+) -> SimpleNamespace:
+    """The result of a search: all evidence, how much is explained, and what departures add of that."""
     explained = max((c.log_evidence for c in causes), default=0.0) if explained is None else explained
-    return SimpleNamespace(ranking=causes, causes=causes[:1], log_evidence=explained, excess_log_evidence=excess)
+    return SimpleNamespace(
+        ranking=causes,
+        causes=causes[:1],
+        log_evidence=explained,
+        excess_log_evidence=excess,
+        of_departures=of_departures,
+    )

@@ -42,6 +42,13 @@ def test_the_odds_of_unknown_change_by_e_over_a_width_of_four_and_eight_per_mill
     assert p[UNKNOWN] / p["backlash"] == pytest.approx(E)
 
 
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_unknown_has_even_odds_where_departures_explain_a_quarter_more_than_a_hundred(side):
+    # An eighth of what departures add counts as excess: 0.12 (100 + 0.25 E) = 12 + 0.03 E.
+    p = probabilities(found(Evidence("backlash", 1000.0), of_departures=350.0 + side))
+    assert (p[UNKNOWN] > p["backlash"]) is (side > 0.0)
+
+
 @pytest.mark.parametrize(("strongest", "temperature"), [(100.0, 1.3), (1000.0, 4.0)])
 def test_differences_are_divided_by_one_and_three_per_mille_of_the_strongest_evidence(strongest, temperature):
     p = probabilities(found(Evidence("backlash", strongest), Evidence("latency", strongest - temperature)))
@@ -148,6 +155,25 @@ def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(ex
     remarks = _of_verdict(result, verdict, noise_floor_m=5e-6)
     assert len(remarks) == said
     assert all("travel.left" in remark and "time" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(
+    ("excess", "said"), [(11.9, "depart far from its form, with rest and side.left (100 of 400"), (12.1, "travel.left")]
+)
+def test_unknown_says_what_speaks_against_the_likest_effect_what_departs_or_what_remains(excess, said):
+    result = found(Evidence("latency", 300.0, place=""), explained=400.0, excess=excess, of_departures=100.0)
+    result.non_parametric = [SimpleNamespace(channel="travel.left", coordinate="time")]
+    causes = [
+        SimpleNamespace(
+            effect=CATALOGUE.effect(name), place=place, of_departures=added, differs_with=("rest", "side.left")
+        )
+        for name, place, added in (("latency", "", 0.0), ("backlash", "right", 100.0))
+    ]
+    result.causes = causes
+    (remark,) = _of_verdict(result, UNKNOWN, noise_floor_m=5e-6)
+    assert remark.startswith("most like latency (300")
+    assert said in remark
+    assert ("backlash at right" in remark) is (excess < 12.0)
 
 
 def test_what_is_not_tried_to_save_time_is_said():

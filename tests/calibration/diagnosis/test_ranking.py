@@ -5,11 +5,23 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from calibration.diagnosis import ranking
+from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
+from calibration.diagnosis.departure_evidence import DepartingEvidence
+from calibration.effects.api import BasisSet, Departure
 from calibration.recording.header import DisturbanceLevels
 from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS
+
+LIKELIHOOD = SimpleNamespace(linear=SimpleNamespace(machine=None, levels=DisturbanceLevels(), payloads=()))
+
+
+def departing(gain: float, *coordinates: str) -> DepartingEvidence:
+    """Evidence of a basis set that departs with some coordinates."""
+    basis_set = BasisSet((0,), (1.0,), departures=tuple(Departure(0, name, 0) for name in coordinates))
+    return DepartingEvidence(gain, BasisSetEvidence(basis_set, 0.0, 1.0, np.zeros(1), np.zeros((1, 1))), ())
 
 
 def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
@@ -61,9 +73,23 @@ def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(m
     tried = []
     effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
     monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
-    exact = SimpleNamespace(gain=0.0, best=None, contributions=())
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: exact)
-    likelihood = SimpleNamespace(linear=SimpleNamespace(machine=None, levels=DisturbanceLevels(), payloads=()))
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: departing(0.0))
     places = [place("left_upper", strongest), place("right_lower", limit + side)]
-    ranking._refine(likelihood, INPUTS, effect, places, by_visit=False)
+    ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=False)
     assert tried == ([0, 3] if side > 0.0 else [0])
+
+
+@pytest.mark.parametrize(
+    ("gain", "coordinates", "of_departures"),
+    [(9.0, ("rest", "time"), 9.0), (9.0, ("visit",), 0.0), (-0.7, (), 0.0)],
+)
+def test_a_cause_keeps_what_smooth_departures_add_at_its_likeliest_place(monkeypatch, gain, coordinates, of_departures):
+    """What differs by visit has a bound of its own, and an exact form loses a little beside its departures."""
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: departing(gain, *coordinates))
+    effect = CATALOGUE.effect("column_compliance")
+    places = [place("left", 100.0), place("right", 20.0)]
+    cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True, curves=False))
+    assert cause.place == "left"
+    assert cause.log_evidence == pytest.approx(100.0 + gain)
+    assert cause.of_departures == of_departures
+    assert cause.differs_with == coordinates

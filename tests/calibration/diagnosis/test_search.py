@@ -76,6 +76,16 @@ def test_struts_of_one_drive_are_one_part(monkeypatch, strut, limit, side):
     assert len(result.causes) == (2 if side > 0.0 else 1)
 
 
+@pytest.mark.parametrize(("of_departures", "tried"), [(33.0, False), (34.0, True)])
+def test_alternatives_without_causes_are_tried_where_departures_count_as_four(monkeypatch, of_departures, tried):
+    """There is something to say of `unknown` where nothing is left over."""
+    cause = Evidence("backlash", 100.0, of_departures=of_departures)
+    result = searched(monkeypatch, [cause], rest=0.0, alone=90.0)
+    assert result.of_departures == of_departures
+    assert bool(result.non_parametric_alone) is tried
+    assert result.excess_log_evidence == 0.0
+
+
 def test_three_causes_are_enough(monkeypatch):
     rounds = [[Evidence(name, 100.0, "")] for name in ("latency", "refraction", "tracker_drift", "servo_settling")]
     assert [c.name for c in searched(monkeypatch, *rounds).causes] == ["latency", "refraction", "tracker_drift"]

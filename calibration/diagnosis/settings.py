@@ -56,7 +56,7 @@ class VerdictSettings:
     """Prior log odds of `none` against any effect at all. Source: tuned to the rate of false alarms."""
     excess_threshold: float = 12.0
     """Excess log evidence of the best non-parametric alternative at which `unknown` has even odds. Source: tuned."""
-    excess_share: float = 0.03
+    excess_share: float = 0.025
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
     excess_width: float = 4.0
     """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""

@@ -29,23 +29,23 @@ def test_an_effect_needs_log_evidence_of_seven_to_be_likelier_than_none(log_evid
     assert (alone[NONE] < 0.5) is likely
 
 
-@pytest.mark.parametrize(("explained", "threshold"), [(0.0, 12.0), (100.0, 15.0), (1000.0, 42.0)])
+@pytest.mark.parametrize(("explained", "threshold"), [(0.0, 12.0), (100.0, 14.5), (1000.0, 37.0)])
 @pytest.mark.parametrize("side", [-0.1, 0.1])
-def test_unknown_has_even_odds_at_twelve_and_three_per_cent_of_what_is_explained(explained, threshold, side):
+def test_unknown_has_even_odds_at_twelve_and_a_fortieth_of_what_is_explained(explained, threshold, side):
     p = probabilities(found(Evidence("backlash", explained), excess=threshold + side))
     assert (p[UNKNOWN] > p["backlash"]) is (side > 0.0)
 
 
-@pytest.mark.parametrize(("explained", "threshold", "width"), [(0.0, 12.0, 4.0), (1000.0, 42.0, 12.0)])
+@pytest.mark.parametrize(("explained", "threshold", "width"), [(0.0, 12.0, 4.0), (1000.0, 37.0, 12.0)])
 def test_the_odds_of_unknown_change_by_e_over_a_width_of_four_and_eight_per_mille(explained, threshold, width):
     p = probabilities(found(Evidence("backlash", explained), excess=threshold + width))
     assert p[UNKNOWN] / p["backlash"] == pytest.approx(E)
 
 
 @pytest.mark.parametrize("side", [-0.1, 0.1])
-def test_unknown_has_even_odds_where_departures_explain_a_quarter_more_than_a_hundred(side):
-    # An eighth of what departures add counts as excess: 0.12 (100 + 0.25 E) = 12 + 0.03 E.
-    p = probabilities(found(Evidence("backlash", 1000.0), of_departures=350.0 + side))
+def test_unknown_has_even_odds_where_departures_explain_a_fifth_and_a_hundred(side):
+    # Of what departures add 0.12 counts as excess: 0.12 x 308.3 = 12 + 0.025 x 1000.
+    p = probabilities(found(Evidence("backlash", 1000.0), of_departures=308.333 + side))
     assert (p[UNKNOWN] > p["backlash"]) is (side > 0.0)
 
 

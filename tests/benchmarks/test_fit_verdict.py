@@ -32,6 +32,13 @@ def drawn(rng: np.random.Generator, right: tuple[str, ...] = ("backlash",)) -> d
     return {"evidence": kept, "right": list(right), "size": None}
 
 
+def stated_by(settings: VerdictSettings, evidence: dict) -> dict[str, float]:
+    """The probabilities of the diagnosis itself."""
+    of_recording = ("log_evidence", "explained", "excess")
+    given = {key: value for key, value in evidence.items() if key not in of_recording}
+    return verdict_probabilities(*(evidence[key] for key in of_recording), settings, **given)
+
+
 def drawn_sizes(rng: np.random.Generator, settings: VerdictSettings, count: int) -> list[dict]:
     """Cases whose true sizes scatter as some settings state."""
     made = KeptSizes(np.zeros(count), rng.uniform(0.01, 0.1, count), rng.uniform(0.0, 0.9, count))
@@ -58,14 +65,7 @@ def test_all_cases_at_once_have_the_probabilities_of_the_diagnosis():
     kept = Kept.of(rows)
     for row, found in zip(rows, kept.probabilities(settings), strict=True):
         e = row["evidence"]
-        expected = verdict_probabilities(
-            e["log_evidence"],
-            e["explained"],
-            e["excess"],
-            settings,
-            none_elsewhere=e["none_elsewhere"],
-            of_departures=e["of_departures"],
-        )
+        expected = stated_by(settings, e)
         assert dict(zip((*kept.names, "none", "unknown"), found, strict=True)) == pytest.approx(
             {**dict.fromkeys(kept.names, 0.0), **expected}, abs=1e-12
         )
@@ -84,14 +84,7 @@ def from_constants(rng: np.random.Generator, settings, count: int) -> list[dict]
     for _ in range(count):
         row = drawn(rng)
         e = row["evidence"]
-        stated = verdict_probabilities(
-            e["log_evidence"],
-            e["explained"],
-            e["excess"],
-            settings,
-            none_elsewhere=e["none_elsewhere"],
-            of_departures=e["of_departures"],
-        )
+        stated = stated_by(settings, e)
         row["right"] = [str(rng.choice(list(stated), p=np.array(list(stated.values())) / sum(stated.values())))]
         rows.append(row)
     return rows

@@ -12,9 +12,9 @@ BED_PER_M = 3.0
 POLL_S = 1024.0
 COUPLED_S = 6.0  # in which a following error dies out
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
-RESOLVER_M = 0.02  # way of a slider in a turn of its resolver
+RESOLVER_M = 0.02  # travel of a slider in one turn of its resolver
 HOUR_S = 3600.0
-LONG, AFTER_M = 6.0, 0.5  # slow part of an after-effect over tau_s; way that leaves the size
+LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -27,9 +27,9 @@ class AxisCoupling(Effect):
     as a long beam under one force in M. Hetényi, "Beams on Elastic Foundation" (1946).
     `cross_coupled`: a controller that gives a part of one axis's following error to the other, for the contour's sake:
     Y. Koren, "Cross-Coupled Biaxial Computer Control for Manufacturing Systems" (1980). It dies out at rest.
-    `crosstalk`: the other axis's signals get into the cable of this one's, as in H. W. Ott, "Noise Reduction Techniques
-    in Electronic Systems" (1976). To a signal of the own phase they add a small one of the other phase, so that the
-    error goes with the sine of the difference.
+    `crosstalk`: signals of the other axis couple into the cable of this one's resolver, as in H. W. Ott, "Noise
+    Reduction Techniques in Electronic Systems" (1976). They add a small signal of the other phase to the axis's own, so
+    that the error goes with the sine of the difference in phase.
     """
 
     def setup(self) -> None:
@@ -81,9 +81,9 @@ class Latency(Effect):
     "Internet Time Synchronization: The Network Time Protocol" (1991): the size is how far just before they are set.
     `queued`: messages wait for others, by times that are spread as an exponential whose mean is the size, as in a queue
     of L. Kleinrock, "Queueing Systems" (1975); the latest tenth is given up and asked for anew.
-    `clock_ageing`: a clock that was set once and whose rate goes on changing is off by the square of time: D. W. Allan,
-    "Time and Frequency (Time-Domain) Characterization, Estimation, and Prediction of Precision Clocks and Oscillators"
-    (1987). The size is that after one hour.
+    `clock_ageing`: the error of a clock that was set once and whose rate drifts grows with the square of time: D. W.
+    Allan, "Time and Frequency (Time-Domain) Characterization, Estimation, and Prediction of Precision Clocks and
+    Oscillators" (1987). The size is the error after one hour.
     """
 
     def early_s(self, state: MotionState) -> Array | float:
@@ -118,8 +118,9 @@ class ServoSettling(Effect):
     Control Engineering" (1970), that has come to rest for the moment when its target stops.
     `dry_friction`: swings that dry friction shortens by the same way each, until it holds the slider beside its target:
     J. P. Den Hartog, "Mechanical Vibrations" (1934). Half a swing takes tau_s.
-    `after_effect`: a belt forgets no way at once, so that all former ways act together, the later the more: L.
-    Boltzmann, "Zur Theorie der elastischen Nachwirkung" (1874), with two rates. A way of AFTER_M leaves the size.
+    `after_effect`: a belt forgets no motion at once, so that all earlier motions act together, the latest ones most: L.
+    Boltzmann, "Zur Theorie der elastischen Nachwirkung" (1874), here with two time constants. A motion by AFTER_M
+    leaves the size.
     """
 
     def setup(self) -> None:

@@ -26,8 +26,8 @@ SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
 WORN, FLANK = 0.25, 0.2  # of half the travel: half the stretch that is worn throughout, and the nut's length
 BENT = math.cos(math.radians(30.0))  # of a universal joint
 TURNS = 138  # of a screw over its travel
-SLIP_M = 6.0  # way on which the balls of a nut fall behind by their whole circle
-HELD = 0.12  # steps by which a counter's switching is late, either way
+SLIP_M = 6.0  # travel over which the balls of a nut fall behind by a whole orbit
+HELD = 0.12  # share of a step by which a counter switches late, in either direction
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -40,18 +40,18 @@ class CumulativeError(Effect):
     `worn_stretch`: one flank is worn where the nut went to and fro in daily work, by a depth that goes with its way: J.
     F. Archard, "Contact and Rubbing of Flat Surfaces" (1953). At both ends of the stretch it falls off over a nut's
     length.
-    `pitch_walk`: every turn of the thread errs by itself, as the deviation within 2 pi of ISO 3408-3, "Ball Screws:
-    Acceptance Conditions and Acceptance Tests" (2006), and the errors add up along the screw.
+    `pitch_walk`: every turn of the thread has an error of its own, the travel variation within 2 pi rad of ISO 3408-3,
+    "Ball Screws: Acceptance Conditions and Acceptance Tests" (2006), and these errors add up along the screw.
     """
 
     def setup(self) -> None:
-        """Draw the curve of variant `irregular`, the places of kink and worn stretch, the walk of the pitch."""
+        """Draw the curve of variant `irregular`, the places of kink and worn stretch, and the walk of the pitch."""
         self.curve = smooth_curve(self.rng)
         self.kink = float(self.rng.uniform(-0.4, 0.4))
         self.worn = float(self.rng.uniform(-0.3, 0.3))
         self.at = np.linspace(-1.0, 1.0, TURNS + 1)
         walk = np.concatenate([[0.0], np.cumsum(self.rng.standard_normal(TURNS))])
-        walk -= np.polyval(np.polyfit(self.at, walk, 1), self.at)  # that is the drive's scale
+        walk -= np.polyval(np.polyfit(self.at, walk, 1), self.at)  # a straight part would be the drive's scale
         self.walk = walk / np.abs(walk).max()
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -85,8 +85,8 @@ class PeriodicError(Effect):
     "Vibration Problems in Engineering" (1928); the nut goes to and fro by its slope, most at both ends.
     `universal_joint`: the motor turns the screw through a bent universal joint, tan(out) = cos(bend) tan(in), that errs
     twice a turn: J. E. Shigley, J. J. Uicker, "Theory of Machines and Mechanisms" (1980).
-    `slipping_balls`: unequal balls also creep in their track, further with every way, so that their part of the error
-    does not come back with the place: E. P. Kingsbury, "Torque Variations in Instrument Ball Bearings" (1965).
+    `slipping_balls`: unequal balls also slip in their track, further with every motion, so that their part of the error
+    does not repeat at the same position: E. P. Kingsbury, "Basic Speed Ratio of an Angular Contact Bearing" (1980).
     """
 
     def setup(self) -> None:
@@ -95,7 +95,7 @@ class PeriodicError(Effect):
         self._ways = LegMemory(ways_m)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the balls of this drive creep."""
+        """Let the balls of this drive slip."""
         if self.variant == "slipping_balls" and drive == self.place:
             self._ways.record(leg)
 
@@ -137,9 +137,9 @@ class Interpolation(Effect):
     period, the third four times.
     `shadow_gratings`: two gratings that cast shadows give triangles, not sines, whose arc tangent errs four times a
     period: J. Guild, "Diffraction Gratings as Measuring Scales" (1960).
-    `coarse_count`: whole periods are counted and nothing between them, a sawtooth as in W. R. Bennett, "Spectra of
-    Quantized Signals" (1948); the counter switches late on either side, as the trigger of O. H. Schmitt, "A Thermionic
-    Trigger" (1938).
+    `coarse_count`: whole periods are counted and nothing in between, which leaves the sawtooth of W. R. Bennett,
+    "Spectra of Quantized Signals" (1948); the counter switches late in either direction, like the trigger of O. H.
+    Schmitt, "A Thermionic Trigger" (1938).
     """
 
     def setup(self) -> None:

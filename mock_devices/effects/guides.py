@@ -26,8 +26,8 @@ BLOCKS_M = 0.2  # from one runner block of a carriage to the other
 WAVES = 40
 CONCRETE = 0.6
 SUPPORTS = 6  # of a rail, from one end of the travel to the other
-GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at the ends over the widest; half width of the worn part
-SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # squares of speeds: scale of the logarithm; how often until the size is reached
+GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; half width of the worn part
+SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # sum of squared speeds: scale of its logarithm; multiple of that at the size
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -43,9 +43,9 @@ class _Guide(Effect):
     `uneven_supports`: a rail is bent over supports of unequal heights by the theorem of three moments of B. P. E.
     Clapeyron, "Calcul d'une poutre élastique reposant librement sur des appuis inégalement espacés" (1857); the guide's
     angle is the slope of that line.
-    `gib_play`: a carriage lies on one side of a worn gib going up and on the other going down, by the gap where it
-    stands: guides that are pressed by eccentric forces in D. N. Reshetov, V. T. Portman, "Accuracy of Machine Tools"
-    (1988). The gap is widest where the carriage runs most.
+    `gib_play`: a carriage lies against one side of a worn gib on its way up and against the other on its way down,
+    offset by the gap where it stands: gibs of sliding guides in A. H. Slocum, "Precision Machine Design" (1992). The
+    gap is widest where the carriage runs most.
     """
 
     slope = False
@@ -154,8 +154,9 @@ class FoundationSettling(Effect):
     Concrete Properties Related to Design" (1971); after tau_s half of it is over.
     `lead_pads`: pads of lead creep with the cube root of time and then evenly: E. N. da C. Andrade, "On the Viscous
     Flow in Metals, and Allied Phenomena" (1910); the size is reached after four times tau_s.
-    `shaken_sand`: sand under the foot is packed by what both drives shake it with, in all by the logarithm of the
-    squares of speeds since the onset: vibration of sand in D. D. Barkan, "Dynamics of Bases and Foundations" (1962).
+    `shaken_sand`: the drives shake the sand under the foot and so pack it: vibration of sand in D. D. Barkan, "Dynamics
+    of Bases and Foundations" (1962). The settlement goes with the logarithm of the sum of squared speeds since the
+    onset.
     """
 
     def setup(self) -> None:

@@ -33,10 +33,10 @@ RETURN_S = 900.0
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
 EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
-PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # somebody goes by, in the mean; how many; floor comes back
-JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: where on the line, how wide, half its height
+PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
+JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
 JET_M = (-0.25, 0.05)  # its middle above the station
-BALL_TURN_M = 80.0  # ways of all drives in which a ball turns once in its seat
+BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
 RELAXES_S = (60.0, 240.0, 960.0, 3840.0, 15360.0)
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 _GRID_S = 60.0
@@ -128,8 +128,8 @@ class StationDrift(Effect):
     Theory of the Brownian Motion" (1930). The size is its standard deviation once it has forgotten where it began.
     `flicker`: many things in it relax in times from short to long, which together drift as 1/f: M. S. Keshner, "1/f
     Noise" (1982). The size is the standard deviation over long times.
-    `passers_by`: the floor gives way where somebody goes by with a load, at random times, and comes back slowly, like
-    the shots of N. Campbell, "The Study of Discontinuous Phenomena" (1909). The size is the standard deviation.
+    `passers_by`: the floor gives way when somebody passes with a load, at random times, and recovers slowly, like the
+    shots of N. Campbell, "The Study of Discontinuous Phenomena" (1909). The size is the standard deviation.
     """
 
     def setup(self) -> None:
@@ -147,7 +147,7 @@ class StationDrift(Effect):
             self.pushes = self.rng.standard_normal((PASSERS, 6)) * math.sqrt(2.0 * PASSERS_S / FORGETS_S)
 
     def _passed(self, elapsed_s: Array) -> Array:
-        """Sum of what is left of all shots (n, 6)."""
+        """What is left of all passages, summed (n, 6)."""
         ago = elapsed_s[:, None] - self.passed_s
         return np.asarray(np.where(ago >= 0.0, np.exp(-np.maximum(ago, 0.0) / FORGETS_S), 0.0) @ self.pushes)
 
@@ -184,13 +184,13 @@ class Refraction(Effect):
     `cold_floor`: cold air has come in over the floor at the campaign's begin, and eddies carry the cold upwards as
     conduction would, so that the gradient is a bell over the floor that widens with the root of time: G. I. Taylor,
     "Eddy Motion in the Atmosphere" (1915). The cold is that of the gradient over the station's height.
-    `warm_jet`: a heater blows warm air across the lines of sight half way, with the bell over its height that jets have
-    in G. N. Abramovich, "The Theory of Turbulent Jets" (1963): lines are bent away from its middle on either side. The
-    gradient is the largest one.
+    `warm_jet`: a heater blows warm air across the lines of sight halfway along them, with the bell-shaped profile over
+    height that jets have in G. N. Abramovich, "The Theory of Turbulent Jets" (1963): lines bend away from its middle on
+    either side. The gradient is the largest one in the jet.
     """
 
     def setup(self) -> None:
-        """How fast the cold of variant `cold_floor` comes up, and how high the jet blows."""
+        """How fast the cold of variant `cold_floor` rises, and how high the jet blows."""
         self.eddies = float(np.exp(self.rng.uniform(*np.log(EDDIES_M2_PER_S))))
         self.jet_m = float(self.rng.uniform(*JET_M))
 
@@ -276,9 +276,9 @@ class Reseat(Effect):
     Characteristics of Plastics" (1944); the size is reached after an hour.
     `chip_in_seat`: put on again upon a chip, it sits in one of two places and jumps by chance: the random telegraph
     signal of S. O. Rice, "Mathematical Analysis of Random Noise" (1944).
-    `turning_ball`: the machine's motions turn the ball in its seat, and the corner of its mirrors, which is beside the
-    ball's centre, goes round: the test of centring in ASME B89.4.19, "Performance Evaluation of Laser-Based Spherical
-    Coordinate Measurement Systems" (2006). The size is the circle's diameter.
+    `turning_ball`: the machine's motions turn the ball in its seat, and the vertex of its mirrors, which is off the
+    ball's centre, goes round: runout in R. E. Bridges, "Method for Measuring 3D Coordinates of a Spherically Mounted
+    Retroreflector from Multiple Stations" (US patent 9,074,869, 2015). The size is the circle's diameter.
     """
 
     def setup(self) -> None:
@@ -294,7 +294,7 @@ class Reseat(Effect):
         ]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let every way after the onset turn the ball."""
+        """Let all travel after the onset turn the ball."""
         if self.variant == "turning_ball":
             self._ways[drive].record(leg)
 

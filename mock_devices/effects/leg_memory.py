@@ -15,7 +15,7 @@ Leaves = Callable[[Array, Array, Array], Array]
 class LegMemory:
     """Sum over the legs of one drive of what each leaves, in parts that fade with time constants of their own.
 
-    `leaves` gives it (n,) from ways with their sign, speeds and times of beginning. It is left in a leg's middle.
+    `leaves` gives it (n,) from signed travel, speed and start time. It is left at the middle of a leg.
     """
 
     def __init__(self, leaves: Leaves, *fade_s: float) -> None:
@@ -31,7 +31,7 @@ class LegMemory:
         self._before.append(self._after(self._before[-1][None], way, speed, start, end, until)[0])
 
     def at(self, state: MotionState, drive: int) -> Array:
-        """The sums (n, parts) at the moments of a state, with the leg that is under way or the last one."""
+        """The sums (n, parts) at the moments of a state, including the leg under way or the last one."""
         before = np.stack([self._before[k] for k in state.leg[:, drive].tolist()])
         way = state.q_m[:, drive] - state.from_m[:, drive]
         start, end = state.leg_start_s[:, drive], state.leg_end_s[:, drive]
@@ -44,7 +44,7 @@ class LegMemory:
 
 
 def ways_m(way_m: Array, _speed: Array, _start_s: Array) -> Array:
-    """Metres, whichever way."""
+    """Metres travelled, in either direction."""
     return np.abs(way_m)
 
 

@@ -18,15 +18,15 @@ from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 
 HOLDS_M_PER_S = 0.2  # a stop from this speed does not yet move a foot
-BACK = 0.5  # how far it slips the other way, where a cable holds it
+BACK = 0.5  # slip to the other side, where a cable holds it, over slip to this one
 STOPS = 60.0
-TRACK_M = 0.105  # way that the finer bit stands for
+TRACK_M = 0.105  # distance that the finer bit stands for
 
 
 class BeddingIn(OutsideEffect):
     """A strut's seat on its slider beds in: every new load presses it down half as far as the one before.
 
-    Shakedown: repeated loads deform a contact plastically less and less, until it answers elastically alone: K. L.
+    Shakedown: repeated loads deform a contact plastically less and less, until its response is elastic only: K. L.
     Johnson, "Contact Mechanics" (1985).
     """
 
@@ -40,15 +40,15 @@ class BeddingIn(OutsideEffect):
 
 
 class WalkingFeet(OutsideEffect):
-    """Hard stops push the machine over its floor, further to one side than to the other: it walks away from the nests.
+    """Hard stops push the machine across its floor, more to one side than to the other: it walks away from its nests.
 
-    Friction holds a foot until the force of inertia is larger: D. C. Conrad, W. Soedel, "On the Problem of Oscillatory
-    Walk of Automatic Washing Machines" (1995). What a stop has beyond what friction holds goes with the square of the
-    speed. The platform, and so the push, goes to the right with the second drive upwards and with the first downwards.
+    Friction holds a foot until inertia exceeds it: D. C. Conrad, W. Soedel, "On the Problem of Oscillatory Walk of
+    Automatic Washing Machines" (1995). The excess of a stop over what friction holds goes with the square of the speed.
+    The platform moves to the right, and so pushes, when the second drive goes up and when the first one goes down.
     """
 
     def setup(self) -> None:
-        """Where the feet are by the stops of each drive."""
+        """How far the stops of each drive have moved the feet."""
         super().setup()
         self._walked = [LegMemory(self._slip_of_first), LegMemory(self._slip)]
 
@@ -73,11 +73,12 @@ class WalkingFeet(OutsideEffect):
 
 
 class JointFriction(OutsideEffect):
-    """Dry friction in the joints hands a moment from every strut to the platform, by the way that it last swung.
+    """Dry friction in the joints passes a moment from every strut to the platform, in the sense of its last swing.
 
     Coulomb friction in the joints of a parallel machine: N. Farhat, V. Mata, A. Page, M. Díaz-Rodríguez, "Dynamic
-    Simulation of a Parallel Robot: Coulomb Friction and Stick-Slip in Robot Joints" (2010). Friction goes with what the
-    joints carry. All struts swing clockwise when the first slider goes up, and back when the second one does.
+    Simulation of a Parallel Robot: Coulomb Friction and Stick-Slip in Robot Joints" (2010). Friction is proportional to
+    what the joints carry. All struts swing clockwise when the first slider goes up, and anticlockwise when the second
+    one does.
     """
 
     def _unit(self, state: MotionState) -> Array:
@@ -91,10 +92,10 @@ class JointFriction(OutsideEffect):
 
 
 class DarkTracks(OutsideEffect):
-    """Two neighbouring tracks of an encoder with a binary code are read dark: what their bits stand for is missing.
+    """Two neighbouring tracks of a binary-coded encoder read dark, so that what their bits stand for is missing.
 
-    Position encoders in A. K. Susskind, "Notes on Analog-Digital Conversion Techniques" (1957). Finer and coarser
-    tracks are right, so that the error is a stair that begins anew with the next coarser bit.
+    Position encoders in A. K. Susskind (ed.), "Notes on Analog-Digital Conversion Techniques" (1957). Finer and coarser
+    tracks read correctly, so that the error is a staircase that starts again with every step of the next coarser bit.
     """
 
     def _unit(self, state: MotionState) -> Array:

@@ -23,8 +23,8 @@ PRESLIDING_M = 2.0e-5
 RISE_M = (1.0e-3, 1.0e-2)
 LEAD_ANGLE_RAD = math.radians(5.0)
 REFERENCE_SPEED_M_PER_S = 0.5
-NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # warmth of a nut: fades; how fast it runs in the mean; play gone
-REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, way; share of friction that needs no structure
+NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # a nut's warmth: decay; mean speed at which it is one; play closed
+REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, travel; share of friction without structure
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
 
@@ -55,8 +55,8 @@ class Backlash(_Play):
     `squeeze_film`: oil between the flanks keeps them apart on arrival and is pressed out by what the drive carries, the
     slower the thinner it is: its thickness in J. Stefan, "Versuche über die scheinbare Adhäsion" (1874), falls with one
     over the root of time.
-    `warm_nut`: a nut that its balls warm has less play, as the clearance of bearings whose rings are unequally warm in
-    T. A. Harris, "Rolling Bearing Analysis" (1966). Its warmth follows from the ways of the last NUT_S.
+    `warm_nut`: a nut that its balls have warmed has less play, like the clearance of bearings whose rings are unequally
+    warm in T. A. Harris, "Rolling Bearing Analysis" (1966). Its warmth comes from the travel of about the last NUT_S.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -142,12 +142,12 @@ class FrictionWindup(_Play):
     Design" (1963). `friction_n` is that upwards without payload.
     `warming_grease`: friction of a grease that grows warm after the campaign's begin, whose viscosity falls
     exponentially with its temperature: O. Reynolds, "On the Theory of Lubrication" (1886).
-    `thixotropic`: a grease whose structure every way breaks down and rest builds up again, by the rates of F. Moore,
-    "The Rheology of Ceramic Slips and Bodies" (1959): friction is what the ways and rests before have left.
+    `thixotropic`: a grease whose structure travel breaks down and rest builds up again, at the rates of F. Moore, "The
+    Rheology of Ceramic Slips and Bodies" (1959): friction is what the motions and rests so far have left.
     """
 
     def setup(self) -> None:
-        """Phase of friction along the screw; structure of the grease before every leg, whole at first."""
+        """Phase of friction along the screw; structure of the grease before every leg, intact at first."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._structure = [[1.0] for _ in self.site.machine.sliders]
 

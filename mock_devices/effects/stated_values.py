@@ -30,8 +30,8 @@ NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature
 TABLES_K = 2.0
 LATE_S = 2400.0
 CREEP_WAY_M = 100.0
-SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: a swing, until it is calm, speed before
-STEPS_M_PER_S, STEPS = 0.3, 40.0  # at which a stepping motor loses its field; how often until the size is reached
+SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
+STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; motions to the size
 _GRID_S = 30.0
 
 
@@ -44,9 +44,10 @@ class ExpansionCoefficient(Effect):
     Schapery, "Thermal Expansion Coefficients of Composite Materials Based on Energy Principles" (1968).
     `nickel_steel`: the struts are of another steel, which has a part with the square of the temperature, as Ch. É.
     Guillaume found in alloys with nickel: "Invar and Elinvar" (1920).
-    `late_growth`: the struts grow as stated and then creep on, as glassy materials do after a change of temperature in
-    S. F. Jacobs, "Dimensional Stability of Materials Useful in Optical Engineering" (1986): they follow the temperature
-    by the size once more with the time constant LATE_S, all changes counted from the campaign's begin.
+    `late_growth`: the struts grow as stated and then creep further, as glassy materials do after a change of
+    temperature in S. F. Jacobs, "Dimensional Stability of Materials Useful in Optical Engineering" (1986). The size is
+    the coefficient of this later growth, which follows the change of temperature since the campaign began with the time
+    constant LATE_S.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -112,7 +113,7 @@ class ExpansionCoefficient(Effect):
                     deviation.smr_m[:, i, 1] += arm.imag
 
     def _late_k(self, state: MotionState) -> Array:
-        """By how many kelvin of the change since the begin the struts have crept (n,)."""
+        """The part of the temperature's change since the beginning that the creep has followed (n,), in kelvin."""
         sensor = self.site.machine.expansion["struts"].sensor
         ends_s = np.concatenate([[self.site.start_s], state.t_s])
         sensed = state.thermal.part_series_c(sensor, ends_s)
@@ -138,9 +139,9 @@ class Payload(Effect):
     `hourglass`: shot trickles from one chamber of the block into another, evenly however much is left: W. A. Beverloo,
     H. A. Leniger, J. van de Velde, "The Flow of Granular Solids Through Orifices" (1961). The mass is right, and the
     centre is off by the whole size once all has run through.
-    `sloshing`: a flat pan of liquid on the block swings to and fro after every motion sideways and grows calm at rest:
+    `sloshing`: liquid in a flat pan on the block swings to and fro after every sideways motion and calms down at rest:
     H. N. Abramson, "The Dynamic Behavior of Liquids in Moving Containers" (1966). The mass is right, and the centre is
-    off by the whole size on arrival from SLOSH_M_PER_S.
+    off by the whole size when a motion at SLOSH_M_PER_S stops.
     """
 
     def setup(self) -> None:
@@ -176,7 +177,7 @@ class Payload(Effect):
 
 
 def _sloshed(state: MotionState) -> Array:
-    """Where the liquid is (n,): towards where the platform went when the last of its first two drives stops."""
+    """Where the liquid is (n,): ahead in the platform's direction when the last of its first two drives stops."""
     sideways = 0.5 * (state.direction[:, :2] * state.speed_m_per_s[:, :2]) @ np.array([-1.0, 1.0]) / SLOSH_M_PER_S
     rested_s = state.since_s[:, :2].min(axis=1)
     return np.asarray(sideways * np.exp(-rested_s / CALMS_S) * np.cos(2.0 * np.pi * rested_s / SLOSHES_S))
@@ -192,8 +193,8 @@ class TablesLeftOn(Effect):
     `by_temperature`: tables for a warm machine, weighted by how much warmer than the reference the columns are: errors
     over place and temperature in M. A. Donmez, D. S. Blomquist, R. J. Hocken, C. R. Liu, M. M. Barash, "A General
     Methodology for Machine Tool Accuracy Enhancement by Error Compensation" (1986). The size is that of TABLES_K.
-    `multiplied`: tables against sag, weighted by a table over the other axis, from nothing at its lower end to twice
-    the size at its upper one: Siemens, "SINUMERIK 840D sl/840Di sl/840D/840Di/810D: Extended Functions" (2006).
+    `multiplied`: tables against sag, multiplied by a table over the other axis, from nothing at its lower end to twice
+    the size at its upper one: Siemens, "SINUMERIK 840D sl/828D: Extended Functions" (2013).
     """
 
     def setup(self) -> None:
@@ -262,9 +263,9 @@ class DriveScale(StatefulEffect):
     `belt_creep`: a belt that carries weight is longer on its tight side, and creeps on its wheel downwards whichever
     way it runs, so that the zero sinks with the way: O. Reynolds, "On the Efficiency of Belts or Straps as
     Communicators of Work" (1874). The size is that of CREEP_WAY_M.
-    `lost_steps`: a stepping motor falls out of its field where it lifts its load faster than STEPS_M_PER_S, and loses
-    the same few steps each time: pull-out in T. Kenjo, "Stepping Motors and Their Microprocessor Controls" (1984). The
-    size is that of STEPS such motions.
+    `lost_steps`: a stepping motor falls out of step where it lifts its load faster than STEPS_M_PER_S, and loses the
+    same few steps each time: pull-out in T. Kenjo, "Stepping Motors and Their Microprocessor Controls" (1984). The size
+    is reached after STEPS such motions.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -279,7 +280,7 @@ class DriveScale(StatefulEffect):
         self._lost = LegMemory(lambda way, speed, _: ((way > 0.0) & (speed > STEPS_M_PER_S)).astype(np.float64))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let fast motions upwards lose steps."""
+        """Let fast upward motions lose steps."""
         super().record_leg(drive, leg)
         if self.variant == "lost_steps" and drive == self.place:
             self._lost.record(leg)

@@ -36,9 +36,9 @@ from mock_devices.machine_file import MachineFile
 LEVER_M = 0.25
 PORTAL_M = 0.3
 LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
-BOLTS_M, AT_BOLTS = 0.24, 0.2  # of a rail; its compliance over a bolt, over that between two
+BOLTS_M, AT_BOLTS = 0.24, 0.2  # spacing on a rail; its compliance at a bolt over that midway between two
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
-OIL_S = (12.0, 30.0)  # in which a pin sinks through its oil
+OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
@@ -55,8 +55,8 @@ class ColumnCompliance(Effect):
     `ball_nut`: the balls of a nut, pressed by what the drive carries, give way the less the more it is: the stiffness
     goes with the cube root of the load in ISO 3408-4, "Ball Screws: Static Axial Rigidity" (2006). The size is that
     without payload.
-    `rail_between_bolts`: a rail that only its bolts hold gives way most between two of them, by the square of the
-    distances to both as a beam on two supports: C. L. Navier, "Résumé des leçons données à l'École des ponts et
+    `rail_between_bolts`: a rail that only its bolts hold gives way most between two of them, with the square of the
+    distance to either, like a beam on two supports: C. L. Navier, "Résumé des leçons données à l'École des ponts et
     chaussées" (1826).
     """
 
@@ -109,8 +109,8 @@ class LinkStiffness(Effect):
     it is softer along than across, and the strut's angle decides how much of its force goes along: stiffness in T. C.
     Lim, R. Singh, "Vibration Transmission Through Rolling Element Bearings, Part I: Bearing Stiffness Formulation"
     (1990). The whole size is that of a strut along the bearing.
-    `loosening`: a screwed end that every swing to and fro loosens a little: G. H. Junker, "New Criteria for
-    Self-Loosening of Fasteners Under Vibration" (1969). The whole size is that without any hold left.
+    `loosening`: a screwed end that every swing of the strut loosens a little: G. H. Junker, "New Criteria for
+    Self-Loosening of Fasteners Under Vibration" (1969). The whole size is reached when no hold is left.
     """
 
     def setup(self) -> None:
@@ -181,10 +181,10 @@ class JointClearance(Effect):
     is pressed, the more of them the larger it is: R. Stribeck, "Kugellager für beliebige Belastungen" (1901).
     `spring_seated`: a spring presses the joint into its seat, and no play is felt until a force overcomes the spring,
     to one side only: preload in A. H. Slocum, "Precision Machine Design" (1992).
-    `oil_journal`: motion centres the hole on its pin in oil, through which the strut sinks at rest by its weight, so
-    that it hangs longer the steeper it stands and the longer it has rested: eccentricity of a short bearing without
-    rotation in G. B. DuBois, F. W. Ocvirk, "Analytical Derivation and Experimental Evaluation of Short-Bearing
-    Approximation for Full Journal Bearings" (1953).
+    `oil_journal`: motion centres the bore on its pin in oil; at rest the strut sinks through the oil by its weight, so
+    that it reaches further down the steeper it stands and the more time it has rested: a squeezed film without rotation
+    in J. F. Booker, "Squeeze Films and Bearing Dynamics", CRC Handbook of Lubrication (1983), here that of a short
+    bearing.
     """
 
     def setup(self) -> None:

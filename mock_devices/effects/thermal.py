@@ -27,7 +27,7 @@ BEARING_M_PER_S = 0.5
 CYCLES_S = (1200.0, 3600.0)  # of air that is switched
 FRONT_M, HEAD_M = 0.5, 0.2  # how deep heat has gone after tau_s; from the end of the travel to the column's head
 CELLS = 46  # of a screw
-JOINT, PLATE = 0.2, 0.1  # time constants of a strut's joint and of a column's depth over that of the whole part
+JOINT, PLATE = 0.2, 0.1  # time constants of a strut's joint and across a column, over that of the whole part
 JOINT_M_PER_S = 0.5
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
 _GRID_S = 30.0
@@ -143,9 +143,9 @@ class _Warming(Effect):
 class LinkGrowth(_Warming):
     """A strut grows by alpha l dT.
 
-    `joint_heat`: oil between the faces of its joint warms the joint, which warms the strut: friction with speed, and so
-    heat with way times speed, in N. P. Petrov, "Friction in Machines and the Effect of the Lubricant" (1883). `rise_k`
-    is where it ends if its drive runs at JOINT_M_PER_S, at rests in between 0.01 m/s in the mean.
+    `joint_heat`: oil between the faces of its joint warms the joint, which warms the strut. Friction goes with speed,
+    and so heat with travel times speed: N. P. Petrov, "Friction in Machines and the Effect of the Lubricant" (1883).
+    `rise_k` is where it ends if its drive runs at JOINT_M_PER_S with rests in between, at 0.01 m/s on average.
     """
 
     def setup(self) -> None:
@@ -180,16 +180,16 @@ class ColumnGrowth(_Warming):
     `fin`: warmed at its foot, it is the long fin of J. Fourier, "Théorie analytique de la chaleur" (1822), whose warmth
     falls off exponentially, by e in FIN_M. `soaking`: warmed on one side, it bends first and has only grown in the end.
     `motor_above`: the motor at its head warms it from there, and the heat goes down it as into a long bar.
-    `rail_heat`: the carriage's friction warms the face that the rail is on, so that the column bends with every motion
-    until the heat has gone through it: heat of guides among the sources in R. Venugopal, M. Barash, "Thermal Effects
-    on the Accuracy of Numerically Controlled Machine Tools" (1986). Two terms of the plate's series.
+    `rail_heat`: the carriage's friction warms the face that carries the rail, so that the column bends with every
+    motion until the heat has spread through it: heat from a machine's own motions in R. Venugopal, M. Barash, "Thermal
+    Effects on the Accuracy of Numerically Controlled Machine Tools" (1986). Two terms of a plate's series.
     """
 
     sensor = "columns"
     width_m = 0.4
 
     def setup(self) -> None:
-        """The heat of the rail: in the mean of the column, and in what bends it."""
+        """The heat of the rail: averaged over the column, and in what bends it."""
         super().setup()
         tau = self.values["tau_s"]
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
@@ -245,9 +245,9 @@ class ScrewGrowth(StatefulEffect):
     `where_it_ran`: the nut warms the screw where it runs, so that its profile follows from all ways: U. Heisel, G.
     Koscsák, T. Stehle, "Thermography-Based Investigation into Thermally Induced Positioning Errors of Feed Drives by
     Example of a Ball Screw" (2006). Remembered is the warmth of every cell.
-    `motor_starts`: the motor above, where the screw is held, is warmed by the current of every start, for which losses
-    go with the speed and not with the way: W. Leonhard, "Control of Electrical Drives" (1985). The size is reached with
-    a start to START_M_PER_S every START_S.
+    `motor_starts`: the current of every start warms the motor at the upper end, where the screw is held; losses go with
+    the speed reached and not with the travel: W. Leonhard, "Control of Electrical Drives" (1985). The size is reached
+    with a start to START_M_PER_S every START_S.
     """
 
     def setup(self) -> None:

@@ -217,7 +217,7 @@ EFFECTS = (
             "after_effect",
         ),
         final="after_effect",
-        reveals="varied dwell and speed, by variant ways before, SMRs on the sliders",
+        reveals="varied dwell and speed, by variant earlier motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
     ),

@@ -379,7 +379,7 @@ EFFECTS = (
             "turning_ball",
         ),
         final="turning_ball",
-        reveals="time or ways moved, one SMR against the others",
+        reveals="time or distance moved, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),

@@ -358,7 +358,7 @@ EFFECTS = (
         "strut",
         ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air", "cycling_air", "joint_heat"),
         "joint_heat",
-        "time, a temperature swing; by variant way and speed",
+        "time, a temperature swing; by variant travel and speed",
         LinkGrowth,
     ),
     _spec(
@@ -366,7 +366,7 @@ EFFECTS = (
         "drive",
         ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above", "rail_heat"),
         "rail_heat",
-        "time or the way moved, a temperature swing, SMRs on the sliders",
+        "time or distance moved, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
@@ -374,7 +374,7 @@ EFFECTS = (
         "drive",
         ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing", "where_it_ran", "motor_starts"),
         "motor_starts",
-        "time and the way moved, drive coordinate, SMRs on the sliders",
+        "time and distance moved, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),
 )

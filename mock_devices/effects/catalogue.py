@@ -9,7 +9,9 @@ import numpy as np
 
 from mock_devices.effects import (
     control,
+    drive_scale,
     drive_train,
+    geometry,
     guides,
     instrument,
     ordinary_disturbances,
@@ -32,11 +34,13 @@ SPECS: dict[str, EffectSpec] = {
         thermal,
         reversal,
         structure,
+        geometry,
         drive_train,
         guides,
         instrument,
         control,
         stated_values,
+        drive_scale,
         outside,
         outside_published,
         outside_parts,

@@ -18,8 +18,8 @@ from mock_devices.effects.base import (
     names_of,
 )
 from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
 
-HOUR_S = 3600.0
 LEVER_M = 3.2
 LIGHT_PER_K = -0.93e-6  # refractive index of air against temperature
 RANGE = ("index_offset", "index_fixed", "index_late")
@@ -29,7 +29,6 @@ FLOOR_SENSOR = "base"
 FLOOR_M = -1.2  # in the machine's frame
 POWER = -1.0 / 3.0
 LOWEST = 0.02  # of the station's height: so near the floor no reflector is
-RETURN_S = 900.0
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
 EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
@@ -37,72 +36,10 @@ PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-b
 JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
 JET_M = (-0.25, 0.05)  # its middle above the station
 BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
-RELAXES_S = (60.0, 240.0, 960.0, 3840.0, 15360.0)
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
-_GRID_S = 60.0
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _FINE = (0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS)
-
-
-class RandomWalk:
-    """A seeded random walk of unit standard deviation after one hour, whenever and in whatever order it is asked."""
-
-    def __init__(self, rng: np.random.Generator, count: int) -> None:
-        self._rng = rng
-        self._nodes = np.zeros((1, count))
-
-    def at(self, elapsed_s: Array) -> Array:
-        """Values (n, count)."""
-        position = elapsed_s / _GRID_S
-        last = int(np.floor(position.max())) + 2
-        while len(self._nodes) <= last:
-            steps = self._rng.standard_normal((256, self._nodes.shape[1])) * np.sqrt(_GRID_S / HOUR_S)
-            self._nodes = np.concatenate([self._nodes, self._walked(self._nodes[-1], steps)])
-        low = np.floor(position).astype(int)
-        share = (position - low)[:, None]
-        return np.asarray((1.0 - share) * self._nodes[low] + share * self._nodes[low + 1])
-
-    def _walked(self, last: Array, steps: Array) -> Array:
-        """The nodes after `last` by further steps (k, count)."""
-        return np.asarray(last + np.cumsum(steps, axis=0))
-
-
-class HeldWalk(RandomWalk):
-    """A random walk that is drawn back to zero: unit standard deviation once it has forgotten its begin there."""
-
-    def __init__(self, rng: np.random.Generator, count: int, return_s: float = RETURN_S) -> None:
-        super().__init__(rng, count)
-        self._return_s = return_s
-
-    def _walked(self, last: Array, steps: Array) -> Array:
-        """Exact for the nodes: each keeps exp(-dt / return_s) of the one before."""
-        keep = math.exp(-_GRID_S / self._return_s)
-        push = steps * math.sqrt((1.0 - keep**2) * HOUR_S / _GRID_S)
-        nodes = np.empty_like(steps)
-        for i, step in enumerate(push):
-            last = keep * last + step
-            nodes[i] = last
-        return nodes
-
-
-class Flicker:
-    """Walks that are held back in times from short to long, which together have a spectrum of 1/f; zero at the begin.
-
-    Each has begun long before, so that it has the same variance at all times; together that is one. Each has its own
-    generator, so that it is the same in whatever order it is asked.
-    """
-
-    def __init__(self, rng: np.random.Generator, count: int) -> None:
-        self._starts = rng.standard_normal((len(RELAXES_S), count))
-        self._walks = [HeldWalk(own, count, s) for own, s in zip(rng.spawn(len(RELAXES_S)), RELAXES_S, strict=True)]
-
-    def at(self, elapsed_s: Array) -> Array:
-        """Values (n, count)."""
-        total = np.zeros((len(elapsed_s), self._starts.shape[1]))
-        for walk, start, relaxes_s in zip(self._walks, self._starts, RELAXES_S, strict=True):
-            total += walk.at(elapsed_s) + np.outer(np.exp(-elapsed_s / relaxes_s) - 1.0, start)
-        return total / math.sqrt(len(RELAXES_S))
 
 
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:

@@ -18,8 +18,9 @@ from mock_devices.effects.base import (
     StatefulEffect,
     StationSight,
 )
-from mock_devices.effects.instrument import LEVER_M, RandomWalk, move_station
+from mock_devices.effects.instrument import LEVER_M, move_station
 from mock_devices.effects.reversal import FRICTION_PARAMETERS, FRICTION_VARIANTS, FrictionWindup
+from mock_devices.effects.walks import RandomWalk
 
 
 class OrdinaryDrift(Effect):

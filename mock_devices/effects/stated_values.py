@@ -1,4 +1,4 @@
-"""What is stated of the rig and not so: expansion, payloads, tables that are off, references of drives."""
+"""What is stated of the rig and not so: expansion, payloads, tables that are off."""
 
 from __future__ import annotations
 
@@ -14,24 +14,17 @@ from mock_devices.effects.base import (
     Effect,
     EffectParameter,
     EffectSpec,
-    Leg,
     MotionState,
-    StatefulEffect,
 )
-from mock_devices.effects.instrument import weather_k
-from mock_devices.effects.leg_memory import LegMemory
-from mock_devices.effects.thermal import lag_behind
+from mock_devices.effects.warming import lag_behind
 from mock_devices.known_tables import KnownTable, draw_known_tables
 
 FULL_PAYLOAD_KG = 400.0
 LEVER_M = 0.5
-SLIP_K = 0.4
 NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature is as large as the straight one
 TABLES_K = 2.0
 LATE_S = 2400.0
-CREEP_WAY_M = 100.0
 SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
-STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; motions to the size
 _GRID_S = 30.0
 
 
@@ -251,78 +244,7 @@ def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
     return np.asarray(nodes[np.maximum(np.searchsorted(nodes, at_m, side="right") - 1, 0)])
 
 
-class DriveScale(StatefulEffect):
-    """Zero or scale of a drive changes during the campaign: by `shift_m`, if of the scale at the end of the travel.
-
-    `thermal_slip`: friction holds the scale against its own expansion up to a limit, beyond which it slips: the elastic
-    element in series with a slider of W. D. Iwan, "A Distributed-Element Model for Hysteresis and Its Steady-State
-    Dynamic Response" (1966), moved by the temperature.
-    `wavelength`: the drive goes by an interferometer whose wavelength was right at the campaign's begin; its scale
-    follows the index of the air as in B. Edlén, "The Refractive Index of Air" (1966), by temperature and pressure. The
-    size is that of 1 K.
-    `belt_creep`: a belt that carries weight is longer on its tight side, and creeps on its wheel downwards whichever
-    way it runs, so that the zero sinks with the way: O. Reynolds, "On the Efficiency of Belts or Straps as
-    Communicators of Work" (1874). The size is that of CREEP_WAY_M.
-    `lost_steps`: a stepping motor falls out of step where it lifts its load faster than STEPS_M_PER_S, and loses the
-    same few steps each time: pull-out in T. Kenjo, "Stepping Motors and Their Microprocessor Controls" (1984). The size
-    is reached after STEPS such motions.
-    """
-
-    def state_after(self, drive: int, before: float, leg: Leg) -> float:
-        """The way so far."""
-        return before + abs(leg.to_m - leg.from_m)
-
-    def setup(self) -> None:
-        """Offsets after each homing; the first is as large as the size."""
-        rest = self.rng.standard_normal(31)
-        self.offsets = np.concatenate([[0.0, float(np.sign(self.rng.standard_normal()))], rest])[:32]
-        self.sign = float(self.offsets[1])
-        self._lost = LegMemory(lambda way, speed, _: ((way > 0.0) & (speed > STEPS_M_PER_S)).astype(np.float64))
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let fast upward motions lose steps."""
-        super().record_leg(drive, leg)
-        if self.variant == "lost_steps" and drive == self.place:
-            self._lost.record(leg)
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Move the slider."""
-        a = self.place
-        middle, half = self.site.drive_range_m(a)
-        after = (state.t_s - self.site.start_s >= self.values["onset_s"]).astype(np.float64)
-        from_middle = (state.q_m[:, a] - middle) / half
-        if self.variant == "scale_step":
-            y = self.sign * after * from_middle
-        elif self.variant == "homed_at_exchanges":  # without a reference after each exchange's power-off
-            y = self.offsets[state.exchanges.astype(int) % len(self.offsets)]
-        elif self.variant == "wavelength":
-            start = np.full(len(state), self.site.start_s)
-            y = (weather_k(state, state.t_s) - weather_k(state, start)) * (from_middle + 1.0) / 2.0
-        elif self.variant == "belt_creep":
-            way = self.state_before(state, a) + np.abs(state.q_m[:, a] - state.from_m[:, a])
-            y = -way / CREEP_WAY_M
-        elif self.variant == "lost_steps":
-            y = -self._lost.at(state, a)[:, 0] / STEPS
-        elif self.variant == "thermal_slip":
-            y = self._slipped(state) * (from_middle + 1.0) / 2.0
-        else:
-            y = self.sign * after
-        deviation.travel_m[:, a] += self.size * y
-
-    def _slipped(self, state: MotionState) -> Array:
-        """Kelvin by which the scale has slipped since the campaign's begin (n,)."""
-        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
-        sensor = self.site.machine.expansion["drives"].sensor
-        warmer_k = state.thermal.part_series_c(sensor, grid)
-        warmer_k = warmer_k - warmer_k[0]
-        slipped, now = np.empty_like(grid), 0.0
-        for i, k in enumerate(warmer_k.tolist()):
-            now = min(max(now, k - SLIP_K), k + SLIP_K)
-            slipped[i] = now
-        return np.asarray(np.interp(state.t_s, grid, slipped))
-
-
-_ONSET = EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin")
+ONSET = EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin")
 
 EFFECTS = (
     EffectSpec(
@@ -354,25 +276,6 @@ EFFECTS = (
         final="multiplied",
         reveals="both drives' coordinates, known tables, SMRs on the sliders",
         make=TablesLeftOn,
-        others=(_ONSET,),
-    ),
-    EffectSpec(
-        name="drive_scale",
-        kind="catalogue",
-        place="drive",
-        size=EffectParameter("shift_m", 1e-6, 2e-5, 1e-3, "of the zero, or of the scale at the end of the travel"),
-        variants=(
-            "homed_anew",
-            "scale_step",
-            "homed_at_exchanges",
-            "thermal_slip",
-            "wavelength",
-            "belt_creep",
-            "lost_steps",
-        ),
-        final="lost_steps",
-        reveals="time or motions made, drive coordinate, SMRs on the sliders",
-        make=DriveScale,
-        others=(_ONSET,),
+        others=(ONSET,),
     ),
 )

@@ -8,7 +8,8 @@ import pytest
 from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Site, StationSight
 from mock_devices.effects.catalogue import make
-from mock_devices.effects.instrument import RandomWalk, move_station
+from mock_devices.effects.instrument import move_station
+from mock_devices.effects.walks import RandomWalk
 from mock_devices.recordings.maker import points
 from tests.mock_devices.effects_bench import FILE, HOME_M, STATION_M, Alone, Temperatures, bench
 

@@ -10,7 +10,7 @@ import pytest
 from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Deviation, Site, StationSight
 from mock_devices.effects.catalogue import make
-from mock_devices.effects.instrument import HeldWalk
+from mock_devices.effects.walks import HeldWalk
 from mock_devices.known_tables import KnownTable
 from tests.mock_devices.effects_bench import FILE, HOME_M, STATION_M, Alone, Temperatures, along
 

@@ -1,0 +1,88 @@
+"""How warm a part is: courses of warming and cooling, and a part that lags behind its sensor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects.base import Array, MotionState
+
+_GRID_S = 30.0
+_TERMS = 60
+
+
+def warm_up(elapsed_s: Array, tau_s: float) -> Array:
+    """Share of the final temperature after a time."""
+    return np.asarray(1.0 - np.exp(-elapsed_s / tau_s))
+
+
+def conducted(elapsed_s: Array, tau_s: float) -> Array:
+    """Share of the final mean temperature of a bar that is warmed at one end, its sides insulated.
+
+    H. S. Carslaw, J. C. Jaeger, "Conduction of Heat in Solids" (1959), 3.3: it begins with the root of time. tau_s is
+    the time constant of the slowest term.
+    """
+    odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
+    return np.asarray(1.0 - 8.0 / np.pi**2 * (np.exp(-np.outer(elapsed_s / tau_s, odd**2)) / odd**2).sum(axis=1))
+
+
+def cooled(elapsed_s: Array, tau_s: float) -> Array:
+    """Share of its first warmth that a part has left in still air: it loses heat with the power 5/4 of its warmth.
+
+    Free convection in W. H. McAdams, "Heat Transmission" (1954): a coefficient with the root of the root of the warmth.
+    tau_s is the time constant of the first moment.
+    """
+    return np.asarray((1.0 + 0.25 * elapsed_s / tau_s) ** -4.0)
+
+
+def soaked(elapsed_s: Array, tau_s: float) -> tuple[Array, Array]:
+    """Mean temperature of a plate that is warmed at one face, and the slope of its profile, both over the face's.
+
+    The other face is insulated. The plate grows by the mean and bends by the slope, 12 times the first moment, as in B.
+    A. Boley, J. H. Weiner, "Theory of Thermal Stresses" (1960): the slope rises and is gone when the plate is warm
+    throughout. tau_s is the time constant of the slowest term.
+    """
+    odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
+    wave = 0.5 * np.pi * odd
+    sine = np.where(odd % 4.0 == 1.0, 1.0, -1.0)
+    left = np.exp(-np.outer(elapsed_s / tau_s, odd**2))
+    mean = 1.0 - left @ (2.0 / wave**2)
+    moment = left @ (2.0 / wave * (sine / wave**2 - 0.5 / wave))
+    return mean, np.where(elapsed_s > 0.0, 12.0 * moment, 0.0)
+
+
+def cycled(elapsed_s: Array, tau_s: float, period_s: float) -> Array:
+    """Warmth over its largest of a part in air that cycles as a sine, from the same temperature at the beginning.
+
+    The part lags behind and swings less: the first element of ANSI B89.6.2, "Temperature and Humidity Environment for
+    Dimensional Measurement" (1973). The sensor, in the machine's slow air, shows nothing of it.
+    """
+    rate = 2.0 * math.pi / period_s
+    lag = math.atan(rate * tau_s)
+    return np.asarray(np.sin(rate * elapsed_s - lag) + math.sin(lag) * np.exp(-elapsed_s / tau_s))
+
+
+def ahead_of_front(distance_m: Array, deep_m: Array) -> Array:
+    """Metres of whole warmth beyond a distance from the warm end of a long bar; deep_m is 2 sqrt(a t).
+
+    The integral of the error function's complement, for an end that is kept warm: H. S. Carslaw, J. C. Jaeger,
+    "Conduction of Heat in Solids" (1959), 2.4.
+    """
+    u = distance_m / deep_m
+    left = np.array([math.erfc(x) for x in u.tolist()])
+    return np.asarray(deep_m * (np.exp(-(u**2)) / math.sqrt(math.pi) - u * left))
+
+
+def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
+    """A part of time constant tau minus its sensor (n,) in kelvin: first order, equal at the beginning."""
+    last_s = float(state.t_s.max())
+    grid = np.arange(start_s, max(last_s, start_s) + 2.0 * _GRID_S, _GRID_S)
+    sensed = state.thermal.part_series_c(part, grid)
+    keep = math.exp(-_GRID_S / tau_s)
+    follow = np.empty_like(sensed)
+    value = sensed[0]
+    for i, now in enumerate(sensed):
+        value = now + (value - now) * keep if i else now
+        follow[i] = value
+    return np.asarray(np.interp(state.t_s, grid, follow - sensed))

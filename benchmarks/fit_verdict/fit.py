@@ -45,14 +45,14 @@ class Scored(Protocol):
 @dataclass(frozen=True)
 class Kept:
     """Evidence of cases (n): log_evidence (n, e) of effects, -inf where one was not tested; explained, excess,
-    none_elsewhere, of_departures (n,); right (n, e + 2): which of the effects, `none` and `unknown` are right."""
+    none_elsewhere, departure_gain (n,); right (n, e + 2): which of the effects, `none` and `unknown` are right."""
 
     names: tuple[str, ...]
     log_evidence: Array
     explained: Array
     excess: Array
     none_elsewhere: Array
-    of_departures: Array
+    departure_gain: Array
     right: NDArray[np.bool_]
 
     @classmethod
@@ -65,7 +65,7 @@ class Kept:
             np.array([[e["log_evidence"].get(name, -np.inf) for name in names] for e in evidence]),
             *(
                 np.array([e[key] for e in evidence])
-                for key in ("explained", "excess", "none_elsewhere", "of_departures")
+                for key in ("explained", "excess", "none_elsewhere", "departure_gain")
             ),
             np.array([[name in row["right"] for name in (*names, NONE, UNKNOWN)] for row in rows]),
         )
@@ -82,7 +82,7 @@ class Kept:
         any_effect = expit(most - self.none_elsewhere - settings.none_prior_log_odds)
         width = settings.excess_width + settings.excess_width_share * explained
         threshold = settings.excess_threshold + settings.excess_share * explained
-        unknown = expit((self.excess + settings.departing_share * self.of_departures - threshold) / width)
+        unknown = expit((self.excess + settings.departure_share * self.departure_gain - threshold) / width)
         tempered = logs / (1.0 + settings.temperature_share * np.maximum(strongest, 0.0))[:, None]
         named = np.exp(tempered - logsumexp(tempered, axis=1, keepdims=True)) * (any_effect * (1.0 - unknown))[:, None]
         return np.column_stack([named, 1.0 - any_effect, any_effect * unknown])

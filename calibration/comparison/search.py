@@ -28,6 +28,7 @@ from calibration.effects.api import BasisSet
 from calibration.machine.description import COORDINATES, Machine
 
 NOTHING, UNKNOWN = "nothing", "unknown"
+COMPARISON_VERDICT = replace(VERDICT, excess_share=0.03)  # with which `make compare-study` was measured
 # Of what differs anew, over the declared levels, which are right within a factor of two (one standard deviation).
 LEVELS, LEVEL_SPREAD = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0), math.log(2.0)
 MOST_CHANGES = VERDICT.max_causes
@@ -120,7 +121,7 @@ class Weighed:
         for found in self.ranking:
             by_structure.setdefault(found.candidate.structure, []).append(found.log_evidence)
         logs = {name: float(log_sum(np.array(values))) - math.log(len(values)) for name, values in by_structure.items()}
-        named = verdict_probabilities(logs, self.log_evidence, self.excess)
+        named = verdict_probabilities(logs, self.log_evidence, self.excess, COMPARISON_VERDICT)
         return {{"none": NOTHING}.get(name, name): p for name, p in named.items()}
 
     def places(self, structure: str) -> dict[str, float]:

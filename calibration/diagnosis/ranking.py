@@ -38,7 +38,7 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
-    without_curves: whether its curves were not fitted, to save time. of_departures: of the log evidence, what smooth
+    without_curves: whether its curves were not fitted, to save time. departure_gain: of the log evidence, what smooth
     departures from its form add at `place`.
     """
 
@@ -50,7 +50,7 @@ class Cause:
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
     without_curves: bool = False
-    of_departures: float = 0.0
+    departure_gain: float = 0.0
 
     @property
     def parts(self) -> tuple[Cause, ...]:
@@ -162,7 +162,7 @@ class _PlaceEvidence:
     log_evidence: float
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
-    of_departures: float = 0.0
+    departure_gain: float = 0.0
 
 
 def _evidence_by_place(
@@ -233,8 +233,8 @@ def _refine(
         # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
         log_evidence = near.log_evidence + departing.gain
         smooth = all(departure.coordinate != VISIT for departure in departing.best.basis_set.departures)
-        of_departures = max(departing.gain, 0.0) if smooth else 0.0
-        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, of_departures)
+        departure_gain = max(departing.gain, 0.0) if smooth else 0.0
+        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, departure_gain)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]
@@ -250,7 +250,7 @@ def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:
         best.place,
         best.best,
         best.contributions,
-        of_departures=best.of_departures,
+        departure_gain=best.departure_gain,
     )
 
 

@@ -12,6 +12,7 @@ from calibration.base.arrays import Array
 from calibration.reduction.left_out import LeftOutReading
 
 NONE, UNKNOWN = "none", "unknown"
+FEW_COORDINATES = 3  # with which a strength differs: a departure is with one of them, or a little with all
 KINDS = (
     "drive", "strut", "smr", "pose", "region", "direction", "load", "speed", "dwell", "time", "temperature", "period",
 )  # fmt: skip
@@ -186,7 +187,7 @@ class KeptEvidence:
     """What the probabilities of a verdict are computed from (`verdict.verdict_probabilities`).
 
     log_evidence: of each effect alone; explained: of the causes together; excess: what non-parametric alternatives have
-    more; none_elsewhere: of `none` at other levels of the disturbances; of_departures: of `explained`, what smooth
+    more; none_elsewhere: of `none` at other levels of the disturbances; departure_gain: of `explained`, what smooth
     departures of the causes from their forms add.
     """
 
@@ -194,7 +195,7 @@ class KeptEvidence:
     explained: float
     excess: float
     none_elsewhere: float
-    of_departures: float = 0.0
+    departure_gain: float = 0.0
 
 
 @dataclass(frozen=True)

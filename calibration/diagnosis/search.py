@@ -52,9 +52,9 @@ class SearchResult:
     non_parametric_alone: tuple[NonParametricEffect, ...]
 
     @property
-    def of_departures(self) -> float:
+    def departure_gain(self) -> float:
         """Of the causes' log evidence, what smooth departures from their forms add."""
-        return of_departures(self.causes)
+        return departure_gain(self.causes)
 
 
 def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> SearchResult:
@@ -87,9 +87,9 @@ def include_effects(
     return likelihood
 
 
-def of_departures(causes: Sequence[Cause]) -> float:
+def departure_gain(causes: Sequence[Cause]) -> float:
     """Of the log evidence of causes at one place each, what smooth departures from their forms add."""
-    return sum(cause.of_departures for cause in causes)
+    return sum(cause.departure_gain for cause in causes)
 
 
 def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
@@ -149,7 +149,7 @@ def _search(
         parts, likelihoods = _refit_causes(likelihood, inputs, parts)
     non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
     non_parametric_alone: tuple[NonParametricEffect, ...] = ()
-    left_over = best_log_evidence - best.log_evidence + VERDICT.departing_share * of_departures(parts)
+    left_over = best_log_evidence - best.log_evidence + VERDICT.departure_share * departure_gain(parts)
     if left_over > VERDICT.residual_search_threshold or not best.causes:
         non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))
         best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)

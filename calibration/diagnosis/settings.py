@@ -62,7 +62,7 @@ class VerdictSettings:
     """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""
     excess_width_share: float = 0.008
     """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
-    departing_share: float = 0.12
+    departure_share: float = 0.12
     """Of the log evidence that departures from forms add, what counts as excess. Source: tuned."""
     temperature_share: float = 0.003
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
@@ -100,7 +100,7 @@ FITTED = (
     "excess_share",
     "excess_width",
     "excess_width_share",
-    "departing_share",
+    "departure_share",
     "temperature_share",
     "smooth_departures",
     "departures_by_visit",

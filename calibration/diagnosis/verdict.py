@@ -31,7 +31,7 @@ def probabilities(search_result: SearchResult, none_elsewhere: float = 0.0) -> d
         kept.explained,
         kept.excess,
         none_elsewhere=kept.none_elsewhere,
-        of_departures=kept.of_departures,
+        departure_gain=kept.departure_gain,
     )
 
 
@@ -39,7 +39,7 @@ def kept_evidence(search_result: SearchResult, none_elsewhere: float = 0.0) -> K
     """What the probabilities follow from."""
     logs = {cause.effect.name: cause.log_evidence for cause in search_result.ranking}
     excess = search_result.excess_log_evidence
-    return KeptEvidence(logs, search_result.log_evidence, excess, none_elsewhere, search_result.of_departures)
+    return KeptEvidence(logs, search_result.log_evidence, excess, none_elsewhere, search_result.departure_gain)
 
 
 def verdict_probabilities(
@@ -49,19 +49,19 @@ def verdict_probabilities(
     settings: VerdictSettings = VERDICT,
     *,
     none_elsewhere: float = 0.0,
-    of_departures: float = 0.0,
+    departure_gain: float = 0.0,
 ) -> dict[str, float]:
     """The same from the log evidence of each effect alone, of the causes together, and what alternatives have more.
 
-    of_departures: of the causes' log evidence, what departures from their forms add. A form that has to bend far to fit
-    is as good as an arbitrary function: a share of it counts as excess.
+    departure_gain: of the causes' log evidence, what departures from their forms add. A form that has to bend far to
+    fit is as good as an arbitrary function: a share of it counts as excess.
     """
     logs = np.array(list(log_evidence.values()))
     strongest = float(logs.max()) if logs.size else 0.0
     explained = max(explained, 0.0)
     any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
     width = settings.excess_width + settings.excess_width_share * explained
-    left_over = excess + settings.departing_share * of_departures
+    left_over = excess + settings.departure_share * departure_gain
     unknown = float(expit((left_over - excess_threshold(explained, settings)) / width))
     tempered = np.empty(0)
     if logs.size:

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from calibration.base.rounding import round_result
 from calibration.diagnosis.result import (
+    FEW_COORDINATES,
     NONE,
     UNKNOWN,
     CampaignAddition,
@@ -34,7 +35,6 @@ PREFIXED = ("m", "rad", "s")
 LARGEST_PPM = 1e-3  # ratios below are shown in ppm
 MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
 WORTH_MEASURING_BIT = 0.01  # expected information below which no campaign is recommended
-FEW_COORDINATES = 3  # with which a strength differs: a departure is with one of them, or a little with all
 
 
 def one_line_summary(diagnosis: Diagnosis) -> str:

@@ -27,7 +27,7 @@ def drawn(rng: np.random.Generator, right: tuple[str, ...] = ("backlash",)) -> d
         "explained": float(rng.normal(25.0, 15.0)),
         "excess": float(rng.exponential(12.0)),
         "none_elsewhere": float(rng.exponential(1.0)),
-        "of_departures": float(rng.exponential(80.0)),
+        "departure_gain": float(rng.exponential(80.0)),
     }
     return {"evidence": kept, "right": list(right), "size": None}
 
@@ -144,7 +144,7 @@ def test_without_evidence_the_prior_alone_gives_the_range():
         "explained": 500.0,
         "excess": 0.0,
         "none_elsewhere": 0.0,
-        "of_departures": 0.0,
+        "departure_gain": 0.0,
     }
     found = fit([Kept.of([row])])
     for name in BY_EVIDENCE:
@@ -197,7 +197,7 @@ def test_only_single_effects_that_can_be_seen_have_a_raw_size():
     assert sources._raw_of_single("effect", truth | {"effects": truth["effects"] * 2}) == {}
 
 
-def test_sizes_of_departures_come_back(monkeypatch):
+def test_sizes_departure_gain_come_back(monkeypatch):
     before = departure_evidence.SMOOTH_SHARES, departure_evidence.SHARES_BY_VISIT
     with run._departures((2.0, 0.5)):
         assert departure_evidence.SMOOTH_SHARES == (0.1, 0.3)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from calibration.diagnosis.level_posterior import COLUMNS
 from calibration.diagnosis.linearised_readings import LinearisedReadings
-from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.ranking import Cause
+from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.recording.header import DisturbanceLevels
@@ -62,17 +63,16 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
         )
     is_effect = verdict not in (NONE, UNKNOWN)
     if is_effect and search_result.excess_log_evidence > INEXACT:
-        strongest = search_result.non_parametric[0]
         out.append(
-            f"the effect's form is not exact: something at {strongest.channel} that depends on {strongest.coordinate} "
-            f"remains ({search_result.excess_log_evidence:.0f} of log evidence, "
-            f"{search_result.log_evidence:.0f} explained)"
+            f"the effect's form is not exact: {_left_over(search_result)} "
+            f"({search_result.excess_log_evidence:.0f} of log evidence, {search_result.log_evidence:.0f} explained)"
         )
+    elif is_effect and _gain_that_counts(search_result) > INEXACT:
+        out.append(f"the effect's form is not exact: {_departs(search_result)}")
     if verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
         most_alike = search_result.ranking[0]
-        at = f" at {most_alike.place}" if most_alike.place else ""
         out.append(
-            f"most like {most_alike.effect.name}{at} ({most_alike.log_evidence:.0f} of log evidence alone), but "
+            f"most like {_named(most_alike)} ({most_alike.log_evidence:.0f} of log evidence alone), but "
             f"{_why_not(search_result)}"
         )
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
@@ -81,20 +81,38 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
 
 
 def _why_not(search_result: SearchResult) -> str:
-    """What speaks against the causes that were found: what remains, or how far one has to depart from its form."""
-    departing = VERDICT.departing_share * search_result.of_departures
-    if departing <= search_result.excess_log_evidence:
-        strongest = search_result.non_parametric[0]
-        return (
-            f"something at {strongest.channel} that depends on {strongest.coordinate} remains "
-            f"({search_result.excess_log_evidence:.0f} more)"
-        )
-    farthest = max(search_result.causes, key=lambda cause: cause.of_departures)
-    at, coordinates = f" at {farthest.place}" if farthest.place else "", " and ".join(farthest.differs_with)
+    """What speaks against the causes that were found: what remains, or how far they depart from their forms."""
+    if _gain_that_counts(search_result) > search_result.excess_log_evidence:
+        return _departs(search_result)
+    return f"{_left_over(search_result)} ({search_result.excess_log_evidence:.0f} more)"
+
+
+def _gain_that_counts(search_result: SearchResult) -> float:
+    return VERDICT.departure_share * search_result.departure_gain
+
+
+def _left_over(search_result: SearchResult) -> str:
+    """The alternative that explains more: in addition to the causes, or without any."""
+    remaining, alone = search_result.non_parametric[0], search_result.non_parametric_alone
+    if alone and alone[0].log_evidence - search_result.log_evidence > remaining.log_evidence:
+        return f"an arbitrary function of {alone[0].coordinate} at {alone[0].channel} alone explains more"
+    return f"something at {remaining.channel} that depends on {remaining.coordinate} remains"
+
+
+def _departs(search_result: SearchResult) -> str:
+    """How far the causes depart from their forms, and the farthest of them."""
+    farthest = max(search_result.causes, key=lambda cause: cause.departure_gain)
+    many = len(farthest.differs_with) > FEW_COORDINATES
+    coordinates = "all that varies" if many else " and ".join(farthest.differs_with)
     return (
-        f"{farthest.effect.name}{at} would have to depart far from its form, with {coordinates} "
-        f"({farthest.of_departures:.0f} of {search_result.log_evidence:.0f} that are explained)"
+        f"{_named(farthest)} has to depart far from its form, with {coordinates} "
+        f"(departures add {search_result.departure_gain:.0f} of the {search_result.log_evidence:.0f} of log evidence "
+        "that are explained)"
     )
+
+
+def _named(cause: Cause) -> str:
+    return f"{cause.effect.name} at {cause.place}" if cause.place else cause.effect.name
 
 
 def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ class Evidence:
     place: str = "left"
     left_of_signal: float = 0.0
     channel: str = "travel.left"
-    of_departures: float = 0.0
+    departure_gain: float = 0.0
 
     @property
     def contributions(self):
@@ -50,7 +50,7 @@ class Evidence:
 
 
 def found(
-    *causes: Evidence, explained: float | None = None, excess: float = 0.0, of_departures: float = 0.0
+    *causes: Evidence, explained: float | None = None, excess: float = 0.0, departure_gain: float = 0.0
 ) -> SimpleNamespace:
     """The result of a search: all evidence, how much is explained, and what departures add of that."""
     explained = max((c.log_evidence for c in causes), default=0.0) if explained is None else explained
@@ -59,5 +59,5 @@ def found(
         causes=causes[:1],
         log_evidence=explained,
         excess_log_evidence=excess,
-        of_departures=of_departures,
+        departure_gain=departure_gain,
     )

@@ -80,10 +80,12 @@ def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(m
 
 
 @pytest.mark.parametrize(
-    ("gain", "coordinates", "of_departures"),
+    ("gain", "coordinates", "departure_gain"),
     [(9.0, ("rest", "time"), 9.0), (9.0, ("visit",), 0.0), (-0.7, (), 0.0)],
 )
-def test_a_cause_keeps_what_smooth_departures_add_at_its_likeliest_place(monkeypatch, gain, coordinates, of_departures):
+def test_a_cause_keeps_what_smooth_departures_add_at_its_likeliest_place(
+    monkeypatch, gain, coordinates, departure_gain
+):
     """What differs by visit has a bound of its own, and an exact form loses a little beside its departures."""
     monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: departing(gain, *coordinates))
     effect = CATALOGUE.effect("column_compliance")
@@ -91,5 +93,14 @@ def test_a_cause_keeps_what_smooth_departures_add_at_its_likeliest_place(monkeyp
     cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True, curves=False))
     assert cause.place == "left"
     assert cause.log_evidence == pytest.approx(100.0 + gain)
-    assert cause.of_departures == of_departures
+    assert cause.departure_gain == departure_gain
     assert cause.differs_with == coordinates
+
+
+def test_each_place_of_a_cause_keeps_what_its_departures_add():
+    effect = CATALOGUE.effect("column_compliance")
+    first, second = (
+        ranking._cause(effect, [replace(place(name, 100.0), departure_gain=gain)])
+        for name, gain in (("left", 9.0), ("right", 4.0))
+    )
+    assert [part.departure_gain for part in replace(first, further=(second,)).parts] == [9.0, 4.0]

@@ -18,21 +18,30 @@ def searched(
     monkeypatch,
     *rounds: list[Evidence],
     rest: float = 100.0,
+    rest_of_two: float | None = None,
     alone: float = 0.0,
+    kept_gain: float = 1.0,
     by_visit: list[Evidence] | None = None,
 ):
     """A search that finds these causes, the strongest of each round first; what remains has evidence `rest`.
 
-    by_visit: the first round where effects may be others at each visit.
+    rest_of_two: the same beside two causes; kept_gain: share of what departures add that is left once causes are fitted
+    beside one another. by_visit: the first round where effects may be others at each visit.
     """
+
+    def left(likelihood: str) -> float:
+        after = {0: alone, 2: rest if rest_of_two is None else rest_of_two}
+        return after.get(likelihood.count("+"), rest)
+
+    def refitted(_, __, causes: list[Evidence]) -> tuple[list[Evidence], list[str]]:
+        return [replace(cause, departure_gain=kept_gain * cause.departure_gain) for cause in causes], ["refitted"]
+
     steps = {False: iter([*rounds, []]), True: iter([by_visit or [], []])}
     monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit]))
     monkeypatch.setattr(search, "differs_by_visit", lambda cause: True)
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
-    monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
-    monkeypatch.setattr(
-        search, "rank_non_parametric", lambda likelihood, _: [Evidence("", rest if "+" in likelihood else alone)]
-    )
+    monkeypatch.setattr(search, "_refit_causes", refitted)
+    monkeypatch.setattr(search, "rank_non_parametric", lambda likelihood, _: [Evidence("", left(likelihood))])
     return search.search_causes("none", INPUTS, [])
 
 
@@ -76,14 +85,26 @@ def test_struts_of_one_drive_are_one_part(monkeypatch, strut, limit, side):
     assert len(result.causes) == (2 if side > 0.0 else 1)
 
 
-@pytest.mark.parametrize(("of_departures", "tried"), [(33.0, False), (34.0, True)])
-def test_alternatives_without_causes_are_tried_where_departures_count_as_four(monkeypatch, of_departures, tried):
+@pytest.mark.parametrize(("departure_gain", "tried"), [(33.0, False), (34.0, True)])
+def test_alternatives_without_causes_are_tried_where_departures_count_as_four(monkeypatch, departure_gain, tried):
     """There is something to say of `unknown` where nothing is left over."""
-    cause = Evidence("backlash", 100.0, of_departures=of_departures)
+    cause = Evidence("backlash", 100.0, departure_gain=departure_gain)
     result = searched(monkeypatch, [cause], rest=0.0, alone=90.0)
-    assert result.of_departures == of_departures
+    assert result.departure_gain == departure_gain
     assert bool(result.non_parametric_alone) is tried
     assert result.excess_log_evidence == 0.0
+
+
+@pytest.mark.parametrize(("kept_gain", "tried"), [(0.066, False), (0.068, True)])
+def test_what_departures_add_is_that_of_all_causes_beside_one_another(monkeypatch, kept_gain, tried):
+    """Of 500 a fifteenth is left, 0.12 of which is four: one that departed alone may be exact beside another."""
+    rounds = [
+        [Evidence("backlash", 1000.0, departure_gain=300.0)],
+        [Evidence("latency", 500.0, "", departure_gain=200.0)],
+    ]
+    result = searched(monkeypatch, *rounds, rest_of_two=0.0, kept_gain=kept_gain)
+    assert result.departure_gain == pytest.approx(500.0 * kept_gain)
+    assert bool(result.non_parametric_alone) is tried
 
 
 def test_three_causes_are_enough(monkeypatch):

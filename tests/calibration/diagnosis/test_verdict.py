@@ -45,7 +45,7 @@ def test_the_odds_of_unknown_change_by_e_over_a_width_of_four_and_eight_per_mill
 @pytest.mark.parametrize("side", [-0.1, 0.1])
 def test_unknown_has_even_odds_where_departures_explain_a_fifth_and_a_hundred(side):
     # Of what departures add 0.12 counts as excess: 0.12 x 308.3 = 12 + 0.025 x 1000.
-    p = probabilities(found(Evidence("backlash", 1000.0), of_departures=308.333 + side))
+    p = probabilities(found(Evidence("backlash", 1000.0), departure_gain=308.333 + side))
     assert (p[UNKNOWN] > p["backlash"]) is (side > 0.0)
 
 
@@ -148,32 +148,54 @@ def test_three_times_what_is_stated_is_the_smallest_size():
     assert expansion.smallest_size(DisturbanceLevels(), u_per_k) == pytest.approx(3.0 * 0.3e-6)
 
 
+def found_beside(departure_gain: float, *, excess: float = 0.0, differs_with=("rest", "side.left")) -> SimpleNamespace:
+    """Two causes, of which the second departs, and an alternative of evidence 12 beside them."""
+    result = found(Evidence("latency", 300.0, place=""), explained=400.0, excess=excess, departure_gain=departure_gain)
+    result.non_parametric = (SimpleNamespace(channel="travel.left", coordinate="time", log_evidence=12.0),)
+    result.non_parametric_alone = ()
+    result.causes = [
+        SimpleNamespace(effect=CATALOGUE.effect(name), place=place, departure_gain=gain, differs_with=differs_with)
+        for name, place, gain in (("backlash", "right", departure_gain), ("latency", "", 0.0))
+    ]
+    return result
+
+
 @pytest.mark.parametrize(("excess", "verdict", "said"), [(9.9, "backlash", 0), (10.1, "backlash", 1), (10.1, NONE, 0)])
 def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(excess, verdict, said):
-    result = found(Evidence("backlash", 100.0), excess=excess)
-    result.non_parametric = [SimpleNamespace(channel="travel.left", coordinate="time")]
-    remarks = _of_verdict(result, verdict, noise_floor_m=5e-6)
+    remarks = _of_verdict(found_beside(0.0, excess=excess), verdict, noise_floor_m=5e-6)
     assert len(remarks) == said
     assert all("travel.left" in remark and "time" in remark for remark in remarks)
 
 
+@pytest.mark.parametrize(("departure_gain", "said"), [(83.0, 0), (84.0, 1)])
+def test_a_form_is_called_inexact_too_where_departures_count_as_more_than_ten(departure_gain, said):
+    remarks = _of_verdict(found_beside(departure_gain), "latency", noise_floor_m=5e-6)
+    assert len(remarks) == said
+    assert all("not exact: backlash at right has to depart far" in remark for remark in remarks)
+
+
 @pytest.mark.parametrize(
-    ("excess", "said"), [(11.9, "depart far from its form, with rest and side.left (100 of 400"), (12.1, "travel.left")]
+    ("excess", "alone", "said"),
+    [
+        (11.9, 0.0, "depart far from its form, with rest and side.left (departures add 100 of the 400"),
+        (12.1, 0.0, "something at travel.left that depends on time remains (12 more)"),
+        (50.0, 400.0 + 11.9, "something at travel.left that depends on time remains (50 more)"),
+        (50.0, 400.0 + 12.1, "an arbitrary function of place at pose.x alone explains more (50 more)"),
+    ],
 )
-def test_unknown_says_what_speaks_against_the_likest_effect_what_departs_or_what_remains(excess, said):
-    result = found(Evidence("latency", 300.0, place=""), explained=400.0, excess=excess, of_departures=100.0)
-    result.non_parametric = [SimpleNamespace(channel="travel.left", coordinate="time")]
-    causes = [
-        SimpleNamespace(
-            effect=CATALOGUE.effect(name), place=place, of_departures=added, differs_with=("rest", "side.left")
-        )
-        for name, place, added in (("latency", "", 0.0), ("backlash", "right", 100.0))
-    ]
-    result.causes = causes
+def test_unknown_says_what_speaks_against_the_likest_effect_what_departs_or_what_remains(excess, alone, said):
+    result = found_beside(100.0, excess=excess)
+    result.non_parametric_alone = (SimpleNamespace(channel="pose.x", coordinate="place", log_evidence=alone),)
     (remark,) = _of_verdict(result, UNKNOWN, noise_floor_m=5e-6)
     assert remark.startswith("most like latency (300")
     assert said in remark
     assert ("backlash at right" in remark) is (excess < 12.0)
+
+
+def test_a_departure_with_more_than_three_coordinates_is_one_with_all_that_varies():
+    result = found_beside(200.0, differs_with=("rest", "time", "payload", "side.left"))
+    (remark,) = _of_verdict(result, UNKNOWN, noise_floor_m=5e-6)
+    assert "with all that varies (departures add 200" in remark
 
 
 def test_what_is_not_tried_to_save_time_is_said():

@@ -108,14 +108,25 @@ class ReadingContext:
 
     def motion_heat(self, drive: int, tau_s: float) -> Array:
         """Heat of a drive's own motion (n,): its mean speed in m/s, exponentially weighted with time constant tau_s."""
-        arrived, travelled = self.history.arrived_s, self.history.travelled_m[:, drive]
-        heat_at_arrival = np.empty(len(arrived))
-        heat, previous_s = 0.0, arrived[0]
-        for i, (t, added) in enumerate(zip(arrived.tolist(), (travelled / tau_s).tolist(), strict=True)):
-            heat = heat * np.exp(-(t - previous_s) / tau_s) + added
-            heat_at_arrival[i], previous_s = heat, t
+        return self.left_by_motions(self.history.travelled_m[:, drive], tau_s) / tau_s
+
+    def left_by_motions(self, left: Array, tau_s: float) -> Array:
+        """Sum (n,) of what the motions to each arrival (k,) have left, which dies away with a time constant."""
+        arrived = self.history.arrived_s
+        at_arrival = np.empty(len(arrived))
+        total, previous_s = 0.0, arrived[0]
+        for i, (t, added) in enumerate(zip(arrived.tolist(), left.tolist(), strict=True)):
+            total = total * np.exp(-max(t - previous_s, 0.0) / tau_s) + added
+            at_arrival[i], previous_s = total, t
         since_arrival_s = np.maximum(self.t_s - arrived[self.arrival], 0.0)
-        return heat_at_arrival[self.arrival] * np.exp(-since_arrival_s / tau_s)
+        return np.asarray(at_arrival[self.arrival] * np.exp(-since_arrival_s / tau_s))
+
+    @property
+    def approach_speed_m_per_s(self) -> Array:
+        """Speed (k,) of the motion to each arrival; zero where nothing was read after it."""
+        out = np.zeros(len(self.history.arrived_s))
+        out[self.arrival] = self.speed_m_per_s
+        return out
 
     def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
         """Temperature of a part of time constant tau_s minus its sensor (n,) in kelvin; zero at the start."""

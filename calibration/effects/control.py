@@ -15,6 +15,9 @@ OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
 REST_TERMS = 6  # of any function of the rest
+AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a delay that is another one at any time
+AFTER_EFFECT_S = (3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
+AFTER_EFFECT_WEIGHT = 0.1
 ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 
 
@@ -68,6 +71,10 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     any_speed = [c for term in whatever_speed.T for c in all_drives(context.velocity_m_per_s * term[:, None], "")]
     by_drive = one_drive(context.velocity_m_per_s, "")
     sets.add_set(moving, (*any_speed, *by_drive), share=0.6)
+    if "t_s" not in context.not_said:
+        ages = cosine_basis(context.elapsed_s, AGE_TERMS)
+        at_any_time = [c for age in ages.T for c in all_drives(context.velocity_m_per_s * age[:, None], "")]
+        sets.add_set((*moving, *at_any_time), by_drive, share=0.6, weight=AGE_WEIGHT)
     for reached in _speeds(inputs)[::2]:
         for tau in geometric_series(0.15, 5.0, 6):
             late = np.exp(-context.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
@@ -84,6 +91,11 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
     Dupont, Canudas de Wit, Automatica 30 (1994) 1083).
     """
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
+    if not {"t_s", "history"} & context.not_said.keys():
+        # What former motions have left dies away (Boltzmann's elastic after-effect), with any spectrum of times.
+        moved_m = np.diff(context.history.drives[:, drive], prepend=context.history.drives[0, drive])
+        left = np.stack([context.left_by_motions(moved_m, tau) for tau in AFTER_EFFECT_S], axis=1)
+        sets.add_set(sets.add((travel, -left)), weight=AFTER_EFFECT_WEIGHT, tau_s=AFTER_EFFECT_S[0])
     rest = cosine_basis(np.log(context.dwell_s + 0.3), REST_TERMS, constant=True)
     whatever_speed = np.where(context.moving, 0.0, 1.0)
     for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):

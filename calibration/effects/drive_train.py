@@ -17,6 +17,9 @@ UNUSUAL = 0.1  # prior weight of the others
 STATED_MULTIPLES = 3  # of a stated period: a wave repeats within it
 STATED_WITHIN = 0.005  # of a stated period, how far a period may be off it
 FEWEST_POSITIONS = 30
+OVERTONES, AGE_TERMS = (2.0, 3.0, 4.0, 5.0), 4  # of a wave of any form that changes
+ANYHOW_PERIODS, ANYHOW_WEIGHT = 2, 0.3  # the likeliest periods, whose wave may be such a one
+ROUGH_TERMS, ROUGH_WEIGHT = 40, 0.3  # of an error that walks along the travel
 
 
 def cumulative(inputs: EffectInputs, drive: int) -> BasisSets:
@@ -25,6 +28,7 @@ def cumulative(inputs: EffectInputs, drive: int) -> BasisSets:
     columns = sets.add((travel, cosine_basis(q, 14, roughness=1.5)))
     sets.add_set(columns[:4])
     sets.add_set(columns)
+    sets.add_set(sets.add((travel, cosine_basis(q, ROUGH_TERMS, roughness=1.0))), weight=ROUGH_WEIGHT)
     return sets
 
 
@@ -77,6 +81,7 @@ def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, f
     """Sine and cosine with their harmonics; the amplitude may vary along the travel and with the payload."""
     sets, travel, q = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive]
     u = inputs.normalised_travel(drive)
+    least = min(sorted((prior for _, prior in periods), reverse=True)[:ANYHOW_PERIODS], default=0.0)
     for period, prior in periods:
         wave = _pair(q, period)
         main = sets.add((travel, wave), form="sine")
@@ -85,7 +90,21 @@ def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, f
         changing.append(sets.add((travel, wave * (inputs.payload_ratio - 0.5)[:, None]), form="sine_by_payload"))
         rest = [c for columns in (*harmonics, *changing) for c in columns]
         sets.add_set(main, rest, share=0.5, weight=prior, period_m=period)
+        if prior >= least:
+            anyhow = [sets.add((travel, wave * by[:, None])) for by in _slow_changes(inputs, drive)]
+            anyhow += [sets.add((travel, _pair(q, period / k))) for k in OVERTONES]
+            flexible = [c for columns in anyhow for c in columns]
+            sets.add_set(main, flexible, share=0.5, weight=ANYHOW_WEIGHT * prior, period_m=period)
     return sets
+
+
+def _slow_changes(inputs: EffectInputs, drive: int) -> list[Array]:
+    """With what a wave may change its size and phase, smoothly: time, side, place."""
+    context = inputs.context
+    place = cosine_basis(context.drives[:, drive], 2)
+    ages = [] if "t_s" in context.not_said else list(cosine_basis(context.elapsed_s, AGE_TERMS, roughness=1.0).T)
+    sides = [] if "direction" in context.not_said else [context.direction[:, drive]]
+    return [*place.T, *ages, *sides]
 
 
 def _pair(q: Array, period: float) -> Array:

@@ -11,6 +11,7 @@ from calibration.effects.basis_functions import cosine_basis, course_with_jumps,
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
+SIDE_TERMS, SIDE_WEIGHT = 6, 0.3  # of what is another deviation for each side of the approach
 
 
 def straightness(inputs: EffectInputs, drive: int) -> BasisSets:
@@ -32,6 +33,10 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
         loaded = sets.add((channel, 2.0 * cosine_basis(q, fine, roughness=1.0) * (inputs.payload_ratio - 0.5)[:, None]))
         sets.add_set(curve[:6], loaded[:6], share=0.5)
         sets.add_set(curve, loaded, share=0.5)
+        if "direction" not in inputs.context.not_said:  # play of the guide: it lies at one side or the other
+            side = inputs.context.direction[:, drive : drive + 1]
+            sided = sets.add((channel, side * cosine_basis(q, SIDE_TERMS, roughness=1.0, constant=True)))
+            sets.add_set(sided, curve, share=0.5, weight=SIDE_WEIGHT)
     return sets
 
 

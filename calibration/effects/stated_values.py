@@ -17,12 +17,16 @@ from calibration.effects.basis_functions import (
     cosine_basis,
     course_with_jumps,
     random_walk_basis,
+    tensor_product,
 )
 from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 
 LEVER_M = 0.25  # at which a mass beside the stated centre turns the platform as the moment of its size does
+SWINGS_RAD_PER_S, CALMS_S = (0.9, 1.4, 2.2), 12.0  # of what swings after a stop
+REST_TERMS, MOVING_WEIGHT, STOPPED_M_PER_S = 4, 0.2, 0.5  # of a centre that moves on after a stop, from this speed
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
+TABLE_TERMS = 3  # of any function of another drive's coordinate
 MOUNTINGS, WALK_TERMS = 6, 12  # terms of what may be otherwise each time, or at any time
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
@@ -66,7 +70,22 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
     sets.add_set(beside, yielding(beside))
     sets.add_set((*in_proportion, *not_counted), (*shifted, *beside), weight=0.5)
     sets.add_set(anyhow, yielding(whenever), weight=0.5)
+    if moving_on := _moving_on(sets, inputs, mounted / np.maximum(kg, LEAST_LOAD_SHARE * largest)):
+        sets.add_set(moving_on, weight=MOVING_WEIGHT)
     return sets
+
+
+def _moving_on(sets: BasisSets, inputs: EffectInputs, per_kg: Array) -> list[int]:
+    """Columns of a payload whose centre moves on when its drives stop: to any side, by any function of the rest."""
+    context = inputs.context
+    if {"direction", "dwell_s", "speed_m_per_s"} & context.not_said.keys():
+        return []
+    t = context.dwell_s[:, None]
+    swings = [np.exp(-t / CALMS_S) * wave(t * np.array(SWINGS_RAD_PER_S)) for wave in (np.cos, np.sin)]
+    rests = np.column_stack([cosine_basis(np.log(context.dwell_s + 0.3), REST_TERMS, constant=True), *swings])
+    stopped = tensor_product(context.direction * context.speed_m_per_s[:, None] / STOPPED_M_PER_S, rests)
+    channels = [c for c in inputs.channels if c.startswith("payload.") and c != "payload.mass"]
+    return [c for channel in channels for c in sets.add((channel, LEVER_M * per_kg[:, None] * stopped))]
 
 
 def _by_strut(sets: BasisSets, inputs: EffectInputs, column: int) -> list[int]:
@@ -94,6 +113,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
             if len(drives) > 1 and np.any(correction):
                 sets.add_set(sets.add((f"travel.{name}", correction), form="one_drive"), weight=ONE_DRIVE_WEIGHT)
     _add_tables_by_direction(sets, inputs)
+    _add_multiplied_tables(sets, inputs)
     if "t_s" in context.not_said:  # who knows when: nothing depends on time then
         return sets
     for generation in context.table_generations:
@@ -115,6 +135,21 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
                 column = sets.add((f"table.{generation}", switched), form="switched")
                 sets.add_set(column, weight=prior, onset_s=onset)
     return sets
+
+
+def _add_multiplied_tables(sets: BasisSets, inputs: EffectInputs) -> None:
+    """A control may multiply a drive's table by one of another drive's coordinate: by any smooth function of it."""
+    context, drives = inputs.context, inputs.machine.drive_names
+    for generation in context.table_generations:
+        corrections = context.table_corrections_m(generation, drives, context.drives)
+        parts = [
+            (f"travel.{name}", corrections[:, a : a + 1] * cosine_basis(context.drives[:, b], TABLE_TERMS))
+            for a, name in enumerate(drives)
+            for b in inputs.other_drives(a)
+            if np.any(corrections[:, a])
+        ]
+        if parts:
+            sets.add_set([c for part in parts for c in sets.add(part)], weight=WALK_WEIGHT)
 
 
 def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter, Textbook, varies
-from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.basis_functions import cosine_basis, tensor_product
 from calibration.effects.strut_laws import (
     ElongationLaw,
     LawParameter,
@@ -32,9 +32,12 @@ SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
 LOAD_TERMS, LOAD_WEIGHT = 3, 0.1  # of any function of the load, against proportion
 FORCE_TERMS = 3  # of any function of a column's force, and of its place
+UNEVEN_TERMS, UNEVEN_WEIGHT = 14, 0.3  # of what is softer between its bolts
 PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of its tension
 LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
+AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
+RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
 NARROW = 0.02  # tension over which a one-sided spring sets in, over the typical tension
 
@@ -73,6 +76,8 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(main, sign=1.0)
         sets.add_set(main, placed, share=0.6, sign=1.0)
         sets.add_set(main, anyhow, share=0.6, sign=1.0)
+        uneven = sets.add((channel, force[:, None] * cosine_basis(u, UNEVEN_TERMS, roughness=0.5)))
+        sets.add_set(main, uneven, share=0.8, weight=UNEVEN_WEIGHT, sign=1.0)
         sets.add_set(main, (*placed, *hard, *loaded), share=0.2, sign=1.0)
         typical = float(np.sqrt(np.mean(force**2)))
         for load in loads:
@@ -123,6 +128,10 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     sets.add_set(main, (*stretched, *anyhow_loaded), share=0.7, sign=1.0)
     sets.add_set((*main, *bent), loaded, share=0.7, sign=1.0)
     sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5, sign=1.0)
+    if "t_s" not in inputs.context.not_said:  # bolts work loose, joints bed in
+        ages = cosine_basis(inputs.context.elapsed_s, AGE_TERMS)
+        ageing = sets.add((name, np.column_stack([t[:, None] * ages, size * ages])))
+        sets.add_set((*main, *ageing), loaded, share=0.6, weight=AGE_WEIGHT)
     return sets
 
 
@@ -141,8 +150,13 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
             sets.add_set(main, loaded, share=0.7, sign=1.0)
     if drive >= 0:
         # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
-        seated = sets.add((name, cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)))
+        angles = cosine_basis(inputs.context.drives[:, drive], 4, roughness=1.0)
+        seated = sets.add((name, angles))
         sets.add_set(seated, weight=4.0)
+        if "dwell_s" not in inputs.context.not_said:  # through its oil it sinks there at rest only
+            seating = np.exp(-inputs.context.dwell_s[:, None] / np.array(RESTS_S))
+            sinking = sets.add((name, tensor_product(angles, seating)))
+            sets.add_set((*seated, *sinking), sets.add((name, seating)), share=0.7, weight=REST_WEIGHT)
     loaded = sets.add((name, inputs.payload_ratio), form="payload")
     sets.add_set(loaded, sign=1.0)
     sets.add_set(loaded, sign=-1.0, size=-1.0)  # to which side it lay before is not known

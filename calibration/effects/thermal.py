@@ -38,6 +38,9 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 }
 CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
 HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
+MOTION_TIMES_S = geometric_series(90.0, 4000.0, 3)  # of joints and bearings up to whole columns
+MOTION_WEIGHT = 0.3  # what grows with the heat of motion, in proportion
+SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between two
 LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
 LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
@@ -101,6 +104,27 @@ def _followed_heats(inputs: EffectInputs, drive: int) -> list[tuple[Array, float
     return out
 
 
+def _heats_of_motion(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
+    """Heat (n,) that a drive's motions have left, with time constants: by the way (Coulomb's friction), by way and
+    speed (viscous friction), and by the number of motions (losses of starting and stopping). Each is one for typical
+    motions all the time.
+    """
+    return inputs.once(("heats of motion", drive), lambda: _heats_left(inputs, drive))
+
+
+def _heats_left(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
+    context = inputs.context
+    if {"t_s", "history", "speed_m_per_s"} & context.not_said.keys():
+        return []
+    way_m = context.history.travelled_m[:, drive]
+    rates = (
+        way_m / DUTY_M_PER_S,
+        way_m * context.approach_speed_m_per_s / (DUTY_M_PER_S * SPEED_M_PER_S),
+        np.where(way_m > 0.0, BETWEEN_MOTIONS_S, 0.0),
+    )
+    return [(context.left_by_motions(rate, tau) / tau, tau) for rate in rates for tau in MOTION_TIMES_S]
+
+
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
     return None if np.ptp(inputs.context.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
 
@@ -112,10 +136,12 @@ def _add_thermal_sets(
     part: str,
     prefix: str = "",
     heats: Sequence[tuple[Array, float]] = (),
+    motions: Sequence[tuple[Array, float]] = (),
 ) -> None:
     """Basis sets of one geometry: one time constant, two stages, a decaying pulse of heat, a lag behind the sensor.
 
-    prefix: of the names of their forms, for any geometry but the textbook's. heats: of a drive that is on the part.
+    prefix: of the names of their forms, for any geometry but the textbook's. heats: of a drive that is on the part;
+    motions: the heat that its motions leave.
     """
     rises, lags = _warming(inputs, inputs.machine.sensors[part])
     t = inputs.context.elapsed_s
@@ -144,25 +170,30 @@ def _add_thermal_sets(
         sets.add_set(through(curve_over(following)), weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=tau_s)
     for heat, tau in heats:
         sets.add_set(through(curve_over(heat)), weight=HEAT_WEIGHT, size=rises_of_curve(), tau_s=tau)
+    for heat, tau in motions:
+        sets.add_set(through(heat), rest, share=0.1, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
-    """A strut grows by alpha l dT."""
+    """A strut grows by alpha l dT; its joints may be warmed by the motions of its drive."""
     sets, machine = BasisSets(), inputs.machine
+    drive = int(machine.strut_drive[strut])
+    motions = _heats_of_motion(inputs, drive) if drive >= 0 else ()
     grown = np.full(len(inputs.context), machine.expansion_per_k["struts"] * machine.nominal.length_m[strut])
-    _add_thermal_sets(sets, ((f"length.{machine.strut_names[strut]}", grown),), inputs, "struts")
+    _add_thermal_sets(sets, ((f"length.{machine.strut_names[strut]}", grown),), inputs, "struts", motions=motions)
     return sets
 
 
 def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """A column grows from its foot and takes the guide with it, or bends where one side is warmer.
 
-    Its temperature may vary along its height; as a whole it may be heated by its drive too.
+    Its temperature may vary along its height; it may be heated by its drive and by the carriage's motions too.
     """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
     h = inputs.height_m(drive)
-    travel = f"travel.{inputs.drive(drive)}"
-    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=_heats_of_drive(inputs, drive))
+    travel, motions = f"travel.{inputs.drive(drive)}", _heats_of_motion(inputs, drive)
+    heats = _heats_of_drive(inputs, drive)
+    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=heats, motions=motions)
     _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
     # Warmer at any height, c1 + c2 z + c3 z^2: growths by h, h^2 and h^3 follow one course each. The size is that in
     # the middle of the travel.
@@ -174,8 +205,12 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises)
     for side, turn, sign in inputs.leaning(drive):
         bent = alpha / COLUMN_WIDTH_M
-        _add_thermal_sets(sets, ((side, 0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "bending_")
-        _add_thermal_sets(sets, ((side, -0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "leaning_")
+        _add_thermal_sets(
+            sets, ((side, 0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "bending_", motions=motions
+        )
+        _add_thermal_sets(
+            sets, ((side, -0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "leaning_", motions=motions
+        )
     return sets
 
 
@@ -216,6 +251,10 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
     of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
     by_torque = [heat for heat, _ in _heats_of_drive(inputs, drive)]
+    for heat, tau in _heats_of_motion(inputs, drive):  # warmest anywhere along the screw
+        shapes = span * np.stack([np.ones_like(u), u, u**2 - 0.5], axis=1)
+        warmed = sets.add((travel, alpha * heat[:, None] * shapes))
+        sets.add_set(warmed, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
     for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]

@@ -1,0 +1,151 @@
+"""What effects may depend on: laws that no formula of theirs is, each within the functions of one basis set."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.effects.catalogue import load_catalogue
+from tests.calibration.effects.general_functions import typical_inputs
+
+CATALOGUE = load_catalogue()
+LEAST = 0.95  # of the square of a law
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    return typical_inputs()
+
+
+def faded(inputs, left, tau_s: float) -> np.ndarray:
+    """What each motion has left, each by itself dying away: the sum over all before a reading, written out."""
+    arrived, t = inputs.context.history.arrived_s, inputs.context.t_s
+    out = np.zeros(len(t))
+    for reading, last in enumerate(inputs.context.arrival):
+        since_s = np.maximum(t[reading] - arrived[: last + 1], 0.0)
+        out[reading] = np.sum(left[: last + 1] * np.exp(-since_s / tau_s))
+    return out
+
+
+def moved_m(inputs, drive: int) -> np.ndarray:
+    """Of each arrival, with its sign."""
+    drives = inputs.context.history.drives[:, drive]
+    return np.diff(drives, prepend=drives[0])
+
+
+def speed_of_arrival(inputs) -> np.ndarray:
+    out = np.zeros(len(inputs.context.history.arrived_s))
+    for reading, arrival in enumerate(inputs.context.arrival):
+        out[arrival] = inputs.context.speed_m_per_s[reading]
+    return out
+
+
+def latency(inputs):
+    """A clock that goes wrong ever faster."""
+    late = inputs.context.velocity_m_per_s * (inputs.context.elapsed_s[:, None] / 3600.0) ** 2
+    return {f"travel.{inputs.drive(a)}": late[:, a] for a in range(2)}
+
+
+def guide_straightness(inputs):
+    """Play of a guide, wider at one end."""
+    return {"sideways.left.x": inputs.context.direction[:, 0] * (1.0 + 0.5 * inputs.normalised_travel(0))}
+
+
+def guide_angular(inputs):
+    return {"turn.left.z": inputs.context.direction[:, 0] * np.cos(2.0 * inputs.context.drives[:, 0])}
+
+
+def link_stiffness(inputs):
+    """Bolts that work loose."""
+    return {"length.left_upper": inputs.tension_n[:, 0] * (1.0 - np.exp(-inputs.context.elapsed_s / 2000.0))}
+
+
+def joint_clearance(inputs):
+    """A pin that sinks through oil to where the strut's angle lets it."""
+    sunk = 1.0 - np.exp(-inputs.context.dwell_s / 10.0)
+    return {"length.left_upper": sunk * np.sin(2.5 * inputs.normalised_travel(0))}
+
+
+def link_thermal_growth(inputs):
+    """A joint's friction, with way and speed."""
+    power = np.abs(moved_m(inputs, 0)) * speed_of_arrival(inputs)
+    return {"length.left_upper": faded(inputs, power, 280.0)}
+
+
+def column_thermal_growth(inputs):
+    """The carriage's friction, with the way."""
+    return {"travel.left": inputs.height_m(0) * faded(inputs, np.abs(moved_m(inputs, 0)), 1300.0)}
+
+
+def screw_thermal_growth(inputs):
+    """A motor that is warmed by its starts warms the near end of the screw."""
+    heat = faded(inputs, (moved_m(inputs, 0) != 0.0).astype(np.float64), 1300.0)
+    return {"travel.left": heat * np.exp(-0.7 * inputs.normalised_travel(0))}
+
+
+def servo_settling(inputs):
+    """An elastic after-effect."""
+    return {"travel.left": -faded(inputs, moved_m(inputs, 0), 60.0)}
+
+
+def payload(inputs):
+    """Liquid that swings on after a stop."""
+    context = inputs.context
+    swing = np.exp(-context.dwell_s / 12.0) * np.cos(1.4 * context.dwell_s)
+    mounted = (context.payload_kg > 0.0) / np.maximum(context.payload_kg, 1.0)
+    channel = next(c for c in inputs.channels if c.startswith("payload.") and c != "payload.mass")
+    return {channel: mounted * context.direction[:, 1] * context.speed_m_per_s * swing}
+
+
+def tables_left_on(inputs):
+    """A table that is multiplied by one of the other drive."""
+    table = inputs.context.table_corrections_m(4, inputs.machine.drive_names, inputs.context.drives)[:, 0]
+    return {"travel.left": table * inputs.normalised_travel(1)}
+
+
+def screw_cumulative_error(inputs):
+    """A pitch that wavers every few centimetres."""
+    return {"travel.left": np.cos(np.pi * 25.0 * scaled(inputs.context.drives[:, 0]))}
+
+
+def screw_periodic_error(inputs):
+    """Balls that slip: the phase runs away with time."""
+    q, t = inputs.context.drives[:, 0], inputs.context.elapsed_s
+    ((period_m, _),) = inputs.periods(0, 4.0e-3, 6.0e-2)
+    return {"travel.left": np.sin(2.0 * np.pi * q / period_m + 2.0 * t / t.max())}
+
+
+def column_compliance(inputs):
+    """A rail that is softer between its bolts."""
+    force = inputs.pull_n[:, 0] @ np.array([1.0, 0.0, 0.0])
+    return {"sideways.left.x": force * (1.0 + 0.6 * np.cos(np.pi * 8.0 * scaled(inputs.context.drives[:, 0])))}
+
+
+def scaled(x) -> np.ndarray:
+    return (x - x.min()) / np.ptp(x)
+
+
+LAWS = (
+    latency, guide_straightness, guide_angular, link_stiffness, joint_clearance, link_thermal_growth,
+    column_thermal_growth, screw_thermal_growth, servo_settling, payload, tables_left_on, screw_cumulative_error,
+    screw_periodic_error, column_compliance,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_a_law_of_what_an_effect_may_depend_on_is_within_one_basis_set(inputs, law):
+    built, planted = CATALOGUE.effect(law.__name__).forms(inputs, 0), law(inputs)
+    channels = list(dict.fromkeys([*planted, *(c for column in built.contributions for c, _ in column)]))
+
+    def flat(shapes) -> np.ndarray:
+        return np.concatenate([shapes.get(channel, np.zeros(len(inputs.context))) for channel in channels])
+
+    columns = np.stack([flat(dict(column)) for column in built.contributions], axis=1)
+    wanted = flat(planted)
+    shares = []
+    for basis_set in built.sets:
+        part = columns[:, list(basis_set.columns)]
+        left = wanted - part @ np.linalg.lstsq(part, wanted, rcond=None)[0]
+        few = len(basis_set.columns) < len(inputs.context) / 3
+        shares.append(1.0 - np.sum(left**2) / np.sum(wanted**2) if few else 0.0)
+    assert max(shares) > LEAST

@@ -104,12 +104,13 @@ def _followed_heats(inputs: EffectInputs, drive: int) -> list[tuple[Array, float
     return out
 
 
-def _heats_of_motion(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
+def _heats_of_motion(inputs: EffectInputs, drive: int, *, shortest_s: float = 0.0) -> list[tuple[Array, float]]:
     """Heat (n,) that a drive's motions have left, with time constants: by the way (Coulomb's friction), by way and
     speed (viscous friction), and by the number of motions (losses of starting and stopping). Each is one for typical
-    motions all the time.
+    motions all the time. shortest_s: of the time constants of a part.
     """
-    return inputs.once(("heats of motion", drive), lambda: _heats_left(inputs, drive))
+    heats = inputs.once(("heats of motion", drive), lambda: _heats_left(inputs, drive))
+    return [(heat, tau) for heat, tau in heats if tau >= shortest_s]
 
 
 def _heats_left(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
@@ -191,8 +192,8 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
     h = inputs.height_m(drive)
-    travel, motions = f"travel.{inputs.drive(drive)}", _heats_of_motion(inputs, drive)
-    heats = _heats_of_drive(inputs, drive)
+    travel, heats = f"travel.{inputs.drive(drive)}", _heats_of_drive(inputs, drive)
+    motions = _heats_of_motion(inputs, drive, shortest_s=_TAU.low)
     _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=heats, motions=motions)
     _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
     # Warmer at any height, c1 + c2 z + c3 z^2: growths by h, h^2 and h^3 follow one course each. The size is that in
@@ -251,10 +252,10 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
     of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
     by_torque = [heat for heat, _ in _heats_of_drive(inputs, drive)]
-    for heat, tau in _heats_of_motion(inputs, drive):  # warmest anywhere along the screw
+    for heat, tau in _heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
         shapes = span * np.stack([np.ones_like(u), u, u**2 - 0.5], axis=1)
         warmed = sets.add((travel, alpha * heat[:, None] * shapes))
-        sets.add_set(warmed, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
+        sets.add_set(warmed, weight=MOTION_WEIGHT, tau_s=tau)
     for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]

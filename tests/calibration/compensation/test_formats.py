@@ -24,6 +24,7 @@ from tests.calibration.compensation import control_readers as readers
 
 GOLDEN = Path(__file__).parent / "golden"
 GRIDS = ("csv", "beckhoff-plane")  # their number of nodes is their own
+NUMBER = re.compile(r"-?\d+\.\d+(?:e[-+]\d+)?")
 AXES = {"heidenhain-com": "X,Y,Z,A,B,C"}
 
 
@@ -163,7 +164,11 @@ def test_golden_files(name):
         lines = text.splitlines(keepends=True)
         head = "".join(lines[:40]) if len(text) > 8000 else text  # grids have a size of their own
         wanted = (GOLDEN / f"{name}-{file}").read_text(encoding="utf-8")
-        assert head == wanted, file
+        if name == "csv":  # gives all digits, of which the last depend on the processor
+            assert NUMBER.sub("", head) == NUMBER.sub("", wanted)
+            assert [*map(float, NUMBER.findall(head))] == pytest.approx([*map(float, NUMBER.findall(wanted))], rel=1e-6)
+        else:
+            assert head == wanted, file
 
 
 @pytest.mark.parametrize("name", sorted(FORMATS))

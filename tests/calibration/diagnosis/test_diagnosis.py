@@ -250,7 +250,7 @@ def test_with_its_class_removed_it_is_unknown(periodic):
     assert diagnosis.clues[0].channel == "travel.right"
     assert all(0.0 < clue.share <= 1.0 for clue in diagnosis.clues)
     (most_like,) = [remark for remark in diagnosis.remarks if remark.startswith("most like ")]
-    assert "at travel.right that depends on" in most_like
+    assert "at travel.right alone explains more" in most_like
 
 
 def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creeping, tmp_path):

@@ -1,15 +1,16 @@
 """Checks the diagnosis on withheld cases: one table, three pictures (docs/explanation/withheld.md).
 
     python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2] [--no-leave-form-out]
-    python -m benchmarks.withheld.run --so-far DIR
+    python -m benchmarks.withheld.run --so-far DIR [DIR ...]
     python -m benchmarks.withheld.run --log-catalogue
 
 --final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
-comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any time,
-the same command goes on. --so-far prints the table of what a stopped or running run has finished, a random part of its
-cases, and changes nothing. --log-catalogue appends the hash of the catalogue to log.jsonl, before new final forms come
-into the plant. Progress goes to standard error, the table to standard output; exit status 1 if a goal is
-missed, 2 if a process fails or the diagnoser cannot be sealed (sealed_diagnoser), 130 if interrupted.
+comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any
+time, the same command goes on. --so-far prints the table of what a stopped or running run has finished, a random part
+of its cases, or of several runs of different kinds together, and changes nothing. --log-catalogue appends the hash of
+the catalogue to log.jsonl, before new final forms come into the plant. Progress goes to standard error, the table to
+standard output; exit status 1 if a goal is missed, 2 if a process fails or the diagnoser cannot be sealed
+(sealed_diagnoser), 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -86,15 +87,22 @@ def rows_of(batches: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return sorted((row for batch in batches for row in batch["rows"]), key=lambda row: str(row["key"]))
 
 
-def _print_so_far(out: Path) -> int:
-    """The table of the finished batches of a run, whatever program made them; nothing is written."""
-    try:
-        header, batches = read_only(out / "results.jsonl")
-    except (OSError, ValueError) as error:
-        print(f"withheld: no results of a run in {out} ({error}); name its folder", file=sys.stderr)
-        return 2
+def _print_so_far(folders: Sequence[Path]) -> int:
+    """The table of the finished batches of runs, whatever program made them; nothing is written."""
+    batches: list[dict[str, Any]] = []
+    planned = 0
+    for out in folders:
+        try:
+            header, finished = read_only(out / "results.jsonl")
+        except (OSError, ValueError) as error:
+            print(f"withheld: no results of a run in {out} ({error}); name its folder", file=sys.stderr)
+            return 2
+        batches += finished
+        planned += len(plan(header["n"], header["kinds"], final="code" in header))
     rows = rows_of(batches)
-    planned = len(plan(header["n"], header["kinds"], final="code" in header))
+    if len({row["key"] for row in rows}) < len(rows):
+        print("withheld: these runs have cases of the same kinds; name runs of different kinds", file=sys.stderr)
+        return 2
     print(f"{len(rows)} of {planned} cases")
     if not rows:
         return 1
@@ -200,7 +208,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--final", action="store_true", help="seed of the operating system, final variants, logged")
     which.add_argument("--seed", type=int, help="development: no final variants, not logged")
-    which.add_argument("--so-far", type=Path, metavar="DIR", help="the table of what the run of a folder has finished")
+    which.add_argument(
+        "--so-far", type=Path, nargs="+", metavar="DIR", help="the table of what the runs of some folders have finished"
+    )
     which.add_argument(
         "--log-catalogue",
         action="store_true",

@@ -240,6 +240,23 @@ def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch)
     }
 
 
+def test_runs_of_different_kinds_have_one_table_and_those_of_the_same_kinds_none(tmp_path, capsys, monkeypatch):
+    """By header and rows alone: what is scored is not looked at here."""
+    monkeypatch.setattr(run, "summary", lambda rows: {"measures": [], "keys": [row["key"] for row in rows]})
+    monkeypatch.setattr(run, "printed", lambda found: " ".join(found["keys"]))
+    for kind in ("null", "effect"):
+        (tmp_path / kind).mkdir()
+        header = {"settings": {"n": 60, "kinds": [kind]}}
+        rows = {"rows": [{"key": f"{kind}-1"}, {"key": f"{kind}-0"}]}
+        (tmp_path / kind / "results.jsonl").write_text(f"{json.dumps(header)}\n{json.dumps(rows)}\n")
+    folders = [str(tmp_path / kind) for kind in ("null", "effect")]
+    planned = sum(len(run.plan(60, [kind])) for kind in ("null", "effect"))
+    assert run.main(["--so-far", *folders]) == 1
+    assert capsys.readouterr().out == f"4 of {planned} cases\neffect-0 effect-1 null-0 null-1\n"
+    assert run.main(["--so-far", folders[0], folders[0]]) == 2
+    assert "of different kinds" in capsys.readouterr().err
+
+
 def test_figures_do_not_depend_on_the_order_in_which_batches_were_made():
     batches = [{"rows": [{"key": "null-3"}, {"key": "effect-1"}]}, {"rows": [{"key": "effect-0"}]}]
     in_order = [{"key": key} for key in ("effect-0", "effect-1", "null-3")]

@@ -99,12 +99,11 @@ def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, f
 
 
 def _slow_changes(inputs: EffectInputs, drive: int) -> list[Array]:
-    """With what a wave may change its size and phase, smoothly: time, side, place."""
+    """With what a wave may change its size and phase, smoothly: place, time."""
     context = inputs.context
     place = cosine_basis(context.drives[:, drive], 2)
     ages = [] if "t_s" in context.not_said else list(cosine_basis(context.elapsed_s, AGE_TERMS, roughness=1.0).T)
-    sides = [] if "direction" in context.not_said else [context.direction[:, drive]]
-    return [*place.T, *ages, *sides]
+    return [*place.T, *ages]
 
 
 def _pair(q: Array, period: float) -> Array:

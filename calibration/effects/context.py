@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.effects.former_names import former_name
-from calibration.effects.memory import following, lag_behind
+from calibration.effects.memory import fading, following, lag_behind
 from calibration.instruments.air import refractivity
 from calibration.recording.header import KnownTable
 from calibration.recording.recording import Recording
@@ -112,14 +112,9 @@ class ReadingContext:
 
     def left_by_motions(self, left: Array, tau_s: float) -> Array:
         """Sum (n,) of what the motions to each arrival (k,) have left, which dies away with a time constant."""
-        arrived = self.history.arrived_s
-        at_arrival = np.empty(len(arrived))
-        total, previous_s = 0.0, arrived[0]
-        for i, (t, added) in enumerate(zip(arrived.tolist(), left.tolist(), strict=True)):
-            total = total * np.exp(-max(t - previous_s, 0.0) / tau_s) + added
-            at_arrival[i], previous_s = total, t
-        since_arrival_s = np.maximum(self.t_s - arrived[self.arrival], 0.0)
-        return np.asarray(at_arrival[self.arrival] * np.exp(-since_arrival_s / tau_s))
+        at_arrival = fading(self.history.arrived_s, left, tau_s)[self.arrival]
+        since_arrival_s = np.maximum(self.t_s - self.history.arrived_s[self.arrival], 0.0)
+        return np.asarray(at_arrival * np.exp(-since_arrival_s / tau_s))
 
     @property
     def approach_speed_m_per_s(self) -> Array:
@@ -131,15 +126,12 @@ class ReadingContext:
     def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
         """Temperature of a part of time constant tau_s minus its sensor (n,) in kelvin; zero at the start."""
         if (sensor, tau_s) not in self._lags_k:
-            self._lags_k[sensor, tau_s] = self._integrated_lag_k(sensor, tau_s)
+            self._lags_k[sensor, tau_s] = lag_behind(self.t_s, np.asarray(self.temperatures_c[sensor]), tau_s)
         return self._lags_k[sensor, tau_s]
 
     @cached_property
     def _lags_k(self) -> dict[tuple[str, float], Array]:
         return {}
-
-    def _integrated_lag_k(self, sensor: str, tau_s: float) -> Array:
-        return lag_behind(self.t_s, np.asarray(self.temperatures_c[sensor]), tau_s)
 
     def part_temperature_k(self, sensor: str, tau_s: float) -> Array:
         """Change (n,) in kelvin since the start, of a part that follows a sensor with a time constant, 0: at once."""
@@ -153,8 +145,7 @@ class ReadingContext:
     def refractivity_change(self, delay_s: float) -> Array:
         """Refractivity (n,) of the recorded air less that of delay_s before; the first one's, where that is earlier."""
         order = np.argsort(self.t_s, kind="stable")
-        before = np.interp(self.t_s - delay_s, self.t_s[order], self.air_refractivity[order])
-        return np.asarray(self.air_refractivity - before)
+        return self.air_refractivity - np.interp(self.t_s - delay_s, self.t_s[order], self.air_refractivity[order])
 
     @property
     def table_generations(self) -> tuple[int, ...]:

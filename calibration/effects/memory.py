@@ -34,3 +34,13 @@ def following(t_s: Array, values: Array, tau_s: float) -> Array:
         in_time.append(late)
     out[order] = in_time
     return out
+
+
+def fading(t_s: Array, added: Array, tau_s: float) -> Array:
+    """Sum (k,) of what is added at ascending times (k,), which dies away from then on."""
+    out = np.empty(len(t_s))
+    total, before_s = 0.0, t_s[0]
+    for i, (now_s, more) in enumerate(zip(t_s.tolist(), added.tolist(), strict=True)):
+        total = total * np.exp(-max(now_s - before_s, 0.0) / tau_s) + more
+        out[i], before_s = total, now_s
+    return out

@@ -9,7 +9,9 @@ from calibration.effects.catalogue import load_catalogue
 from tests.calibration.effects.general_functions import typical_inputs
 
 CATALOGUE = load_catalogue()
-LEAST = 0.95  # of the square of a law
+LEAST = 0.98  # of the square of a law
+# Any curve over time explains nearly as much of these in a campaign as short as this one.
+LEAST_OF_SLOW = {"column_thermal_growth": 0.999, "screw_thermal_growth": 0.999}
 
 
 @pytest.fixture(scope="module")
@@ -74,13 +76,13 @@ def link_thermal_growth(inputs):
 
 def column_thermal_growth(inputs):
     """The carriage's friction, with the way."""
-    return {"travel.left": inputs.height_m(0) * faded(inputs, np.abs(moved_m(inputs, 0)), 1300.0)}
+    return {"travel.left": inputs.height_m(0) * faded(inputs, np.abs(moved_m(inputs, 0)), 600.0)}
 
 
 def screw_thermal_growth(inputs):
     """A motor that is warmed by its starts warms the near end of the screw."""
-    heat = faded(inputs, (moved_m(inputs, 0) != 0.0).astype(np.float64), 1300.0)
-    return {"travel.left": heat * np.exp(-0.7 * inputs.normalised_travel(0))}
+    heat = faded(inputs, (moved_m(inputs, 0) != 0.0).astype(np.float64), 600.0)
+    return {"travel.left": heat * (1.0 - inputs.normalised_travel(0)) ** 2}
 
 
 def servo_settling(inputs):
@@ -148,4 +150,4 @@ def test_a_law_of_what_an_effect_may_depend_on_is_within_one_basis_set(inputs, l
         left = wanted - part @ np.linalg.lstsq(part, wanted, rcond=None)[0]
         few = len(basis_set.columns) < len(inputs.context) / 3
         shares.append(1.0 - np.sum(left**2) / np.sum(wanted**2) if few else 0.0)
-    assert max(shares) > LEAST
+    assert max(shares) > LEAST_OF_SLOW.get(law.__name__, LEAST)

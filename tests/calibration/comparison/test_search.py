@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.stats import multivariate_normal
 from benchmarks.comparison.change import Change
 from calibration.comparison.candidates import Candidate, Move, Way, candidates
 from calibration.comparison.same_machine import shared_reflectors
-from calibration.comparison.search import LEVEL_SPREAD, LEVELS, Model, rank, weigh
+from calibration.comparison.search import LEVEL_SPREAD, LEVELS, UNKNOWN, Model, Weighed, rank, weigh
 from calibration.comparison.two_campaigns import TwoCampaigns, linearise_pair
 from tests.calibration.comparison.pairs import first, recorded
 
@@ -87,3 +88,12 @@ def test_candidates_of_a_machine_name_its_parts_once():
         "P1", "P2", "P3", "SL", "SR", "N1", "N2", "platform reflectors", "floor nests",
     }  # fmt: skip
     assert "P1" not in {c.place for c in candidates(machine, range(7), pair().shared - {"P1"})}
+
+
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_an_unknown_change_has_even_odds_at_twelve_and_three_per_cent_of_what_is_explained(side):
+    """With this constant the study of pairs was made; that of a diagnosis is another."""
+    found = SimpleNamespace(candidate=SimpleNamespace(structure="a strut's length"), log_evidence=1000.0)
+    weighed = Weighed(None, (found,), (), {}, log_evidence=1000.0, excess=42.0 + side)
+    p = weighed.probabilities()
+    assert (p[UNKNOWN] > p["a strut's length"]) is (side > 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.base.errors import InputError
 from calibration.identification.calibration import Calibration, identify_recording, pose_u
@@ -35,7 +36,7 @@ def held_out_error(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Error of a refit at every fifth pose, which it was not given (noise included), and its standard uncertainty."""
     reduction = identified.reduction
-    held_out = (reduction.info.pose % HELD_OUT_EVERY == 0) & reduction.rows(CALIBRATION)
+    held_out = _are_held_out(reduction.info.pose, reduction.info.number) & reduction.rows(CALIBRATION)
     if not np.any(held_out):
         raise InputError("held-out poses: no reading of them passed the gate; check which reflector is which")
     refit = identify_recording(_without_held_out(reduction.recording), estimator, baselines=False, robust=robust)
@@ -54,10 +55,15 @@ def held_out_error(
     )
 
 
+def _are_held_out(pose: NDArray[np.intp], visit: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Every fifth pose; of those that have no number every fifth visit."""
+    return np.where(pose >= 0, pose, visit) % HELD_OUT_EVERY == 0
+
+
 def _without_held_out(recording: Recording) -> Recording:
     """The recording without the calibration readings of every fifth pose."""
     calibration = np.asarray(recording["phase"]) == CALIBRATION
-    drop = calibration & (recording["pose"].astype(int) % HELD_OUT_EVERY == 0)
+    drop = calibration & _are_held_out(recording["pose"].astype(np.intp), recording["visit"].astype(np.intp))
     if np.all(drop[calibration]):
         raise InputError(f"recording {recording.file.campaign}: too few poses to hold any out; measure more")
     return recording.take(~drop)

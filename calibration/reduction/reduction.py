@@ -39,8 +39,10 @@ VERIFICATIONS = ("verification_before", "verification_after")
 
 @dataclass(frozen=True)
 class VisitInfo:
-    """Each visit apart from the model's input, one row per visit; direction (v, d); setup (v,): row of the set-ups."""
+    """Each visit apart from the model's input, one row per visit; number (v,): its own in the recording; direction
+    (v, d); setup (v,): row of the set-ups."""
 
+    number: NDArray[np.intp]
     phase: NDArray[np.str_]
     pose: NDArray[np.intp]
     direction: Array
@@ -180,6 +182,7 @@ def _observations(
     grouped = group_by_visit(recording, rows, position, covariance, setup)
     heads = grouped.heads
     info = VisitInfo(
+        number=recording["visit"][heads].astype(np.intp),
         phase=phase[heads].astype(str),
         pose=recording["pose"][heads].astype(np.intp),
         direction=recording.drives("direction")[heads],

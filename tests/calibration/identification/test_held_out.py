@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
-from calibration.identification.calibration import pose_u
+from calibration.identification.calibration import identify_recording, pose_u
 from calibration.identification.held_out import held_out_error
 from calibration.identification.model_comparison import orientation_prediction
 from calibration.identification.prediction import predict_poses
@@ -51,3 +51,14 @@ def test_poses_of_which_no_reading_passed_cannot_be_held_out(identified):
     without = replace(identified, reduction=replace(identified.reduction, info=replace(info, pose=5 * info.pose + 1)))
     with pytest.raises(InputError, match="no reading of them passed the gate"):
         held_out_error(without, "map")
+
+
+def test_of_poses_without_a_number_every_fifth_visit_is_held_out(whole, identified):
+    """-1 is no pose's number; each target of this campaign was visited once, in the order of their numbers."""
+    numbered, _ = held_out_error(identified, "map")
+    pose = np.asarray(whole["pose"]).copy()
+    calibration = np.asarray(whole["phase"]) == "calibration"
+    pose[calibration] = -1
+    unnumbered = identify_recording(replace(whole, columns={**whole.columns, "pose": pose}), "map", baselines=False)
+    error, _ = held_out_error(unnumbered, "map")
+    assert error["position_rms_m"] == pytest.approx(numbered["position_rms_m"], rel=0.3)

@@ -84,8 +84,10 @@ class Kept:
         threshold = settings.excess_threshold + settings.excess_share * explained
         unknown = expit((self.excess + settings.departure_share * self.departure_gain - threshold) / width)
         tempered = logs / (1.0 + settings.temperature_share * np.maximum(strongest, 0.0))[:, None]
-        named = np.exp(tempered - logsumexp(tempered, axis=1, keepdims=True)) * (any_effect * (1.0 - unknown))[:, None]
-        return np.column_stack([named, 1.0 - any_effect, any_effect * unknown])
+        by_causes = expit(np.maximum(strongest, explained) - self.none_elsewhere - settings.none_prior_log_odds)
+        any_named = np.minimum(any_effect * (1.0 - unknown), by_causes)
+        named = np.exp(tempered - logsumexp(tempered, axis=1, keepdims=True)) * any_named[:, None]
+        return np.column_stack([named, 1.0 - any_effect * unknown - any_named, any_effect * unknown])
 
     def log_scores(self, settings: VerdictSettings) -> Array:
         """Logarithms (n,) of the probability of the right answers together."""

@@ -72,6 +72,11 @@ class Channels:
         """Channels of the whole machine against its floor."""
         return tuple(f"floor.{c}" for c in (("x", "y", "rz") if self.machine.planar else COORDINATES))
 
+    @property
+    def reflector_axes(self) -> tuple[int, ...]:
+        """Axes of the machine along which reflectors have channels."""
+        return self._flat
+
     def reflector_channels(self, smr: int) -> tuple[str, ...]:
         """Channels of a reflector on its part."""
         return tuple(f"smr.{self.machine.smrs[smr].name}.{AXES[k]}" for k in self._flat)

@@ -23,10 +23,11 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
-from calibration.effects.departures import VISIT, departing, functions_of_coordinates
+from calibration.effects.departures import VISIT, departing, functions_it_varies_with, functions_of_coordinates
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
 NOTHING = 1e-300
+DEPENDENCE_WEIGHT = 0.5  # prior of an effect whose strength depends on something, over that of its exact form
 MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no form to depart from
 
 
@@ -34,10 +35,12 @@ MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no fo
 class DepartingEvidence:
     """Log evidence of a basis set with all its departures, the best of them with its columns.
 
-    gain: of log evidence over the exact form; a little below zero where that explains all.
+    gain: of log evidence over the exact form; a little below zero where that explains all. unexpected: of that, what
+    smooth departures add with coordinates on which its strength is not expected to depend.
     """
 
     gain: float
+    unexpected: float
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
 
@@ -61,14 +64,17 @@ def with_departures(
     if exact.basis_set.curve is not None:  # the others are derivatives
         main = main[:1]
     if len(main) > MOST_MAIN_COLUMNS:
-        return DepartingEvidence(0.0, exact, tuple(contributions))
-    smooth = [
-        [Departure(i, coordinate, term) for i in main for term in range(functions.shape[1])]
-        for coordinate, functions in functions_of_coordinates(inputs, effect, place).items()
-    ]
+        return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
+    of_coordinates = {
+        coordinate: [Departure(i, coordinate, term) for i in main for term in range(functions.shape[1])]
+        for every in (functions_of_coordinates, functions_it_varies_with)
+        for coordinate, functions in every(inputs, effect, place).items()
+    }
+    smooth = [of_coordinates[coordinate] for coordinate in functions_of_coordinates(inputs, effect, place)]
+    expected = [of_coordinates[coordinate] for coordinate in functions_it_varies_with(inputs, effect, place)]
     visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit else ()
     fluctuating = [Departure(main[0], VISIT, int(arrival)) for arrival in visits]
-    departures = [departure for group in (*smooth, fluctuating) for departure in group]
+    departures = [departure for group in (*of_coordinates.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
     seen = dict(zip(departures, np.diag(information.information)[len(contributions) :].tolist(), strict=True))
@@ -87,6 +93,14 @@ def with_departures(
         ways.append((1.0 / len(SMOOTH_SHARES), [d for group in smooth for d in group], together))
         prior = 1.0 / len(SMOOTH_SHARES) / len(smooth)
         ways += [(prior, group, scales(group, share)) for group in smooth]
+    first_expected = len(ways)
+    for share in VERDICT.dependence_shares if expected else ():
+        weight = DEPENDENCE_WEIGHT / len(VERDICT.dependence_shares)
+        each = share / math.sqrt(len(expected))
+        together = [scale for group in expected for scale in scales(group, each)]
+        ways.append((weight, [d for group in expected for d in group], together))
+        ways += [(weight / len(expected), group, scales(group, share)) for group in expected]
+    first_fluctuating = len(ways)
     for share in SHARES_BY_VISIT if fluctuating else ():
         ways.append((1.0 / len(SHARES_BY_VISIT), fluctuating, scales(fluctuating, share)))
     number = {departure: len(contributions) + i for i, departure in enumerate(departures)}
@@ -106,8 +120,12 @@ def with_departures(
     likeliest = int(np.argmax(logs))
     best, group = evidence[likeliest], tuple(ways[likeliest][1])
     basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=group)
+    log_evidence = float(log_sum(logs))
+    as_expected = [0, *range(first_expected, first_fluctuating)]
+    log_expected = float(log_sum(logs[as_expected]) - np.log(priors[as_expected].sum() / priors.sum()))
     return DepartingEvidence(
-        float(log_sum(logs)) - evidence[0].log_evidence,
+        log_evidence - evidence[0].log_evidence,
+        0.0 if likeliest >= first_fluctuating else max(log_evidence - log_expected, 0.0),
         replace(best, basis_set=basis_set),
         tuple(columns[c] for c in best.basis_set.columns),
     )

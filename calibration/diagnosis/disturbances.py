@@ -61,6 +61,12 @@ class _Columns:
         for k in range(shapes.shape[1]):
             self._columns.append((f"{label}.{channel}.{k}", response * shapes[:, k : k + 1]))
 
+    def add_places(self, shift_m: Array, groups: Array, label: str) -> None:
+        """One shift (n, 3) in the machine's frame for each group (n, k) of readings."""
+        shift = whitened_shift(self._whiten, self.observed.frame, shift_m)
+        for k in np.flatnonzero(np.any(groups & np.any(shift_m != 0.0, axis=1)[:, None], axis=0)):
+            self._columns.append((f"{label}.{k}", shift * groups[:, k : k + 1]))
+
     def stacked(self) -> tuple[Array, tuple[str, ...]]:
         """All columns (n, w, k) and their names."""
         return np.stack([column for _, column in self._columns], axis=2), tuple(name for name, _ in self._columns)
@@ -90,6 +96,24 @@ def _add_station(named: _Columns, levels: DisturbanceLevels, accuracy: AccuracyE
         for i in sorted(set(observed.smr[observed.on_platform].tolist())):
             for name in channels.reflector_channels(i):
                 named.add(name, after_exchange, "reseat")
+        _add_other_seats(named, levels.reseat_m)
+
+
+def _add_other_seats(named: _Columns, reseat_m: float) -> None:
+    """Reflectors on sliders may be put back at an exchange too, and those on the platform of a planar machine also lie
+    elsewhere across its plane.
+
+    How far is not estimated: where reflectors stay, these would say that those that are put back do.
+    """
+    observed, context = named.observed, named.observed.context
+    exchanges = context.exchanges[:, None] == np.unique(context.exchanges)[1:]
+    in_plane = named.channels.reflector_axes
+    for i, smr in enumerate(observed.machine.smrs):
+        for axis in range(3):
+            if smr.on != "floor" and (smr.on != "platform" or axis not in in_plane):
+                shift_m = np.zeros((len(context), 3))
+                shift_m[observed.smr == i, axis] = reseat_m
+                named.add_places(shift_m, exchanges, f"seat.{smr.name}.{'xyz'[axis]}")
 
 
 def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:

@@ -260,7 +260,9 @@ def _linearise_rows(
         position_m=used.positions_m,
         station_m=setups.translation_m[setups.rows(used["station"])],
     )
-    whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2))
+    # A reflector may be put into its floor nest anew for each check.
+    seat_m2 = recording.file.nuisance.reseat_m**2 * observed.on_floor[:, None, None] * np.eye(3)
+    whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2 + seat_m2))
     by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setups.rows(used["station"]))
     by_nests, nest_names = nest_columns(observed, whiten)
     by_disturbances, disturbance_names = disturbance_columns(

@@ -232,9 +232,7 @@ def _refine(
         )
         # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
         log_evidence = near.log_evidence + departing.gain
-        smooth = all(departure.coordinate != VISIT for departure in departing.best.basis_set.departures)
-        departure_gain = max(departing.gain, 0.0) if smooth else 0.0
-        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, departure_gain)
+        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, departing.unexpected)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]

@@ -99,7 +99,11 @@ def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> f
 
 def something_is_left(result: SearchResult) -> bool:
     """Whether alternatives explain so much more that other effects or levels of disturbances are worth a search."""
-    return result.excess_log_evidence > SHARE_OF_UNKNOWN * excess_threshold(result.log_evidence)
+    return _is_much(result.excess_log_evidence, result.log_evidence)
+
+
+def _is_much(excess: float, explained: float) -> bool:
+    return excess > SHARE_OF_UNKNOWN * excess_threshold(explained)
 
 
 @dataclass(frozen=True)
@@ -131,11 +135,12 @@ def _search(
     """The same from the ranking of all effects, each alone.
 
     Two effects may together look most like a third, so that the strongest alone need not be one of those that explain
-    most together. Where one cause is not enough the search also begins with the next in the ranking and with each
-    cause that was found later.
+    most together. Where one cause is not enough, or leaves so much that `unknown` comes into question, the search also
+    begins with the next in the ranking and with each cause that was found later.
     """
     found = best = _include_from(likelihood, inputs, effects, ranking, by_visit=by_visit)
-    if len(found.causes) > 1:
+    left_over = found.best_log_evidence - found.log_evidence
+    if len(found.causes) > 1 or (found.causes and _is_much(left_over, found.log_evidence)):
         later = {cause.effect.name for cause in found.causes[1:]}
         leaders = [c for place, c in enumerate(ranking[1:], 2) if place <= VERDICT.leaders or c.effect.name in later]
         for leader in leaders:

@@ -33,7 +33,7 @@ class VerdictSettings:
     """The same, over what is explained with it. Source: tuned."""
     further_cause_penalty_share_same_part: float = 0.02
     """The same through a channel through which a cause acts already. Source: tuned."""
-    leaders: int = 3
+    leaders: int = 4
     """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time."""
     leaders_share: float = 0.4
     """Of what is explained, what such an effect must explain alone. Source: computing time."""
@@ -71,6 +71,9 @@ class VerdictSettings:
     # How far effects depart from their forms.
     smooth_departures: tuple[float, float] = (0.05, 0.15)
     """Standard deviations, over the form, of smooth departures from it that are tried. Source: tuned."""
+    dependence_shares: tuple[float, float] = (0.4, 1.0)
+    """The same of dependences on coordinates with which the effect's strength may vary wholly. Source: as in the prior
+    of the form itself."""
     departures_by_visit: tuple[float, float] = (0.15, 0.6)
     """The same of what differs from visit to visit. Source: tuned."""
 

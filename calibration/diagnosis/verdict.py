@@ -69,9 +69,11 @@ def verdict_probabilities(
         tempered = np.exp(tempered_logs - log_sum(tempered_logs))
     else:
         unknown = 1.0
-    named = any_effect * (1.0 - unknown) * tempered
-    out = {name: float(p) for name, p in zip(log_evidence, named, strict=True)}
-    return out | {NONE: 1.0 - any_effect, UNKNOWN: any_effect * unknown}
+    # What only an arbitrary function explains is no reason for an effect that explains nothing.
+    by_causes = float(expit(max(strongest, explained) - none_elsewhere - settings.none_prior_log_odds))
+    any_named = min(any_effect * (1.0 - unknown), by_causes) if logs.size else 0.0
+    out = {name: float(p) for name, p in zip(log_evidence, any_named * tempered, strict=True)}
+    return out | {NONE: 1.0 - any_effect * unknown - any_named, UNKNOWN: any_effect * unknown}
 
 
 def temperature(log_evidence: float, settings: VerdictSettings = VERDICT) -> float:

@@ -29,6 +29,7 @@ from calibration.recording.header import DisturbanceLevels
 __all__ = [
     "BasisSet",
     "BasisSets",
+    "Coordinate",
     "Curve",
     "CurvePoint",
     "Departure",
@@ -44,6 +45,9 @@ __all__ = [
 ]
 
 Place = Literal["drive", "strut", "smr", "rig"]
+Coordinate = Literal[
+    "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time", "way", "temperature"
+]
 T = TypeVar("T")
 SizeMeasure = Literal["norm", "norm of channels", "sum", "rms", "range"]
 
@@ -181,7 +185,8 @@ class Effect:
     effect. curves: families of columns that are not linear in their parameters; fitted only where the basis sets have
     evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of their RMS
     at each channel, their sum, or RMS or range over the readings of what they contribute at their channel.
-    differs_by_visit: whether what one stop leaves of it the next one may not. textbook: the form that is never left out
+    differs_by_visit: whether what one stop leaves of it the next one may not. varies_with: coordinates on which its
+    strength may depend wholly; on any other it may depend a little. textbook: the form that is never left out
     (`without_forms`); None for an effect that is general functions only. order: position in the shipped catalogue and
     in its lists; a user's effect comes after all shipped ones.
     """
@@ -199,6 +204,7 @@ class Effect:
     curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
     textbook: Textbook | None = None
     differs_by_visit: bool = False
+    varies_with: tuple[Coordinate, ...] = ()
     order: float = math.inf
     stated_u: Callable[[Machine, Sequence[PayloadEntry]], float] = field(
         default=lambda machine, payloads: 0.0, kw_only=True

@@ -21,6 +21,7 @@ from calibration.recording.header import KnownTable
 from calibration.recording.recording import Recording
 from calibration.recording.sessions import breaks_s
 
+STANDS_M_PER_S = 1.0e-3  # or rad/s
 TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
 # Fields with one row per reading; they are also keys of a twin's file.
 ARRAYS = (
@@ -103,12 +104,16 @@ class ReadingContext:
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """Readings (n,) taken on the fly."""
-        return np.asarray(np.any(self.velocity_m_per_s != 0.0, axis=1))
+        """Readings (n,) taken on the fly: what a drive at rest reports as its velocity is its encoder's noise."""
+        return np.asarray(np.any(np.abs(self.velocity_m_per_s) > STANDS_M_PER_S, axis=1))
 
     def motion_heat(self, drive: int, tau_s: float) -> Array:
         """Heat of a drive's own motion (n,): its mean speed in m/s, exponentially weighted with time constant tau_s."""
         return self.left_by_motions(self.history.travelled_m[:, drive], tau_s) / tau_s
+
+    def way_m(self, drive: int) -> Array:
+        """Distance (n,) that a drive has moved since the campaign's first arrival."""
+        return np.asarray(np.cumsum(self.history.travelled_m[:, drive])[self.arrival])
 
     def left_by_motions(self, left: Array, tau_s: float) -> Array:
         """Sum (n,) of what the motions to each arrival (k,) have left, which dies away with a time constant."""
@@ -300,6 +305,10 @@ class CombinedContext(ReadingContext):
     def motion_heat(self, drive: int, tau_s: float) -> Array:
         """Heat of a drive's own motion (n,)."""
         return self._concatenate_clipped(self.campaign.motion_heat(drive, tau_s), self.other.motion_heat(drive, tau_s))
+
+    def way_m(self, drive: int) -> Array:
+        """Distance (n,) that a drive has moved."""
+        return self._concatenate_clipped(self.campaign.context.way_m(drive), self.other.context.way_m(drive))
 
     def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
         """Temperature of a part of time constant tau_s minus its sensor (n,)."""

@@ -149,6 +149,7 @@ EFFECTS = (
         forms=coupling,
         untested=_untested_with_one_drive,
         textbook=Textbook("in_proportion", "ISO 230-1: squareness and parallelism of axes"),
+        varies_with=("own travel", "other travel", "side", "payload", "speed", "time", "temperature"),
         order=180,
     ),
     Effect(
@@ -160,6 +161,7 @@ EFFECTS = (
         forms=latency,
         untested=_untested_at_rest,
         textbook=Textbook("dead_time", "Åström, Hägglund, PID Controllers: dead time"),
+        varies_with=("speed", "time", "temperature"),
         order=190,
     ),
     Effect(
@@ -172,6 +174,15 @@ EFFECTS = (
         others=(EffectParameter("tau_s", 0.3, 20.0, "s", "time constant"),),
         untested=_untested_with_one_dwell,
         textbook=Textbook("exponential", "Franklin, Powell, Emami-Naeini, Feedback Control: a first-order lag"),
+        varies_with=(
+            "own travel",
+            "other travel",
+            "side",
+            "approach",
+            "payload",
+            "speed",
+            "time",
+        ),
         order=200,
     ),
 )

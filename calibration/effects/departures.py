@@ -7,13 +7,13 @@ what departs from it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSet, Departure, Effect, EffectInputs
+from calibration.effects.api import BasisSet, Coordinate, Departure, Effect, EffectInputs
 from calibration.effects.basis_functions import cosine_basis
 from calibration.effects.columns import Contributions
 
@@ -21,10 +21,34 @@ VISIT = "visit"
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
 ROUGHNESS = 1.5
 SHORTEST_REST_S = 0.1
+ALWAYS: tuple[Coordinate, ...] = (
+    "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time",
+)  # fmt: skip
 
 
 def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -> Mapping[str, Array]:
-    """Smooth functions (n, k), of total RMS one, of each coordinate that varies and on which an effect may depend."""
+    """Smooth functions (n, k), of total RMS one, of each coordinate that varies and on which any effect may depend."""
+    return _functions(inputs, effect, place, ALWAYS)
+
+
+def functions_it_varies_with(inputs: EffectInputs, effect: Effect, place: int) -> Mapping[str, Array]:
+    """The same of each coordinate on which the effect's strength may depend wholly."""
+    return _functions(inputs, effect, place, effect.varies_with)
+
+
+def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> Mapping[str, Array]:
+    functions = {
+        name: cosine_basis(x, terms, roughness=ROUGHNESS)
+        for kind, name, x, terms in _coordinates(inputs, effect, place, kinds)
+        if np.ptp(x) > 0.0
+    }
+    return MappingProxyType(functions)
+
+
+def _coordinates(
+    inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]
+) -> list[tuple[Coordinate, str, Array, int]]:
+    """Coordinates (n,) of some kinds that the readings say, with their names and numbers of terms."""
     machine, context = inputs.machine, inputs.context
     if effect.place == "drive":
         own: tuple[int, ...] = (place,)
@@ -32,27 +56,31 @@ def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -
         own = tuple(d for d in range(len(machine.drive_names)) if d == machine.strut_drive[place])
     else:
         own = tuple(range(len(machine.drive_names)))
-    coordinates = {
-        f"travel.{name}": (context.drives[:, d], OWN_TERMS if d in own else OTHER_TERMS)
-        for d, name in enumerate(machine.drive_names)
-    }
-    approach = np.abs(context.drives - context.previous_drives)
+    out: list[tuple[Coordinate, str, Array, int]] = []
+    for d, name in enumerate(machine.drive_names):
+        kind: Coordinate = "own travel" if d in own else "other travel"
+        out.append((kind, f"travel.{name}", context.drives[:, d], OWN_TERMS if d in own else OTHER_TERMS))
+    moved = "history" not in context.not_said
+    if moved and "approach" in kinds:
+        approach = np.abs(context.drives - context.previous_drives)
     for d in own:
         name = machine.drive_names[d]
-        coordinates[f"side.{name}"] = (context.direction[:, d], 1)
-        if "history" not in context.not_said:
-            coordinates[f"approach.{name}"] = (approach[:, d], OTHER_TERMS)
-    coordinates |= {
-        "payload": (context.payload_kg, 1),
-        "rest": (np.log(np.maximum(context.dwell_s, SHORTEST_REST_S)), OTHER_TERMS),
-        "speed": (context.speed_m_per_s, 1),
-    }
+        out.append(("side", f"side.{name}", context.direction[:, d], 1))
+        if moved and "approach" in kinds:
+            out.append(("approach", f"approach.{name}", approach[:, d], OTHER_TERMS))
+        if moved and "way" in kinds:
+            out.append(("way", f"way.{name}", context.way_m(d), TIME_TERMS))
+    out += [
+        ("payload", "payload", context.payload_kg, 1),
+        ("rest", "rest", np.log(np.maximum(context.dwell_s, SHORTEST_REST_S)), OTHER_TERMS),
+        ("speed", "speed", context.speed_m_per_s, 1),
+    ]
     if "t_s" not in context.not_said:
-        coordinates["time"] = (context.elapsed_s, TIME_TERMS)
-    functions = {
-        name: cosine_basis(x, terms, roughness=ROUGHNESS) for name, (x, terms) in coordinates.items() if np.ptp(x) > 0.0
-    }
-    return MappingProxyType(functions)
+        out.append(("time", "time", context.elapsed_s, TIME_TERMS))
+    if "temperature" in kinds and context.temperatures_c:
+        mean_c = np.mean([np.asarray(values) for values in context.temperatures_c.values()], axis=0)
+        out.append(("temperature", "temperature", mean_c, OTHER_TERMS))
+    return [entry for entry in out if entry[0] in kinds]
 
 
 def departing(
@@ -63,7 +91,10 @@ def departing(
     chosen: Sequence[Departure],
 ) -> tuple[Contributions, ...]:
     """The columns of some departures from those of a basis set, which stand at `Departure.column`."""
-    functions = functions_of_coordinates(inputs, effect, place) if any(d.coordinate != VISIT for d in chosen) else {}
+    functions: dict[str, Array] = {}
+    if any(d.coordinate != VISIT for d in chosen):
+        functions |= functions_of_coordinates(inputs, effect, place)
+        functions |= functions_it_varies_with(inputs, effect, place)
 
     def function(departure: Departure) -> Array:
         if departure.coordinate == VISIT:

@@ -134,6 +134,7 @@ EFFECTS = (
         forms=cumulative,
         untested=_untested_with_short_travel,
         measured="rms",
+        varies_with=("other travel", "side", "payload"),
         order=90,
     ),
     Effect(
@@ -146,6 +147,7 @@ EFFECTS = (
         others=(_PERIOD,),
         untested=_untested_on_a_grid,
         textbook=Textbook("sine", "ISO 3408-3: travel variation within one revolution"),
+        varies_with=("own travel", "other travel", "payload", "speed", "time", "temperature"),
         order=100,
     ),
     Effect(
@@ -158,6 +160,7 @@ EFFECTS = (
         others=(_PERIOD,),
         untested=_untested_on_a_grid,
         textbook=Textbook("sine", "Heydemann 1981, Applied Optics 20: errors of quadrature signals"),
+        varies_with=("own travel", "speed", "time", "temperature"),
         order=110,
     ),
 )

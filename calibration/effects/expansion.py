@@ -144,6 +144,7 @@ EFFECTS = (
         untested=_untested_at_one_temperature,
         textbook=Textbook("linear", "Touloukian et al., Thermophysical Properties of Matter 12: linear expansion"),
         stated_u=_largest_u_expansion,
+        varies_with=("time", "temperature"),
         order=210,
     ),
 )

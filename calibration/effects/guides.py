@@ -91,6 +91,7 @@ EFFECTS = (
         forms=straightness,
         untested=_untested_with_short_travel,
         measured="rms",
+        varies_with=("other travel", "side", "payload"),
         order=120,
     ),
     Effect(
@@ -102,6 +103,7 @@ EFFECTS = (
         forms=angular,
         untested=_untested_with_short_travel,
         measured="rms",
+        varies_with=("other travel", "side", "payload"),
         order=130,
     ),
     Effect(
@@ -115,6 +117,7 @@ EFFECTS = (
         untested=_untested_in_short_campaign,
         measured="range",
         textbook=Textbook("consolidation", "Terzaghi, Theoretical Soil Mechanics: settlement that dies away"),
+        varies_with=("own travel", "other travel", "payload"),
         order=140,
     ),
 )

@@ -254,6 +254,7 @@ EFFECTS = (
         untested=_untested_with_one_payload,
         textbook=Textbook("in_proportion", "Merlet, Parallel Robots, ch. 9: the platform's equilibrium under a weight"),
         stated_u=_u_payload_kg,
+        varies_with=("rest", "time"),
         order=220,
     ),
     Effect(
@@ -266,6 +267,7 @@ EFFECTS = (
         others=(_ONSET,),
         untested=_untested_without_tables,
         textbook=Textbook("all_of_it", "ISO/TR 16907: numerical compensation adds a table's value to the command"),
+        varies_with=("own travel", "other travel", "side", "payload", "time", "temperature"),
         order=230,
     ),
     Effect(
@@ -278,6 +280,7 @@ EFFECTS = (
         others=(_ONSET,),
         untested=_untested_in_short_campaign,
         textbook=Textbook("scale", "Slocum, Precision Machine Design, ch. 2: scale error of an axis"),
+        varies_with=("own travel", "time", "temperature"),
         order=240,
     ),
 )

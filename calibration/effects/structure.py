@@ -30,6 +30,7 @@ from calibration.effects.strut_laws import (
 LEVER_M = 0.25
 SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
+LEAST_FORCE_CHANGE = 0.2  # of a strut, over its RMS, that shows what is soft without another payload
 LOAD_TERMS, LOAD_WEIGHT = 3, 0.1  # of any function of the load, against proportion
 FORCE_TERMS = 3  # of any function of a column's force, and of its place
 UNEVEN_TERMS, UNEVEN_WEIGHT = 14, 0.3  # of what is softer between its bolts
@@ -157,6 +158,11 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
             seating = np.exp(-inputs.context.dwell_s[:, None] / np.array(RESTS_S))
             sinking = sets.add((name, tensor_product(angles, seating)))
             sets.add_set((*seated, *sinking), sets.add((name, seating)), share=0.7, weight=REST_WEIGHT)
+        if "direction" not in inputs.context.not_said:  # and friction holds it on the side to which the motion took it
+            towards = inputs.context.direction[:, drive : drive + 1]
+            pressed = cosine_basis(t, TENSION_TERMS, roughness=1.0)
+            held = sets.add((name, towards * np.column_stack([np.ones_like(t), pressed, angles])))
+            sets.add_set(held, (*sets.add((name, pressed)), *seated), share=0.7, weight=REST_WEIGHT)
     loaded = sets.add((name, inputs.payload_ratio), form="payload")
     sets.add_set(loaded, sign=1.0)
     sets.add_set(loaded, sign=-1.0, size=-1.0)  # to which side it lay before is not known
@@ -267,7 +273,10 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
 def _untested_with_one_payload(inputs: EffectInputs) -> str | None:
     if float(np.ptp(inputs.context.payload_kg)) >= LEAST_KG:
         return None
-    return "every pose was measured with the same payload; measure two"
+    tension_n = inputs.tension_n
+    if np.any(np.std(tension_n, axis=0) > LEAST_FORCE_CHANGE * np.sqrt(np.mean(tension_n**2, axis=0))):
+        return None  # from pose to pose
+    return "every pose was measured with the same payload, and forces hardly vary; measure two"
 
 
 EFFECTS = (
@@ -282,6 +291,7 @@ EFFECTS = (
         forms=compliance,
         untested=_untested_with_one_payload,
         textbook=Textbook("force", "Timoshenko, Strength of Materials: Hooke's law"),
+        varies_with=("own travel", "other travel", "side", "payload", "rest", "time", "temperature"),
         order=60,
     ),
     Effect(
@@ -294,6 +304,7 @@ EFFECTS = (
         untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
         textbook=Textbook("tension", "Timoshenko, Strength of Materials: Hooke's law, springs in series"),
+        varies_with=("own travel", "other travel", "side", "payload", "time", "temperature"),
         order=70,
     ),
     Effect(
@@ -307,6 +318,7 @@ EFFECTS = (
         textbook=Textbook(
             "sides_by_tension", "Flores et al., Kinematics and Dynamics of Multibody Systems with Imperfect Joints"
         ),
+        varies_with=("own travel", "other travel", "payload", "rest", "speed", "time", "way", "temperature"),
         order=80,
     ),
 )

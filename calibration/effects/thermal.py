@@ -39,6 +39,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
 HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
 MOTION_TIMES_S = geometric_series(90.0, 4000.0, 3)  # of joints and bearings up to whole columns
+ANY_TIME_S = 600.0  # time constant that is stated where several act together
 MOTION_WEIGHT = 0.3  # what grows with the heat of motion, in proportion
 SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between two
 LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
@@ -65,6 +66,20 @@ def _followed(inputs: EffectInputs, part: str) -> list[tuple[Array, float]]:
             parts = [(inputs.context.part_temperature_k(sensor, tau), tau) for tau in FOLLOWING_TIME_CONSTANTS_S]
             out += [(change / span_k, tau) for change, tau in parts]
     return out
+
+
+def _mixed(inputs: EffectInputs, part: str) -> Array | None:
+    """Changes (n, k) over their ranges, of which a part may follow any mixture: its own sensors' and the air's, at
+    once and late. None if nothing varies."""
+    own = [name for name in inputs.context.temperatures_c if any(word in name.lower() for word in SENSOR_WORDS[part])]
+    sensors = dict.fromkeys([*(own or [inputs.machine.sensors[part]]), "air"])
+    out = []
+    for sensor in sensors:
+        if sensor in inputs.context.temperatures_c:
+            span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
+            if span_k > LEAST_CHANGE_K:
+                out += [inputs.context.part_temperature_k(sensor, tau) / span_k for tau in FOLLOWING_TIME_CONSTANTS_S]
+    return np.stack(out, axis=1) if out else None
 
 
 def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float]], list[tuple[Array, float]]]:
@@ -169,10 +184,15 @@ def _add_thermal_sets(
         column, tau_s = through(following, "following"), max(tau, _TAU.low)
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
         sets.add_set(through(curve_over(following)), weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=tau_s)
+    if (mixed := _mixed(inputs, part)) is not None:
+        sets.add_set(through(mixed), weight=CURVE_WEIGHT, tau_s=ANY_TIME_S)
     for heat, tau in heats:
         sets.add_set(through(curve_over(heat)), weight=HEAT_WEIGHT, size=rises_of_curve(), tau_s=tau)
-    for heat, tau in motions:
-        sets.add_set(through(heat), rest, share=0.1, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
+    left = [through(heat) for heat, _ in motions]
+    for column, (_, tau) in zip(left, motions, strict=True):
+        sets.add_set(column, rest, share=0.1, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
+    if left:  # by any power of the speed, in any time
+        sets.add_set([c for columns in left for c in columns], weight=MOTION_WEIGHT, tau_s=ANY_TIME_S)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -252,10 +272,16 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
     of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
     by_torque = [heat for heat, _ in _heats_of_drive(inputs, drive)]
+    every, along = [], span * np.column_stack([np.ones_like(u), u, u**2 - 0.5, 0.5 * (u**3 - u), 0.3 * (u**4 - u**2)])
     for heat, tau in _heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
-        shapes = span * np.stack([np.ones_like(u), u, u**2 - 0.5], axis=1)
-        warmed = sets.add((travel, alpha * heat[:, None] * shapes))
+        warmed = sets.add((travel, alpha * heat[:, None] * along))
         sets.add_set(warmed, weight=MOTION_WEIGHT, tau_s=tau)
+        every += warmed
+    if every:  # heated by any power of the speed, in any time
+        sets.add_set(every, weight=MOTION_WEIGHT, tau_s=ANY_TIME_S)
+    if (mixed := _mixed(inputs, "drives")) is not None:
+        ends = [c for end in (0.0, span) for c in sets.add((travel, alpha * mixed * (x - end)[:, None]))]
+        sets.add_set(ends, weight=CURVE_WEIGHT, tau_s=ANY_TIME_S)
     for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
@@ -276,6 +302,7 @@ EFFECTS = (
         declared=lambda nuisance: nuisance.temperature_k,
         measured="sum",
         textbook=Textbook("warming", _LUMPED),
+        varies_with=("time", "way", "temperature"),
         order=10,
     ),
     Effect(
@@ -290,6 +317,7 @@ EFFECTS = (
         declared=lambda nuisance: nuisance.temperature_k,
         measured="sum",
         textbook=Textbook("warming", _LUMPED),
+        varies_with=("own travel", "time"),
         order=20,
     ),
     Effect(
@@ -304,6 +332,7 @@ EFFECTS = (
         declared=lambda nuisance: nuisance.temperature_k,
         measured="sum",
         textbook=Textbook("friction_heat", _LUMPED),
+        varies_with=("own travel", "time"),
         order=30,
     ),
 )

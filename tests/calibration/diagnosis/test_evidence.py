@@ -22,7 +22,7 @@ from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
 from calibration.effects.columns import ColumnsByChannel
-from calibration.effects.departures import functions_of_coordinates
+from calibration.effects.departures import functions_it_varies_with, functions_of_coordinates
 
 
 def flat(columns):
@@ -294,9 +294,10 @@ def test_the_time_of_a_change_is_found_in_any_unit_of_its_channel(small, unit):
     assert 0.0 < prior < 0.1
 
 
-@pytest.mark.parametrize("by_visit", [False, True])
-def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_visit, monkeypatch):
-    """As likely as one another: the exact form, a little of everything, one coordinate alone, and shares by visit."""
+@pytest.mark.parametrize(("by_visit", "varies_with"), [(False, ()), (True, ()), (False, ("payload", "rest"))])
+def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_visit, varies_with, monkeypatch):
+    """As likely as one another: the exact form, a little of everything, one coordinate alone, and shares by visit; half
+    as likely, all that the strength may depend on together, and each of it alone."""
     monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", (0.1,))
     monkeypatch.setattr(departure_evidence, "SHARES_BY_VISIT", (0.5,))
     few = ("travel.left", "payload")
@@ -305,7 +306,7 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
         departure_evidence, "functions_of_coordinates", lambda *of: {name: every(*of)[name] for name in few}
     )
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
-    effect = replace(with_forms_at(0), differs_by_visit=True)
+    effect = replace(with_forms_at(0), differs_by_visit=True, varies_with=varies_with)
     arrival = small.context.arrival
     share = np.random.default_rng(6).uniform(0.0, 1.0, int(arrival.max()) + 1)[arrival]
     (form,) = effect.forms(inputs, 0).contributions
@@ -334,6 +335,15 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     ways = [(1.0, column)]
     ways.append((1.0, np.hstack([column, *(scaled(columns, 0.1 / np.sqrt(2.0)) for columns in groups.values())])))
     ways += [(0.5, np.hstack([column, scaled(columns, 0.1)])) for columns in groups.values()]
+    expected = [
+        explicit(small, likelihood, [((channel, shape * f),) for f in functions.T])
+        for functions in functions_it_varies_with(inputs, effect, 0).values()
+    ]
+    for size in (0.4, 1.0) if expected else ():
+        together = [scaled(columns, size / np.sqrt(len(expected))) for columns in expected]
+        ways.append((0.25, np.hstack([column, *together])))
+        ways += [(0.25 / len(expected), np.hstack([column, scaled(columns, size)])) for columns in expected]
+    without_unexpected = [ways[0], *ways[4:]]
     if by_visit:
         ways.append((1.0, np.hstack([column, scaled(visits, 0.5)])))
     prior = sum(weight for weight, _ in ways)
@@ -346,6 +356,9 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
 
     total = np.logaddexp.reduce([np.log(weight / prior) + evidence(columns) for weight, columns in ways])
     assert found.gain == pytest.approx(total - evidence(column), abs=1e-3)
+    of_expected = np.logaddexp.reduce([np.log(weight) + evidence(columns) for weight, columns in without_unexpected])
+    of_expected -= np.log(sum(weight for weight, _ in without_unexpected))
+    assert found.unexpected == pytest.approx(0.0 if by_visit else max(total - of_expected, 0.0), abs=1e-3)
     assert (found.best.basis_set.departures[-1].coordinate == "visit") == by_visit
     assert len(found.contributions) == len(found.best.coefficients) == 1 + len(found.best.basis_set.departures)
 

@@ -13,6 +13,7 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.remarks import _far_off
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
+from calibration.recording.header import DeclaredLevels
 from calibration.recording.recording import make_recording
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
@@ -49,6 +50,37 @@ def test_declared_nuisance_is_explained_and_undeclared_is_not():
 
 def replace_nuisance(file):
     return file.model_copy(update={"nuisance": type(file.nuisance)()})
+
+
+def displaced(recording, seat, shift_m: float, seed: int = 7):
+    """The recording with reflectors seated anew: `seat` gives each reading a key, all of one key move together."""
+    rng, moved = np.random.default_rng(seed), {}
+    place = np.stack([recording[name] for name in ("x_m", "y_m", "z_m")], axis=1).copy()
+    for row in range(len(place)):
+        if (key := seat(row)) is not None:
+            place[row] += moved.setdefault(key, shift_m * rng.standard_normal(3))
+    distance = np.linalg.norm(place, axis=1)
+    return changed(
+        recording, x_m=place[:, 0], y_m=place[:, 1], z_m=place[:, 2], slope_distance_m=distance,
+        hz_rad=np.arctan2(place[:, 0], place[:, 1]) % (2.0 * np.pi), v_rad=np.arccos(place[:, 2] / distance),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("on", ["platform", "left", "floor"])
+def test_reflectors_are_put_back_anywhere_and_in_any_direction(on):
+    """Those on sliders and on the platform at an exchange of payload, those in floor nests at each check."""
+    levels = DisturbanceLevels(reseat_m=2e-5)
+    recording = recorded(plant(60, nuisance=replace(levels, reseat_m=0.0), seed=2))
+    recording = replace(recording, file=recording.file.model_copy(update={"nuisance": DeclaredLevels(reseat_m=2e-5)}))
+    smr, payload = recording["smr"], recording["payload"]
+    exchange = np.cumsum(np.diff(payload, prepend=payload[0]) != 0.0)
+    of = {s.name: s.on for s in recording.machine.smrs}
+    time = exchange if on != "floor" else recording["nest_check"]
+    seated = displaced(recording, lambda row: (smr[row], time[row]) if of[smr[row]] == on else None, 2e-5)
+    silent = replace(seated, file=replace_nuisance(seated.file))
+    declared, undeclared = (chi2_ratio(linearise_recording(r, judge=False)) for r in (seated, silent))
+    assert 0.8 < declared < 1.1  # of all reflectors only some have moved
+    assert undeclared > declared + 0.05
 
 
 @pytest.mark.parametrize("hours", [0.3, 1.0, 2.0])

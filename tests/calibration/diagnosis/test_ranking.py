@@ -18,10 +18,10 @@ from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS
 LIKELIHOOD = SimpleNamespace(linear=SimpleNamespace(machine=None, levels=DisturbanceLevels(), payloads=()))
 
 
-def departing(gain: float, *coordinates: str) -> DepartingEvidence:
+def departing(gain: float, *coordinates: str, unexpected: float = 0.0) -> DepartingEvidence:
     """Evidence of a basis set that departs with some coordinates."""
     basis_set = BasisSet((0,), (1.0,), departures=tuple(Departure(0, name, 0) for name in coordinates))
-    return DepartingEvidence(gain, BasisSetEvidence(basis_set, 0.0, 1.0, np.zeros(1), np.zeros((1, 1))), ())
+    return DepartingEvidence(gain, unexpected, BasisSetEvidence(basis_set, 0.0, 1.0, np.zeros(1), np.zeros((1, 1))), ())
 
 
 def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
@@ -79,22 +79,16 @@ def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(m
     assert tried == ([0, 3] if side > 0.0 else [0])
 
 
-@pytest.mark.parametrize(
-    ("gain", "coordinates", "departure_gain"),
-    [(9.0, ("rest", "time"), 9.0), (9.0, ("visit",), 0.0), (-0.7, (), 0.0)],
-)
-def test_a_cause_keeps_what_smooth_departures_add_at_its_likeliest_place(
-    monkeypatch, gain, coordinates, departure_gain
-):
-    """What differs by visit has a bound of its own, and an exact form loses a little beside its departures."""
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: departing(gain, *coordinates))
+def test_a_cause_keeps_what_unexpected_departures_add_at_its_likeliest_place(monkeypatch):
+    found = departing(9.0, "rest", "time", unexpected=4.0)
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: found)
     effect = CATALOGUE.effect("column_compliance")
     places = [place("left", 100.0), place("right", 20.0)]
     cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True, curves=False))
     assert cause.place == "left"
-    assert cause.log_evidence == pytest.approx(100.0 + gain)
-    assert cause.departure_gain == departure_gain
-    assert cause.differs_with == coordinates
+    assert cause.log_evidence == pytest.approx(109.0)
+    assert cause.departure_gain == 4.0
+    assert cause.differs_with == ("rest", "time")
 
 
 def test_each_place_of_a_cause_keeps_what_its_departures_add():

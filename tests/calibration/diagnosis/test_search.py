@@ -37,7 +37,7 @@ def searched(
         return [replace(cause, departure_gain=kept_gain * cause.departure_gain) for cause in causes], ["refitted"]
 
     steps = {False: iter([*rounds, []]), True: iter([by_visit or [], []])}
-    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit]))
+    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit], []))
     monkeypatch.setattr(search, "differs_by_visit", lambda cause: True)
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", refitted)
@@ -157,7 +157,7 @@ def test_an_alternative_in_place_of_a_further_cause_costs_what_that_costs(monkey
 
 
 TWO_LIKE_A_THIRD = {
-    "none": {"refraction": 1000.0, "latency": 800.0, "tracker_drift": 490.0, "smr_reseat": 480.0},
+    "none": {"refraction": 1000.0, "latency": 800.0, "tracker_drift": 490.0, "payload": 485.0, "smr_reseat": 480.0},
     "none+refraction": {"latency": 150.0, "smr_reseat": 100.0},
     "none+latency": {"smr_reseat": 600.0},
     "none+smr_reseat": {"latency": 1010.0},
@@ -175,6 +175,14 @@ def test_two_effects_that_look_like_a_third_are_found_from_the_weaker_one(monkey
     assert max(probabilities(result).items(), key=lambda item: item[1])[0] == "latency"
 
 
+@pytest.mark.parametrize(("rest", "names"), [(17.4, ["refraction"]), (18.6, ["latency", "smr_reseat"])])
+def test_where_one_cause_leaves_half_of_what_unknown_needs_the_search_begins_with_others(monkeypatch, rest, names):
+    """Half of 12 and a fortieth of 1,000: a single cause that explains most may stand for two."""
+    given = TWO_LIKE_A_THIRD | {"none+refraction": {}}
+    result = search_with(monkeypatch, given, rest_by={"none+refraction": rest})
+    assert sorted(cause.name for cause in result.causes) == names
+
+
 @pytest.mark.parametrize(("more", "first"), [(-0.1, "refraction"), (0.1, "latency")])
 def test_another_beginning_counts_where_it_explains_more(monkeypatch, more, first):
     given = {
@@ -187,7 +195,7 @@ def test_another_beginning_counts_where_it_explains_more(monkeypatch, more, firs
 
 
 def test_a_weak_effect_begins_a_search_where_it_was_found_later(monkeypatch):
-    """Fourth of the ranking, but found beside the second."""
+    """Fifth of the ranking, but found beside the second."""
     given = TWO_LIKE_A_THIRD | {"none+refraction": {"smr_reseat": 150.0}}
     assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["latency", "smr_reseat"]
     monkeypatch.setattr(search, "VERDICT", replace(search.VERDICT, leaders=1))

@@ -25,21 +25,28 @@ E = np.e
 @pytest.mark.parametrize(("log_evidence", "likely"), [(6.9, False), (7.1, True)])
 def test_an_effect_needs_log_evidence_of_seven_to_be_likelier_than_none(log_evidence, likely):
     assert (probabilities(found(Evidence("backlash", log_evidence)))[NONE] < 0.5) is likely
-    alone = probabilities(found(Evidence("backlash", 1.0), explained=1.0, excess=log_evidence - 1.0))
-    assert (alone[NONE] < 0.5) is likely
+
+
+def test_what_only_an_arbitrary_function_explains_names_no_effect():
+    """Of odds of 10 against `none` by an alternative alone, an effect that explains nothing has its own exp(1 - 7)."""
+    p = probabilities(found(Evidence("backlash", 1.0), explained=0.0, excess=7.0 + np.log(10.0)))
+    unknown = (10.0 / 11.0) / (1.0 + E ** ((12.0 - 7.0 - np.log(10.0)) / 4.0))
+    assert p[UNKNOWN] == pytest.approx(unknown)
+    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**6))
+    assert sum(p.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("explained", "threshold"), [(0.0, 12.0), (100.0, 14.5), (1000.0, 37.0)])
 @pytest.mark.parametrize("side", [-0.1, 0.1])
 def test_unknown_has_even_odds_at_twelve_and_a_fortieth_of_what_is_explained(explained, threshold, side):
     p = probabilities(found(Evidence("backlash", explained), excess=threshold + side))
-    assert (p[UNKNOWN] > p["backlash"]) is (side > 0.0)
+    assert (p[UNKNOWN] > 0.5) is (side > 0.0)
 
 
 @pytest.mark.parametrize(("explained", "threshold", "width"), [(0.0, 12.0, 4.0), (1000.0, 37.0, 12.0)])
 def test_the_odds_of_unknown_change_by_e_over_a_width_of_four_and_eight_per_mille(explained, threshold, width):
     p = probabilities(found(Evidence("backlash", explained), excess=threshold + width))
-    assert p[UNKNOWN] / p["backlash"] == pytest.approx(E)
+    assert p[UNKNOWN] / (1.0 - p[UNKNOWN]) == pytest.approx(E, rel=1e-3)
 
 
 @pytest.mark.parametrize("side", [-0.1, 0.1])

@@ -54,6 +54,39 @@ def test_moments_are_those_of_the_design(bench, recording, m):
     assert m.previous_drives[on_pose] == pytest.approx(m.history.drives[former])
 
 
+def test_what_a_drive_at_rest_reports_as_its_velocity_is_no_motion(m):
+    """Encoders make noise of a tenth of a millimetre a second; the slowest motion is a centimetre a second."""
+    noise = 2e-4 * np.random.default_rng(5).standard_normal(m.velocity_m_per_s.shape)
+    noisy = replace(m, velocity_m_per_s=m.velocity_m_per_s + noise)
+    assert np.array_equal(noisy.moving, m.moving)
+    assert not np.all(m.moving)
+    creeping = replace(m, velocity_m_per_s=np.where(m.moving[:, None], np.sign(m.velocity_m_per_s) * 1e-2, 0.0))
+    assert np.array_equal(creeping.moving, m.moving)
+
+
+def test_the_way_of_a_drive_is_the_sum_of_all_its_motions(m):
+    for drive in range(2):
+        way, longest = 0.0, [0.0]
+        for before, after in pairwise(m.history.drives[:, drive]):
+            way += abs(after - before)
+            longest.append(way)
+        assert m.way_m(drive) == pytest.approx([longest[arrival] for arrival in m.arrival])
+
+
+def test_the_way_beyond_a_campaign_ends_where_the_campaign_did(m):
+    """What is asked of a twin later is no longer way than it has seen."""
+    history = replace(m.history, drives=m.history.drives + 0.3 * (-1.0) ** np.arange(len(m.history.drives))[:, None])
+    other = replace(m, history=history)
+    clipped = clip_to_campaign(m, other)
+    rows = np.arange(0, len(m), 5)
+    combined = combine_contexts(CachedContext(m), clipped, cached_context(clipped, other), rows)
+    for drive in range(2):
+        own = m.way_m(drive)
+        assert other.way_m(drive).max() > own.max() + 1.0
+        assert np.array_equal(combined.way_m(drive)[: len(m)], own)
+        assert combined.way_m(drive)[len(m) :] == pytest.approx(np.minimum(other.way_m(drive)[rows], own.max()))
+
+
 def test_exchanges_are_counted_in_time(bench, recording, m):
     payloads = [v.payload for v in bench.timeline.design.visits]
     assert m.exchanges.max() == sum(a != b for a, b in pairwise(payloads))

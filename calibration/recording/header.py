@@ -79,7 +79,9 @@ class DisturbanceLevels(Section):
     """Levels of ordinary disturbances, one standard deviation each."""
 
     drift_m: float = Field(ge=0.0, default=0.0, description="Drift of the station's frame in an hour, 3 m away.")
-    reseat_m: float = Field(ge=0.0, default=0.0, description="Shift of a reflector, along each axis, when it is put back into its nest.")
+    reseat_m: float = Field(
+        ge=0.0, default=0.0, description="Shift of a reflector, along each axis, when it is put back into its nest."
+    )
     reversal_m: float = Field(ge=0.0, default=0.0, description="Half the reversal error of a drive.")
     temperature_k: float = Field(ge=0.0, default=0.0, description="Slow variation of a part about its sensor.")
 

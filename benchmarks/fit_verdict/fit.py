@@ -82,7 +82,8 @@ class Kept:
         any_effect = expit(most - self.none_elsewhere - settings.none_prior_log_odds)
         width = settings.excess_width + settings.excess_width_share * explained
         threshold = settings.excess_threshold + settings.excess_share * explained
-        unknown = expit((self.excess + settings.departure_share * self.departure_gain - threshold) / width)
+        left_over = self.excess + settings.departure_share * self.departure_gain
+        unknown = (1.0 - settings.new_form_share) * expit((left_over - threshold) / width)
         tempered = logs / (1.0 + settings.temperature_share * np.maximum(strongest, 0.0))[:, None]
         by_causes = expit(np.maximum(strongest, explained) - self.none_elsewhere - settings.none_prior_log_odds)
         any_named = np.minimum(any_effect * (1.0 - unknown), by_causes)

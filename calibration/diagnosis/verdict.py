@@ -65,6 +65,7 @@ def verdict_probabilities(
     unknown = float(expit((left_over - excess_threshold(explained, settings)) / width))
     tempered = np.empty(0)
     if logs.size:
+        unknown *= 1.0 - settings.new_form_share
         tempered_logs = logs / temperature(strongest, settings)
         tempered = np.exp(tempered_logs - log_sum(tempered_logs))
     else:

@@ -63,8 +63,8 @@ class VerdictSettings:
     excess_width_share: float = 0.008
     """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
     new_form_share: float = 0.1
-    """Probability that what no form explains is a new form of a known effect, however large the excess. Source: tuned to
-    calibrated probabilities."""
+    """Probability that what no form explains is a new form of a known effect, however large the excess. Source: tuned
+    to calibrated probabilities."""
     departure_share: float = 0.12
     """Of the log evidence that departures from forms add, what counts as excess. Source: tuned."""
     temperature_share: float = 0.003

@@ -13,8 +13,8 @@ from mock_devices.effects.base import (
     MotionState,
     StatefulEffect,
 )
-from mock_devices.effects.instrument import weather_k
 from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.refraction import weather_k
 from mock_devices.effects.stated_values import ONSET
 
 SLIP_K = 0.4

@@ -18,28 +18,14 @@ from mock_devices.effects.base import (
     names_of,
 )
 from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.refraction import Refraction
 from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
 
 LEVER_M = 3.2
-LIGHT_PER_K = -0.93e-6  # refractive index of air against temperature
-RANGE = ("index_offset", "index_fixed", "index_late")
-PRESSURE_K_PER_HPA = 0.27e-6 / LIGHT_PER_K  # denser air is slower, as colder air is
-UPDATE_S = 2400.0
-FLOOR_SENSOR = "base"
-FLOOR_M = -1.2  # in the machine's frame
-POWER = -1.0 / 3.0
-LOWEST = 0.02  # of the station's height: so near the floor no reflector is
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
-LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
-EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
-JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
-JET_M = (-0.25, 0.05)  # its middle above the station
 BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
-_GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_FINE = (0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS)
 
 
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
@@ -105,105 +91,6 @@ class StationDrift(Effect):
         else:
             y = np.outer(t / HOUR_S, self.weights)
         move_station(sight, self.size / LEVER_M / np.sqrt(2.0) * y[:, :3], self.size / np.sqrt(2.0) * y[:, 3:])
-
-
-class Refraction(Effect):
-    """Air that is warmer above bends the light towards the floor, so that everything seems higher.
-
-    Curvature = (dn/dT)(dT/dh); the angle at the station is half of it times the distance. Forms in RANGE bend nothing:
-    the index that ranges are corrected with is that of air one metre off, warmer or colder by the gradient times what
-    the weather does, so that the scale of ranges follows the weather whatever the recorded correction says.
-    `power_law`: the profile T = a + b h^c with c = -1/3 of T. J. Kukkamäki, "Über die nivellitische Refraktion" (1938);
-    b goes with the air's temperature above that of the machine's base, which stands for the floor's.
-    `two_layers`: cool air below, warm air above, as inlets low down and outlets under the ceiling leave it in P. F.
-    Linden, G. F. Lane-Serff, D. A. Smeed, "Emptying filling boxes: the fluid mechanics of natural ventilation" (1990),
-    with a layer between them that has the profile tanh; the gradient is that in the middle of the layer.
-    `cold_floor`: cold air has come in over the floor at the campaign's begin, and eddies carry the cold upwards as
-    conduction would, so that the gradient is a bell over the floor that widens with the root of time: G. I. Taylor,
-    "Eddy Motion in the Atmosphere" (1915). The cold is that of the gradient over the station's height.
-    `warm_jet`: a heater blows warm air across the lines of sight halfway along them, with the bell-shaped profile over
-    height that jets have in G. N. Abramovich, "The Theory of Turbulent Jets" (1963): lines bend away from its middle on
-    either side. The gradient is the largest one in the jet.
-    """
-
-    def setup(self) -> None:
-        """How fast the cold of variant `cold_floor` rises, and how high the jet blows."""
-        self.eddies = float(np.exp(self.rng.uniform(*np.log(EDDIES_M2_PER_S))))
-        self.jet_m = float(self.rng.uniform(*JET_M))
-
-    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Bend the line of sight, or stretch it."""
-        if self.variant in RANGE:
-            sight.distance_m *= 1.0 + LIGHT_PER_K * self.size * self._index_off(state)[:, None]
-            return
-        if self.variant == "power_law":
-            above_k = state.thermal.air_series_c(state.t_s) - state.parts_c[FLOOR_SENSOR]
-            sight.v_rad += self._bend_over_floor(sight) * above_k[:, None]
-            return
-        bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
-        height = sight.points_m[..., 2]
-        if self.variant == "cold_floor":
-            sight.v_rad += bend * self._cold_gradient(state, height) * np.sin(sight.v_rad)
-        elif self.variant == "warm_jet":
-            off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
-            slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
-            sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
-        elif self.variant == "two_layers":
-            sight.v_rad += bend * self._mean_gradient(height) * np.sin(sight.v_rad)
-        elif self.variant == "stratified":  # the gradient grows towards the ceiling
-            sight.v_rad += bend * (1.0 + 1.5 * height)
-        elif self.variant == "warming":
-            sight.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(state) / 2400.0))[:, None]
-        elif self.variant == "sideways":  # warmer on one side of the room
-            sight.hz_rad -= bend
-        elif self.variant == "plume":  # warm air rises in front of the right column
-            across = sight.points_m[..., 0]
-            sight.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)
-        else:
-            sight.v_rad += bend * np.sin(sight.v_rad)
-
-    def _index_off(self, state: MotionState) -> Array:
-        """By how many kelvin for each of the gradient the index of the ranges is off (n,)."""
-        if self.variant == "index_offset":
-            return np.ones(len(state))
-        start = np.full(len(state), self.site.start_s)
-        if self.variant == "index_late":  # entered by hand, now and then
-            start = start + np.floor(self.elapsed_s(state) / UPDATE_S) * UPDATE_S
-        return weather_k(state, state.t_s) - weather_k(state, start)
-
-    def _mean_gradient(self, height_m: Array) -> Array:
-        """Mean gradient over a line to a height, weighted towards the station, over that in the layer's middle."""
-        total = np.zeros_like(height_m)
-        for node, weight in zip(*_FINE, strict=True):
-            total += 2.0 * weight * (1.0 - node) / np.cosh((height_m * node - LAYER_M) / LAYER_HALF_M) ** 2
-        return total
-
-    def _cold_gradient(self, state: MotionState, height_m: Array) -> Array:
-        """Mean gradient over a line to a height, weighted towards the station, over cold by the station's height."""
-        station_m = self.site.station_m[1] - FLOOR_M
-        up_m = np.sqrt(np.maximum(4.0 * self.eddies * self.elapsed_s(state), 1.0e-4))[:, None]
-        total = np.zeros_like(height_m)
-        for node, weight in zip(*_FINE, strict=True):
-            over_floor = (height_m * node + station_m) / up_m
-            total += 2.0 * weight * (1.0 - node) * np.exp(-(over_floor**2))
-        return total * 2.0 / math.sqrt(math.pi) * station_m / up_m
-
-    def _bend_over_floor(self, sight: StationSight) -> Array:
-        """Angles (n, smrs) at the station: the mean of the curvature over the line, weighted towards the station.
-
-        The gradient is `size` at the height of the station for air that is 1 K warmer than the floor.
-        """
-        low_m = FLOOR_M - self.site.station_m[1]
-        total = np.zeros_like(sight.distance_m)
-        for node, weight in zip(*_GAUSS, strict=True):
-            height = np.maximum((sight.points_m[..., 2] * node - low_m) / -low_m, LOWEST)
-            total += weight * (1.0 - node) * height ** (POWER - 1.0)
-        return LIGHT_PER_K * self.size * total * sight.distance_m * np.sin(sight.v_rad)
-
-
-def weather_k(state: MotionState, t_s: Array) -> Array:
-    """Weather (n,) as the temperature that has the same effect on the index."""
-    return state.thermal.air_series_c(t_s) + PRESSURE_K_PER_HPA * state.thermal.pressure_series_hpa(t_s)
 
 
 class Reseat(Effect):

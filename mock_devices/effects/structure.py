@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import (
-    Array,
-    Complex,
     Deviation,
     Effect,
     EffectParameter,
@@ -14,28 +12,21 @@ from mock_devices.effects.base import (
     Leg,
     MotionState,
 )
+from mock_devices.effects.joint_clearance import JointClearance
 from mock_devices.effects.leg_memory import LegMemory, motions
 from mock_devices.effects.strut_laws import (
-    CONTACT_M,
-    ball_bearing,
-    contact_force,
-    dead_zone,
     hertz_contact,
     joint_separates,
-    one_sided,
     soft_in_compression,
-    spring_seated,
     yielding,
 )
-from mock_devices.machine_file import MachineFile
+from mock_devices.effects.strut_ways import swing_rad
 
 LEVER_M = 0.25
 PORTAL_M = 0.3
 LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
 BOLTS_M, AT_BOLTS = 0.24, 0.2  # spacing on a rail; its compliance at a bolt over that midway between two
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
-OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
-SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
 
@@ -131,7 +122,9 @@ class LinkStiffness(Effect):
         elif self.variant == "hertz":
             deviation.laws.setdefault(i, []).append(hertz_contact(float(np.expm1(x))))
         elif self.variant == "fork_bearing":
-            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * np.sin(self._swing_rad(state)) ** 2)
+            deviation.ln_stiffness[:, i] -= np.log1p(
+                np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
+            )
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
         elif self.variant == "yielding":
@@ -143,88 +136,6 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= x * (1.0 - np.exp(-swings / LOOSENS))
         else:
             deviation.ln_stiffness[:, i] -= x
-
-    def _swing_rad(self, state: MotionState) -> Array:
-        """The strut's angle (n,) from that in the middle of all travels, where the nominal struts meet."""
-        middle_m = np.array([[self.site.drive_range_m(a)[0] for a in range(state.q_m.shape[1])]])
-        now, then = (way_of_strut(self.site.machine, self.place, q_m) for q_m in (state.q_m, middle_m))
-        return np.angle(now * then.conjugate())
-
-
-def way_of_strut(machine: MachineFile, place: int, q_m: Array) -> Complex:
-    """From a strut's joint on the slider to that on the platform (n,), if the platform does not turn."""
-    mine = machine.struts[place]
-    other = next(strut for strut in machine.struts if strut.drive != mine.drive)
-    here, there = (
-        strut.base_joint - strut.platform_joint + machine.sliders[strut.drive].axis * q_m[:, strut.drive]
-        for strut in (mine, other)
-    )
-    apart = np.abs(there - here)
-    along = (apart**2 + mine.length_m**2 - other.length_m**2) / (2.0 * apart)
-    across = 1j * np.sqrt(np.maximum(mine.length_m**2 - along**2, 0.0))
-    slider = machine.sliders[mine.drive]
-    one, two = (np.asarray((along + side * across) * (there - here) / apart) for side in (1.0, -1.0))
-    above = slider.branch * ((one - two) * slider.axis.conjugate()).real > 0.0  # branch 1: it hangs below
-    return np.where(above, two, one)
-
-
-class JointClearance(Effect):
-    """The joints of a strut have play: `clearance_m` each way before any force arises.
-
-    `contact_force`: then it grows with the power 3/2 of the penetration, as in H. M. Lankarani, P. E. Nikravesh, "A
-    Contact Force Model With Hysteresis Damping for Impact Analysis of Multibody Systems" (1990), until the contact is
-    as stiff as the strut. `ball_bearing`: the joint is a rolling bearing, whose balls share the force by how far each
-    is pressed, the more of them the larger it is: R. Stribeck, "Kugellager für beliebige Belastungen" (1901).
-    `spring_seated`: a spring presses the joint into its seat, and no play is felt until a force overcomes the spring,
-    to one side only: preload in A. H. Slocum, "Precision Machine Design" (1992).
-    `oil_journal`: motion centres the bore on its pin in oil; at rest the strut sinks through the oil by its weight, so
-    that it reaches further down the steeper it stands and the more time it has rested: a squeezed film without rotation
-    in J. F. Booker, "Squeeze Films and Bearing Dynamics", CRC Handbook of Lubrication (1983), here that of a short
-    bearing.
-    """
-
-    def setup(self) -> None:
-        """The spring of variant `spring_seated`, to which side it gives way, and how fast a pin sinks."""
-        self.spring_n = float(self.rng.uniform(*SPRING_N)) * float(self.rng.choice([-1.0, 1.0]))
-        self.sinks_s = float(self.rng.uniform(*OIL_S))
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Put a dead zone into the strut's law, or seat the pin."""
-        i, c = self.place, self.size
-        if self.variant == "gravity_seated":  # the pin lies on one side of its hole: a length that goes with the angle
-            strut = self.site.machine.struts[i]
-            drop = state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]
-            deviation.length_m[:, i] += c * np.sin(4.0 * drop / strut.length_m)
-            return
-        if self.variant == "oil_journal":
-            machine = self.site.machine
-            down = machine.gravity / abs(machine.gravity) if machine.gravity else -1j
-            steep = (way_of_strut(machine, i, state.q_m) * down.conjugate()).real / machine.struts[i].length_m
-            rested_s = state.since_s[:, machine.struts[i].drive]
-            deviation.length_m[:, i] += c * steep * _sunk(rested_s / self.sinks_s)
-            return
-        if self.variant == "soft_contact":
-            law = dead_zone(c, 0.5 * c)
-        elif self.variant == "one_sided":
-            law = one_sided(c, 0.1 * c)
-        elif self.variant == "contact_force":
-            law = contact_force(c, CONTACT_M)
-        elif self.variant == "spring_seated":
-            law = spring_seated(c, 0.1 * c, self.spring_n)
-        elif self.variant == "ball_bearing":
-            law = ball_bearing(c, CONTACT_M)
-        elif self.variant == "load_dependent":
-            law = dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
-        else:
-            law = dead_zone(c, 0.1 * c)
-        if c > 0.0:
-            deviation.laws.setdefault(i, []).append(law)
-
-
-def _sunk(rested: Array) -> Array:
-    """Eccentricity e over the clearance (n,): e / (1 - e^2)^(3/2) is the time of rest over the time constant."""
-    s = 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * rested) / 3.0)  # solves s + s^3 = rested
-    return np.asarray(s / np.sqrt(1.0 + s**2))
 
 
 _PER_N = EffectParameter(

@@ -1,0 +1,79 @@
+"""Joints of struts with play: force laws that leave a gap, and pins that move in their holes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Deviation, Effect, MotionState
+from mock_devices.effects.strut_laws import (
+    CONTACT_M,
+    ball_bearing,
+    contact_force,
+    dead_zone,
+    one_sided,
+    spring_seated,
+)
+from mock_devices.effects.strut_ways import way_of_strut
+
+FULL_PAYLOAD_KG = 400.0
+OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
+SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
+
+
+class JointClearance(Effect):
+    """The joints of a strut have play: `clearance_m` each way before any force arises.
+
+    `contact_force`: then it grows with the power 3/2 of the penetration, as in H. M. Lankarani, P. E. Nikravesh, "A
+    Contact Force Model With Hysteresis Damping for Impact Analysis of Multibody Systems" (1990), until the contact is
+    as stiff as the strut. `ball_bearing`: the joint is a rolling bearing, whose balls share the force by how far each
+    is pressed, the more of them the larger it is: R. Stribeck, "Kugellager für beliebige Belastungen" (1901).
+    `spring_seated`: a spring presses the joint into its seat, and no play is felt until a force overcomes the spring,
+    to one side only: preload in A. H. Slocum, "Precision Machine Design" (1992).
+    `oil_journal`: motion centres the bore on its pin in oil; at rest the strut sinks through the oil by its weight, so
+    that it reaches further down the steeper it stands and the more time it has rested: a squeezed film without rotation
+    in J. F. Booker, "Squeeze Films and Bearing Dynamics", CRC Handbook of Lubrication (1983), here that of a short
+    bearing.
+    """
+
+    def setup(self) -> None:
+        """The spring of variant `spring_seated`, to which side it gives way, and how fast a pin sinks."""
+        self.spring_n = float(self.rng.uniform(*SPRING_N)) * float(self.rng.choice([-1.0, 1.0]))
+        self.sinks_s = float(self.rng.uniform(*OIL_S))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Put a dead zone into the strut's law, or seat the pin."""
+        i, c = self.place, self.size
+        if self.variant == "gravity_seated":  # the pin lies on one side of its hole: a length that goes with the angle
+            strut = self.site.machine.struts[i]
+            drop = state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]
+            deviation.length_m[:, i] += c * np.sin(4.0 * drop / strut.length_m)
+            return
+        if self.variant == "oil_journal":
+            machine = self.site.machine
+            down = machine.gravity / abs(machine.gravity) if machine.gravity else -1j
+            steep = (way_of_strut(machine, i, state.q_m) * down.conjugate()).real / machine.struts[i].length_m
+            rested_s = state.since_s[:, machine.struts[i].drive]
+            deviation.length_m[:, i] += c * steep * _sunk(rested_s / self.sinks_s)
+            return
+        if self.variant == "soft_contact":
+            law = dead_zone(c, 0.5 * c)
+        elif self.variant == "one_sided":
+            law = one_sided(c, 0.1 * c)
+        elif self.variant == "contact_force":
+            law = contact_force(c, CONTACT_M)
+        elif self.variant == "spring_seated":
+            law = spring_seated(c, 0.1 * c, self.spring_n)
+        elif self.variant == "ball_bearing":
+            law = ball_bearing(c, CONTACT_M)
+        elif self.variant == "load_dependent":
+            law = dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
+        else:
+            law = dead_zone(c, 0.1 * c)
+        if c > 0.0:
+            deviation.laws.setdefault(i, []).append(law)
+
+
+def _sunk(rested: Array) -> Array:
+    """Eccentricity e over the clearance (n,): e / (1 - e^2)^(3/2) is the time of rest over the time constant."""
+    s = 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * rested) / 3.0)  # solves s + s^3 = rested
+    return np.asarray(s / np.sqrt(1.0 + s**2))
